@@ -1,13 +1,18 @@
 """`retime` against TOPPRA on the same paths and limits: durations, run time, and what is exceeded between samples.
 
 `python -m benchmarks.timing`, with `toppra` installed (extra `dev`). The limits are the speed, the lateral and the
-longitudinal acceleration; the vehicle starts and ends at rest. TOPPRA gets as many grid intervals as `retime` has
-cells, and ten times as many. Its squared path speed is linear between grid points; there the limits are evaluated at
-64 places of each interval.
+longitudinal acceleration; the vehicle starts and ends at rest. The paths are circles and helices, whose least time has
+a closed form; turns with a polynomial angle; splines of SciPy as routes; and parts of a recorded drive. TOPPRA gets as
+many grid intervals as `retime` has cells, and ten times as many. Its squared path speed is linear between grid points;
+there the limits are evaluated at 64 places of each interval.
+
+`--batch N` retimes N turns in blocks on all cores instead, and compares with TOPPRA on finer and finer
+grids. `--drive` measures the whole recorded drive with a limit on the jerk.
 """
 
 import argparse
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +24,14 @@ from toppra.constraint import LinearConstraint
 from toppra.interpolator import AbstractGeometricPath
 
 import qtraj as qt
+from qtraj.foundation import cores
 
 SPEED, LATERAL, LONGITUDINAL = 15.0, 3.0, 2.0
 LIMITS = {"speed": SPEED, "lateral_acceleration": LATERAL, "longitudinal_acceleration": LONGITUDINAL}
 PLACES = 64
+BLOCK, COMPARED, GRIDS = 32, 3, 7
+"""Paths in a block of a batch; paths of the batch for TOPPRA, and number of its grids, each twice as fine."""
+DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
 
 
 class Sampled(AbstractGeometricPath):
@@ -67,15 +76,15 @@ class VehicleLimits(LinearConstraint):
 
 
 def with_toppra(path, intervals):
-    """Duration, run time and largest relative excess of a limit between the grid points."""
+    """Duration, run time, largest relative excess of a limit between the grid points, and processor time."""
     own = Sampled(path)
     grid = np.linspace(0.0, own.duration, intervals + 1)
     fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
     own.rows(grid), own.rows(fine)  # compiled before the clock starts
-    start = time.perf_counter()
+    start, used_before = time.perf_counter(), time.process_time()
     problem = TOPPRA([VehicleLimits()], own, gridpoints=grid, solver_wrapper="seidel")
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
-    spent = time.perf_counter() - start
+    spent, processor = time.perf_counter() - start, time.process_time() - used_before
     a = speeds**2
     inner, slope = np.interp(fine, grid, a), np.repeat(np.diff(a) / np.diff(grid), PLACES)
     speed, across, along = coefficients(own.rows(fine))
@@ -84,51 +93,162 @@ def with_toppra(path, intervals):
         across * inner / LATERAL,
         np.abs(along * inner + 0.5 * speed * slope) / LONGITUDINAL,
     ]
-    return np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])), spent, max(np.max(x) for x in used) - 1
+    return np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])), spent, max(np.max(x) for x in used) - 1, processor
 
 
-def paths(count):
-    """Turns with polynomial angle, and splines of SciPy as routes; seeded."""
+def round_paths():
+    """Circles and helices, seeded, each with its least time: constant acceleration up to the highest speed."""
+    rng = np.random.default_rng(1)
+    while True:
+        radius, rate, climb, duration = rng.uniform(15, 40), rng.uniform(0.1, 0.3), rng.uniform(0, 2), 20.0
+        speed = np.hypot(radius * rate, climb)
+        highest = min(SPEED, (LATERAL / (radius * rate**2 / speed**2)) ** 0.5)
+        length, ramp = speed * duration, highest**2 / LONGITUDINAL
+        least = length / highest + highest / LONGITUDINAL if ramp <= length else 2 * (length / LONGITUDINAL) ** 0.5
+        rows = [[radius, 0, 0, 0], [0.0, rate, 0, 0], [0.0, climb, 0, 0]]
+        yield qt.SpiralHelix(*(np.array(row) for row in rows), duration), least
+
+
+def turns():
+    """Turns with a polynomial angle, seeded."""
     rng = np.random.default_rng(0)
+    while True:
+        start = qt.BoundaryState([rng.uniform(20, 40), 0, 0], [rng.normal(0, 2), 10.0, 0.5])
+        end = qt.BoundaryState([0, rng.uniform(20, 40), 3], [-10.0, rng.normal(0, 2), 0.5])
+        yield qt.SpiralHelix.hermite(start, end, rng.uniform(4, 6))
+
+
+def splines():
+    """Splines of SciPy as routes, seeded."""
+    rng = np.random.default_rng(2)
+    while True:
+        points = np.cumsum(rng.normal([12.0, 0, 0], [3.0, 6.0, 0.5], (8, 3)), axis=0)
+        yield qt.Route.from_piecewise(CubicSpline(np.arange(8.0), points))
+
+
+def drives():
+    """Parts of a recorded drive of which each has 60 segments and no slow motion."""
+    route = qt.fit_route(qt.read_track(DRIVE)).path
+    times = np.asarray(route.times)
+    for first in range(0, times.size - 60, 20):
+        inside = np.linspace(times[first], times[first + 60], 500)
+        speeds = np.linalg.norm(np.asarray(jax.vmap(route.velocity)(jnp.asarray(inside))), axis=1)
+        if speeds.min() > 1.0:
+            yield route.window(times[first], times[first + 60])
+
+
+def cases(count):
+    """(kind, path, closed form or NaN): as many of each kind."""
+    kinds = {"round": round_paths(), "turn": turns(), "spline": splines(), "drive": drives()}
     for k in range(count):
-        if k % 2:
-            points = np.cumsum(rng.normal([12.0, 0, 0], [3.0, 6.0, 0.5], (8, 3)), axis=0)
-            yield qt.Route.from_piecewise(CubicSpline(np.arange(8.0), points))
-        else:
-            start = qt.BoundaryState([rng.uniform(20, 40), 0, 0], [rng.normal(0, 2), 10.0, 0.5])
-            end = qt.BoundaryState([0, rng.uniform(20, 40), 3], [-10.0, rng.normal(0, 2), 0.5])
-            yield qt.SpiralHelix.hermite(start, end, rng.uniform(4, 6))
+        kind = list(kinds)[k % len(kinds)]
+        found = next(kinds[kind], None)
+        if found is not None:
+            yield (kind, *found) if kind == "round" else (kind, found, np.nan)
+
+
+def batch(count, cells):
+    """Retime `count` turns, with proofs, and some of them with TOPPRA on grids up to one with the same error.
+
+    Blocks of `BLOCK` turns are distributed over the cores. The error is that of the duration; the exact duration is
+    extrapolated from TOPPRA's two finest grids, because its error is proportional to the length of the intervals.
+    """
+    source = turns()
+    many = [next(source) for _ in range(count)]
+    stacked, limits = jax.tree.map(lambda *x: np.stack(x), *many), qt.Limits(**LIMITS)
+
+    def retimed(path):
+        found = qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=cells)
+        return found.duration, found.code
+
+    call = jax.jit(jax.vmap(retimed))
+    blocks = cores.split(np.arange(count), BLOCK)
+    arguments = [(cores.take(stacked, block, BLOCK),) for block in blocks]
+    start = time.process_time()
+    list(cores.map_blocks(call, arguments[:1]))
+    compiled = time.process_time() - start
+    start, used = time.perf_counter(), time.process_time()
+    found = list(cores.map_blocks(call, arguments))
+    own, used = (1e3 * x / count for x in (time.perf_counter() - start, time.process_time() - used))
+    durations, codes = (np.concatenate(x)[:count] for x in zip(*found, strict=True))
+    print(
+        f"batch of {count}, {cells} cells: {own:.2f} ms for each path ({used:.2f} ms of processor time), proved "
+        f"{np.sum(codes == qt.ResultCode.successful)}; first call {compiled:.0f} s of processor time",
+        flush=True,
+    )
+    grids = cells * 2 ** np.arange(GRIDS)
+    rows = np.array([[with_toppra(path, n) for n in grids] for path in many[:COMPARED]])
+    exact = 2 * rows[:, -1, 0] - rows[:, -2, 0]
+    error = np.median(np.abs(durations[: len(exact)] / exact - 1))
+    others = np.median(np.abs(rows[..., 0] / exact[:, None] - 1), axis=0)
+    print(f"error of the duration (median of {len(exact)} paths): {error:.1e}")
+    for n, other, row in zip(grids, others, np.moveaxis(rows, 1, 0), strict=True):
+        spent, processor = 1e3 * np.median(row[:, [1, 3]], axis=0)
+        print(
+            f"TOPPRA, {n:6d} intervals: error {other:.1e}, excess up to {np.max(row[:, 2]):.1e}, {spent:5.0f} ms "
+            f"({processor:.0f} ms of processor time): {spent / own:.1f} times as long ({processor / used:.1f} times)",
+            flush=True,
+        )
+        if other <= error:
+            break
+
+
+def whole_drive():
+    """Retime the recorded drive with a limit on the jerk, in processor time."""
+    route, limits = qt.fit_route(qt.read_track(DRIVE)).path, qt.Limits(**LIMITS, jerk=0.9)
+    for call in ("first", "second"):
+        start = time.process_time()
+        timed = jax.block_until_ready(qt.retime(route, limits))
+        print(
+            f"{call} call: {time.process_time() - start:.1f} s of processor time; {float(timed.duration):.2f} s, "
+            f"{timed.usage.shape[1]} cells, {int(timed.iterations)} steps, proved {timed.certificate.holds}",
+            flush=True,
+        )
 
 
 def main():
     """Print a row for each path."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--paths", type=int, default=20)
-    parser.add_argument("--cells", type=int, default=256)
+    parser.add_argument("--cells", type=int, help="by default 512, and 64 with --batch")
+    parser.add_argument("--batch", type=int, default=0)
+    parser.add_argument("--drive", action="store_true")
     options = parser.parse_args()
     toppra.setup_logging("ERROR")
-    limits = qt.Limits(**LIMITS)
-    print("path   retime: s, ms, proved | toppra: s, ms, excess | 10 × its grid: s, excess | retime / that − 1")
+    if options.drive:
+        whole_drive()
+        return
+    if options.batch:
+        batch(options.batch, options.cells or 64)
+        return
+    limits, cells = qt.Limits(**LIMITS), options.cells or 512
+    print(
+        "path    retime: s, ms, proved | toppra: s, ms, excess | 10 × its grid: s, excess | retime / that, closed form"
+    )
     rows = []
-    for k, path in enumerate(paths(options.paths)):
-        call = lambda path=path: qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=options.cells)  # noqa: E731
+    for kind, path, least in cases(options.paths):
+        call = lambda path=path: qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=cells)  # noqa: E731
         timed = call()
         start = time.perf_counter()
         jax.block_until_ready(call().duration)
         spent = time.perf_counter() - start
-        same, finer = with_toppra(path, options.cells), with_toppra(path, 10 * options.cells)
-        ratio = float(timed.duration) / finer[0] - 1
-        rows.append((spent, same[1], same[2], finer[2], ratio, timed.certificate.holds))
+        same, finer = with_toppra(path, cells), with_toppra(path, 10 * cells)
+        ratio, closed = (float(timed.duration) / x - 1 for x in (finer[0], least))
+        rows.append((spent, same[1], finer[1], same[2], finer[2], ratio, closed, timed.certificate.holds))
         print(
-            f"{k:4d}  {float(timed.duration):8.4f} {1e3 * spent:6.0f} {timed.certificate.holds!s:5} | {same[0]:8.4f} "
-            f"{1e3 * same[1]:6.1f} {same[2]:8.1e} | {finer[0]:8.4f} {finer[2]:8.1e} | {ratio:+.1e}",
+            f"{kind:6s}  {float(timed.duration):8.4f} {1e3 * spent:6.0f} {timed.certificate.holds!s:5} | "
+            f"{same[0]:8.4f} {1e3 * same[1]:6.1f} {same[2]:8.1e} | {finer[0]:8.4f} {finer[2]:8.1e} | "
+            f"{ratio:+.1e} {closed:+.1e}",
             flush=True,
         )
-    spent, same, excess, finer, ratio, holds = (np.array(x) for x in zip(*rows, strict=True))
+    spent, same, slower, excess, finer, ratio, closed, holds = (np.array(x) for x in zip(*rows, strict=True))
     print(
-        f"median run time {1e3 * np.median(spent):.0f} ms against {1e3 * np.median(same):.1f} ms; proved {holds.sum()} "
-        f"of {len(rows)}; largest excess between samples {excess.max():.1e} and {finer.max():.1e}; duration against "
-        f"the finer grid {ratio.min():+.1e} to {ratio.max():+.1e}"
+        f"median run time {1e3 * np.median(spent):.0f} ms against {1e3 * np.median(same):.1f} ms and "
+        f"{1e3 * np.median(slower):.0f} ms with the finer grid; proved {holds.sum()} of {len(rows)}; excess between "
+        f"samples {excess.min():.1e} to {excess.max():.1e}, "
+        f"with the finer grid {finer.min():.1e} to {finer.max():.1e}; "
+        f"duration against the finer grid {ratio.min():+.1e} to {ratio.max():+.1e}, against closed forms "
+        f"{np.nanmin(closed):+.1e} to {np.nanmax(closed):+.1e}"
     )
 
 

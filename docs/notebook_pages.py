@@ -1,11 +1,11 @@
 """A hook of MkDocs (`hooks` in mkdocs.yml) that adds the notebooks and a gallery of all figures to the site.
 
 - Each `notebooks/NAME.ipynb` becomes a page with its stored text, tables and figures. Nothing is executed.
-- `gallery.md` shows every figure of the site. Each links to the code that draws it: a cell of a notebook, or a section
-  of `figure_code.md`, which holds the functions that draw the figures of `docs/figures`.
+- `gallery.md` shows every figure of the site. Each figure links to the code that draws it: a cell of a notebook, or a
+  section of `figure_code.md`, which contains the functions that draw the figures of `docs/figures`.
 - Formulas between dollar signs become MathML, so that a page needs no script and fetches nothing.
 
-The pages exist only while the site is built. Links to `.ipynb` files lead to them.
+The pages exist only while the site is built. Links to `.ipynb` files are redirected to these pages.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""Executes the notebooks and stores their outputs: each script `notebooks/*.py` gives the `.ipynb` beside it.
+"""Execute the notebooks, the scripts `notebooks/*.py`, and store each with its outputs as an `.ipynb` beside it.
 
 Run it from the folder of the project:
 

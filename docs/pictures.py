@@ -1,8 +1,8 @@
-"""Draws the figures of the README and of the pages on conventions and concepts into docs/figures.
+"""Draw the figures of the README and of the pages on conventions and concepts into docs/figures.
 
 Run it from the folder of the project:  .venv/bin/python docs/pictures.py [NAME ...]
 
-Without names it draws all. docs/accuracy.md and docs/performance.md name the commands that draw their own figures.
+Without names it draws all figures. docs/accuracy.md and docs/performance.md name the commands that draw their figures.
 """
 
 import sys
@@ -54,7 +54,7 @@ def orientation() -> Figure:
 
 
 def turns() -> Figure:
-    """A slew by 90° with five profiles, under the same limits."""
+    """A slew of 90° with five profiles, under the same limits."""
     limits = {"max_rate": np.radians(20.0), "max_acceleration": np.radians(10.0)}
     laws = {
         "time-optimal": qt.TimeOptimal(**limits),

@@ -1,4 +1,4 @@
-"""Writes docs/scenarios.md, the reference of all keys of scenario files, from the models that read them.
+"""Write docs/scenarios.md, the reference of all keys of scenario files, from the models that read them.
 
 Run it from the folder of the project:  .venv/bin/python docs/scenarios.py
 """
@@ -24,12 +24,12 @@ COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS
 INTRODUCTION = """# Scenarios
 
 A scenario is a TOML file with the input of a command. This page lists all keys. A key is required if its default is
-"required"; a dash means that it has no default, or one that the second column explains. Unknown keys and values of the
-wrong type are errors; the message names the key and the expected value. File names are relative to the scenario.
-Numbers are in SI units, except that in scenarios of `qtraj slew` and `qtraj simulate` the key `angles` sets the unit of
-all angles, including those in rates and accelerations. The folder `examples` contains complete scenarios, and
-`src/qtraj/io/data` contains the built-in scenarios, which the commands run if no scenario is given. The old key
-`[program.turn]` is read as `[program.slew]` until 1.0, with a warning.
+"required". A dash means that the key has no default, or a default that the second column explains. Unknown keys and
+values of the wrong type are errors; the message names the key and the expected value. File names are relative to the
+scenario. Numbers are in SI units, except that in scenarios of `qtraj slew` and `qtraj simulate` the key `angles` sets
+the unit of all angles, including the angles in rates and accelerations. The folder `examples` contains complete
+scenarios, and `src/qtraj/io/data` contains the built-in scenarios, which the commands run if no scenario is given. The
+old key `[program.turn]` is read as `[program.slew]` until version 1.0, with a warning.
 
 `docs/scenarios.py` generates this page from the models that read the files: change the models, not this page.
 """

@@ -19,8 +19,8 @@
 #
 # This notebook follows both papers in the order of their formulas, computes each formula in plain NumPy and with the
 # library, and redraws the figures of S (C has none). Where the print or its scan is wrong, the notebook computes both
-# forms, and fails unless the printed form is wrong by more than a percent and the corrected form is right to round-off.
-# The complete list, with remarks on errors of the scan, is on the page [Errata](../docs/errata.md).
+# forms, and fails unless the printed form is wrong by more than one percent and the corrected form is correct to within
+# rounding errors. The complete list, with remarks on errors of the scan, is on the page [Errata](../docs/errata.md).
 
 # %%
 # %matplotlib inline
@@ -91,8 +91,8 @@ data = path_dataset(
 path_figure(data, trihedra=0, velocities=True, reference=True, view=(24, 35))
 
 # %% [markdown]
-# Data that violate the condition are refused, with a message that gives both rates; `hermite` uses a polynomial angle
-# and meets all ten values.
+# Data that violate the condition are rejected, with a message that states both rates; `hermite` uses a polynomial angle
+# and satisfies all ten values.
 
 # %%
 faster = qt.BoundaryState(B.position, [-1.3 * V1B, V2B, V3B])
@@ -112,7 +112,7 @@ holds(complete.velocity(tk), faster.velocity)
 #   \rho_3 = -\frac{2\Delta}{t_k^3} + \frac{V_{2B}+V_{1A}}{t_k^2},\qquad \Delta = r_{2B}-r_{1A},$$
 #
 # and the same for $h$. The print has a minus in $\rho_3$, and after substitution of $t_k=\pi r_{1A}/2V_{2A}$ an extra
-# factor 2 in $\rho_3$ and $h_3$. The paper's own full $\bar r(t)$ contradicts both, and is right.
+# factor 2 in $\rho_3$ and $h_3$. The paper's own full $\bar r(t)$ contradicts both, and is correct.
 
 
 # %%
@@ -195,17 +195,17 @@ for low, high in ((r3A, r3B), (0.0, 0.0)):
 # %% [markdown]
 # ## The natural trihedral (figure 2)
 #
-# Unit vectors $\bar\tau = d\bar r/ds$, $\bar n = \frac1K d^2\bar r/ds^2$, $\bar b=\bar\tau\times\bar n$ at the moving
-# point M.
+# The trihedral at the moving point M has the unit vectors $\bar\tau = d\bar r/ds$, $\bar n = \frac1K d^2\bar r/ds^2$
+# and $\bar b=\bar\tau\times\bar n$.
 
 # %%
 data.attrs["title"] = "S, figure 2: the hodograph and the natural trihedral"
 path_figure(data, trihedra=5, reference=True, view=(24, 35))
 
 # %% [markdown]
-# Printed is $K = |d\bar r/ds|$, which is 1 on every curve; the curvature is $|d^2\bar r/ds^2| = |\dot r\times\ddot
-# r|/|\dot r|^3$. With derivatives in time, each vector product adds a factor to the length; some of these factors are
-# missing in print:
+# The paper prints $K = |d\bar r/ds|$, which is 1 on every curve; the curvature is $|d^2\bar r/ds^2| = |\dot
+# r\times\ddot r|/|\dot r|^3$. With derivatives with respect to time, each vector product multiplies the magnitude by a
+# factor; some of these factors are missing in print:
 #
 # $$\bar n = -\frac{\dot r\times(\dot r\times\ddot r)}{|\dot r||\dot r\times\ddot r|}
 #   = \frac{(\dot r\cdot\dot r)\ddot r-(\dot r\cdot\ddot r)\dot r}{|\dot r||\dot r\times\ddot r|},\qquad
@@ -294,8 +294,9 @@ holds([np.asarray(path.height) @ slope, np.asarray(path.height) @ [0, 0, 2, 6 * 
 # ## Rodrigues–Hamilton parameters
 #
 # With the quaternion matrices $A^t\cdot{}^tA^t = \mathrm{diag}(1, \alpha)$; its diagonal gives a linear system for the
-# *squares* of the parameters, whose solution lacks its leading 1 in print. The squares do not determine the signs:
-# seven of the eight sign patterns are wrong, so the off-diagonal cosines must decide. `rotation.from_dcm` uses them.
+# *squares* of the parameters. The printed solution lacks the leading 1 of the right-hand side. The squares do not
+# determine the signs: seven of the eight sign patterns are wrong, so the off-diagonal cosines are needed, too.
+# `rotation.from_dcm` uses them.
 
 # %%
 q = frame.quaternion()
@@ -317,11 +318,25 @@ assert len(right) == 1
 holds(qt.rotation.to_dcm(qt.rotation.from_dcm(frame.dcm())), alpha)
 
 # %% [markdown]
+# The same matrices give the kinematics of the trihedral (Alpatov, Kravets, Kravets and Lapkhanov, 2021): $\omega$
+# from $\lambda$ and $\dot\lambda$, and the derivative of $A^t\cdot{}^tA^t$, whose rows are $\dot{\bar\tau}$,
+# $\dot{\bar n}$, $\dot{\bar b}$. They must agree with Frenet and Serret: $\omega=v(\chi\bar\tau+K\bar b)$.
+
+# %%
+followed = qt.FrameProgram(path)
+lam, lam_slope = jax.jvp(lambda t: followed(t).quaternion, (jnp.asarray(t),), (jnp.asarray(1.0),))
+K, chi = float(frame.curvature), float(frame.torsion)
+serret = speed * np.array([[0.0, K, 0.0], [-K, 0.0, chi], [0.0, -chi, 0.0]])
+holds(matrices.rate(lam, lam_slope), [speed * chi, 0.0, speed * K])
+holds(matrices.rotation_slope(lam, lam_slope)[1:, 1:], serret @ alpha)
+holds(0.5 * matrices.kinematic(jnp.asarray([speed * chi, 0.0, speed * K])) @ lam, lam_slope)
+
+# %% [markdown]
 # ## The Gibbs vector
 #
 # $G_k=\alpha_k/\alpha_0$ has the same components in both axes, $\alpha G = G$. The paper prints six ratios of direction
-# cosines for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal turn no
-# ratio is left for $G_3$, the only nonzero component. These forms are regular up to 180°:
+# cosines for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal turn both
+# ratios for $G_3$, the only nonzero component, are undefined. The following forms are regular up to 180°:
 # $G_1=(\alpha_{23}-\alpha_{32})/(1+\mathrm{tr}\,\alpha)$, and cyclically.
 
 # %%
@@ -344,9 +359,9 @@ holds(qt.rotation.gibbs_from_dcm(flat.dcm())[2], np.tan(heading / 2))
 #
 # In the horizontal special case ($V_{1A}=V_{2B}=0$, $r_{3A}=r_{3B}=0$) the vertical component of $\dot r\times\ddot r$
 # is $\omega(\omega^2\rho^2+2\dot\rho^2-\rho\ddot\rho)$. It changes sign when $r_{2B}/r_{1A} > 1+\pi^2/24\approx1.411$
-# (or is below the inverse): the path first bends to the *other* side, and where it changes sides $\bar n$ and $\bar b$
-# jump by 180°. For $r_{2B}=2r_{1A}$ this happens at $0.1689\,t_k$. At that instant the natural trihedral does not
-# exist; the figure marks it.
+# (or is below the inverse): the path first bends to the *other* side, and at the inflection point $\bar n$ and $\bar b$
+# jump by 180°. For $r_{2B}=2r_{1A}$ this happens at $0.1689\,t_k$. At that instant, which the figure marks, the natural
+# trihedral does not exist.
 
 # %%
 doubled = qt.SpiralHelix.from_boundary(
@@ -366,7 +381,7 @@ orientation_figure(
 # %% [markdown]
 # ## Contact forces and power (conclusions)
 #
-# The paper ends with what the program is for: the contact forces that keep a vehicle on it, and the power they need.
+# The paper concludes with the contact forces that keep a vehicle on the path, and with the power that they need.
 # $\bar F = m\ddot r - m\bar g$ has the components $m\dot v - m g_\tau$ along $\bar\tau$, $m\kappa v^2 - m g_n$ along
 # $\bar n$ and $-m g_b$ along $\bar b$. Its power $\bar F\cdot\dot r$ is the rate of the energy $\frac12mv^2+mgh$, so
 # over the whole turn its work is the difference of that energy, which the quadrature below confirms to round-off.
@@ -390,11 +405,58 @@ powers = jax.vmap(lambda t: qt.dynamics.power(path, t, MASS, GRAVITY))(0.5 * tk 
 holds(0.5 * tk * weights @ np.asarray(powers), energy(tk) - energy(0.0))
 
 # %% [markdown]
+# A `Vehicle` adds air, tyres and the bank of the road. The force $\bar F$ then includes the drag
+# $\frac12\rho C_dA\,v\dot r$, and the power of the drive the rolling resistance $C_{rr}F_b$. `friction` is the used
+# part of the grip, by the friction ellipse of the tyres, and `moment` the moments $J\varepsilon+\omega\times J\omega$
+# about $\bar\tau$, $\bar n$, $\bar b$ of a body that turns with the trihedral. The balance of energy holds again: the
+# work of the drive is the gain of energy plus the losses, and the work of the moments is the gain of
+# $\frac12\omega\cdot J\omega$. Along principal axes the three moments are quantities of their own: their limits are
+# proved like those on the forces. In the figure `friction` exceeds 1: this turn is too fast for these tyres.
+
+# %%
+J = np.diag([15e3, 60e3, 66e3])  # [kg m²]
+truck = qt.Vehicle(MASS, J, drag_area=6.0, rolling_resistance=0.007, friction=(0.6, 0.5))
+points, weights = np.polynomial.legendre.leggauss(60)
+instants, weights = 0.5 * tk * (points + 1), 0.5 * tk * weights
+outputs = ("force", "moment", "normal_load", "power", "speed", "rate")
+driven = {name: np.asarray(x) for name, x in qt.evaluate(path, instants, outputs, vehicle=truck).values.items()}
+
+drag = 0.5 * 1.225 * 6.0 * driven["speed"] ** 2
+rolling = 0.007 * driven["normal_load"]
+without_air = np.asarray(jax.vmap(lambda t: qt.dynamics.forces(path, t, MASS, GRAVITY))(instants))
+holds(driven["force"], without_air + drag[:, None] * [1.0, 0.0, 0.0])
+work = {"drive": driven["power"], "drag": drag * driven["speed"], "rolling": rolling * driven["speed"]}
+work = {name: float(weights @ power) for name, power in work.items()}
+gained = float(energy(tk) - energy(0.0))
+holds(work["drive"], gained + work["drag"] + work["rolling"])
+ends = np.asarray(qt.evaluate(path, [0.0, tk], ("rate",)).rate)
+spun = 0.5 * np.einsum("ni,ij,nj->n", ends, J, ends)
+holds(weights @ np.sum(driven["moment"] * driven["rate"], axis=1), spun[1] - spun[0])
+turning = ("tangential_moment", "normal_moment", "binormal_moment")
+components = qt.evaluate(path, instants, turning, vehicle=truck).values
+holds(np.stack([components[name] for name in turning], axis=1), np.abs(driven["moment"]))
+peaks = {name: 1.001 * float(qt.peak(path, name, truck)[1]) for name in turning}
+assert set(qt.certify(path, qt.Limits(**peaks, vehicle=truck)).status.values()) == {"proved"}
+losses = ", ".join(f"{name} {work[name] / 1e3:.1f} kJ" for name in ("drag", "rolling"))
+print(f"work of the drive {work['drive'] / 1e3:.1f} kJ = energy {gained / 1e3:.1f} kJ + {losses}")
+
+# The grip by the friction ellipse, from the components in the plane of a banked road.
+banked = qt.Vehicle(MASS, drag_area=6.0, friction=(0.6, 0.5), bank=0.05)
+seen = qt.evaluate(path, [t], ("force", "lateral_force", "normal_load", "friction"), qt.Upright(), vehicle=banked)
+ahead, left, above = np.asarray(seen.force[0])
+across, load = (np.array([[np.cos(0.05), -np.sin(0.05)], [np.sin(0.05), np.cos(0.05)]]) @ [left, above]).tolist()
+holds(seen.lateral_force[0], abs(across))
+holds(seen.normal_load[0], load)
+holds(seen.friction[0], np.hypot(ahead / 0.6, across / 0.5) / load)
+even = jnp.linspace(0.0, tk, 201)
+qt.evaluate(path, even, ("force", "moment", "friction", "power"), vehicle=truck).plot()
+
+# %% [markdown]
 # # C: how the body must turn
 #
 # ## Equations of motion (1.2)–(1.6)
 #
-# $\dot\omega_x=\varepsilon_x$, $2\dot\lambda = \lambda\circ\omega_x$, where $\lambda$ may have *any* length:
+# $\dot\omega_x=\varepsilon_x$, $2\dot\lambda = \lambda\circ\omega_x$, where $\lambda$ may have *any* nonzero norm:
 # $\omega_x=\omega_0+\omega_v$ has a scalar part, which changes only $|\lambda|$. In inertial axes
 # $2\dot\lambda=\omega_\xi\circ\lambda$ with $\omega_\xi=\lambda\circ\omega_x\circ\lambda^{-1}$.
 
@@ -447,7 +509,7 @@ holds(scalar_equations, 2 * lam_rate)
 erratum("C: sign of ω0 = d/dt ln|λ|²", -logarithm, logarithm, omega[0])
 
 # %% [markdown]
-# $\varepsilon_0$ is free: the norm follows any law we choose, without effect on the body. Here $\varepsilon_0=0.2$, so
+# $\varepsilon_0$ is free: we can choose any law for the norm, without effect on the body. Here $\varepsilon_0=0.2$, so
 # $|\lambda(t)|^2=|\lambda(0)|^2\exp\int\omega_0$, while the attitude is a steady spin.
 
 # %%
@@ -460,7 +522,7 @@ assert np.allclose(jax.vmap(qt.rotation.to_dcm)(grown.quaternion), steady, atol=
 print(f"|λ| grew to {grown.norm[-1]:.3f} = exp(0.8); the attitude is that of the steady spin")
 
 # %% [markdown]
-# ## The plane Euler turn (3.1)–(3.15)
+# ## The Euler turn about a fixed axis (3.1)–(3.15)
 #
 # A rotation by $\Phi_*$ about one axis $e$ leads from any attitude to any other: $a=\bar\lambda_0\circ\lambda_*$,
 # $\cos(\Phi_*/2)=a_0$, $e=a_v/\sin(\Phi_*/2)$, and $\lambda^0(t) =
@@ -503,6 +565,16 @@ holds(product(jnp.array([np.cos(half), *np.sin(half) * e_xi]), start), now.quate
 assert np.allclose(inertial.rate, turn.profile.rate(37.0) * e_xi, atol=1e-15)  # (3.14)
 assert np.allclose(inertial.acceleration, turn.profile.acceleration(37.0) * e_xi, atol=1e-15)
 
+# So are the rates of the trihedral: of its program, of `trihedral` and of `evaluate`.
+attitude_there = followed(t).quaternion
+doubled_slope = 2 * rate_of(lambda t: followed(t).quaternion, jnp.asarray(t))
+for rate in (
+    followed.at(t, axes="inertial").rate,
+    qt.trihedral(path, t, axes="inertial").rate,
+    qt.evaluate(path, [t], ("rate",), axes="inertial").rate[0],
+):
+    holds(product(jnp.array([0.0, *rate]), attitude_there), doubled_slope)
+
 # %% [markdown]
 # $\Phi(t)$ follows from limits on rate and acceleration. The paper names relay laws, polynomials and prescribed
 # durations. A cubic of prescribed duration has no coefficient left for limits: its peaks are $1.5\Phi/T$ and
@@ -517,6 +589,27 @@ assert abs(float(profiles["cubic"].duration) - max(1.5 * angle / limits[0], np.s
 profiles_figure(profiles, *limits, title="C, section 3: an Euler turn by 90° under 1 °/s and 0.05 °/s²")
 
 # %% [markdown]
+# A cubic *spline* has knots, and with them both: 90° in 2.8 s within 0.8 rad/s and 2 rad/s² are impossible for a single
+# cubic, which needs 2.95 s, but not for the spline with the smallest $\int\ddot\Phi^2dt$, down to the minimum time of
+# 2.36 s.
+
+# %%
+try:
+    qt.Cubic(2.8, 0.8, 2.0).profile(angle)
+except ValueError as refusal:
+    print(refusal)
+else:
+    raise AssertionError("a single cubic met its limits")
+fastest = qt.TimeOptimal(0.8, 2.0).profile(angle)
+splines = {f"cubic spline in {time:g} s": qt.CubicSpline(time, 0.8, 2.0).profile(angle) for time in (2.8, 2.4)}
+for spline in splines.values():
+    assert float(spline.peak(1)[1]) < 0.8 * (1 + 1e-9)
+    assert float(spline.peak(2)[1]) < 2.0 * (1 + 1e-9)
+print(f"minimum time {float(fastest.duration):.4f} s")
+assert round(float(fastest.duration), 2) == 2.36
+profiles_figure(splines | {"time-optimal": fastest}, 0.8, 2.0, title="90° within 0.8 rad/s and 2 rad/s²")
+
+# %% [markdown]
 # The shortest rotation has $\Phi_*\le180°$. For $a_0<0$ the program therefore ends at $-\lambda_*$, the same attitude
 # with the opposite sign, and later errors must be computed relative to that sign.
 
@@ -529,10 +622,10 @@ holds(short.end, -far)
 # %% [markdown]
 # ## The program as open-loop control
 #
-# $\varepsilon^0(t)$ is itself a control: fed to the equations of motion (1.2), it makes a body that starts on the
-# program follow it, in body axes (3.15) as in inertial axes (3.14). Nothing corrects an error. Under a constant
-# disturbance of 0.003 °/s² the slew of 110 s misses its attitude by 17°; the same body under feedback, with the error
-# equation below, by a small angle that does not grow.
+# $\varepsilon^0(t)$ is itself a control: under this acceleration, a body that starts with the state of the program
+# follows the program, in body axes (3.15) and in inertial axes (3.14). Open-loop control does not correct errors. Under
+# a constant disturbance of 0.003 °/s² the final attitude error of the slew of 110 s is 17°. Under feedback, with the
+# error equation below, the error of the same body is small and does not grow.
 
 # %%
 instants = jnp.linspace(0.0, turn.duration, 111)
@@ -561,7 +654,7 @@ loops_figure(disturbed, title="The program as control, disturbed, without and wi
 #   \iff \ddot\mu + K_1\dot\mu + K_2(\mu-1)=0 .$$
 #
 # The error equation is linear, time-invariant and independent of the program, so it has a closed form, with which we
-# compare the simulation. The body starts with an error of 60° from a moving program, and tumbling.
+# compare the simulation. The program is in motion, and the body starts with an error of 60° and a tumbling motion.
 
 # %%
 gains = qt.control.from_settling_time(6.0, 0.01)
@@ -590,9 +683,9 @@ loops_figure({"simulated": loop}, {"simulated": closed}, np.radians(1.0), "The l
 # %% [markdown]
 # ## Three forms of the error
 #
-# The error may be a rotation in body axes $\mu=\bar\lambda^0\circ\lambda$, one in inertial axes
-# $\mu^*=\lambda\circ\bar\lambda^0$, or the difference $\lambda-\lambda^0$. Each has its own law, and each error obeys
-# the same linear equation, exactly.
+# The error may be the rotation in body axes $\mu=\bar\lambda^0\circ\lambda$, the rotation in inertial axes
+# $\mu^*=\lambda\circ\bar\lambda^0$, or the difference $\lambda-\lambda^0$. Each error has its own law, and each obeys
+# the same linear equation exactly.
 
 # %%
 shared = jnp.linspace(0.0, 6.0, 61)
@@ -615,8 +708,8 @@ for form in ("body", "inertial", "additive"):
 # %% [markdown]
 # ## Optimal gains
 #
-# A linear error equation has optimal gains: those that minimise $\int(q_1x^2+q_2\dot x^2+ru^2)\,dt$ for $\ddot x=u$ are
-# $K_2=\sqrt{q_1/r}$, $K_1=\sqrt{q_2/r+2K_2}$. SciPy's solver of the Riccati equation gives the same.
+# A linear error equation has optimal gains. The gains that minimise $\int(q_1x^2+q_2\dot x^2+ru^2)\,dt$ for $\ddot x=u$
+# are $K_2=\sqrt{q_1/r}$, $K_1=\sqrt{q_2/r+2K_2}$. SciPy's solver of the Riccati equation returns the same gains.
 
 # %%
 from scipy.linalg import solve_continuous_are
@@ -630,13 +723,15 @@ print(f"K1 = {optimal[0]:.4f} 1/s, K2 = {optimal[1]:.4f} 1/s²")
 # %% [markdown]
 # ## Remarks 1 and 2
 #
-# **Remark 1.** A strapdown system measures $\omega_x$ in body axes, and computes $\lambda$ from it. Here the gyro of
-# the body above is sampled, and the attitude propagated from its samples is that of the simulation; so the law can be
-# formed in body axes, by (2.1). A manipulator without such gyros forms it in inertial axes, by (2.2).
+# **Remark 1.** A strapdown system measures $\omega_x$ in body axes, and computes $\lambda$ from the measurements. Here
+# the gyro of the body above is sampled, and the attitude that is propagated from its samples equals the attitude of the
+# simulation. So the command can be computed in body axes, by (2.1). A manipulator without such gyros computes it in
+# inertial axes, by (2.2).
 #
-# **Remark 2.** For a spherical body the moments are $M=J\varepsilon$, so the kinematic solution is also the dynamic
-# one: the body moves as before under Euler's equations. With another inertia the moments are $J\varepsilon+\omega\times
-# J\omega$, and the law holds as well, as long as the computer knows that inertia.
+# **Remark 2.** For a spherical body the torques are $M=J\varepsilon$, so the kinematic solution is also the dynamic
+# solution: under Euler's equations the motion is the same. With a general inertia the torques are
+# $J\varepsilon+\omega\times J\omega$, and the error equation is still exact if the on-board computer knows this
+# inertia.
 
 # %%
 fine = jnp.linspace(0.0, 8.0, 1601)
@@ -656,9 +751,9 @@ for name, inertia in {"spherical body": 35.0, "body with three moments": (20.0, 
 # %% [markdown]
 # ## Summary of the misprints
 #
-# Every printed formula in the table is wrong by at least a percent, and every corrected one is right to round-off. The
-# conditions that the papers omit (boundary data, signs of the parameters, the flip, the final sign of a slew) are shown
-# above.
+# Every printed formula in the table is wrong by at least one percent, and every corrected formula is correct to within
+# rounding errors. The conditions that the papers omit (boundary data, signs of the parameters, the flip, the final sign
+# of a slew) are shown above.
 
 # %%
 print(f"{'formula':32s}{'as printed':>12s}{'corrected':>12s}")

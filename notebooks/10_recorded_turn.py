@@ -35,9 +35,9 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 # ## From positions to a path
 #
 # Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times more
-# closely. The closer the axis, the sharper the best turn about it. To make the turn drivable for a bus, we keep the
-# axis at least 12 m away, which makes the fit a little worse. The result says that this bound is active, and what to do
-# if that is not intended.
+# closely. The closer the axis, the sharper the best turn about this axis. To make the turn drivable for a bus, we keep
+# the axis at least 12 m away, which makes the fit slightly worse. The result states that this bound is active, and
+# gives advice in case this is not intended.
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
@@ -71,7 +71,7 @@ assert np.allclose(frame.dcm() @ frame.gibbs(), frame.gibbs(), atol=1e-12)
 print(f"κ = {frame.curvature:.4f} 1/m, torsion {frame.torsion:.5f} 1/m, ω⁰ = {frame.rate} rad/s")
 
 # %% [markdown]
-# ## Limits, before and after
+# ## Limits before and after tuning
 #
 # The limits are a turning radius of 22.5 m and a lateral acceleration of 1.5 m/s². The positions of the ends and the
 # axis stay fixed. The velocities at both ends change as little as possible: `tune` minimises the sum of squares of the
@@ -91,9 +91,9 @@ print(f"the turn takes {best.path.duration:.2f} s instead of {path.duration:.2f}
 # %% [markdown]
 # ## The certificate
 #
-# Samples say nothing about the instants between them. Along a spiral-helix every limit is a polynomial inequality in
-# time, and its Bernstein coefficients bound it on whole intervals. "proved" refers to the whole path; "broken" comes
-# with an instant at which the limit is violated. The driven path is an example of the latter.
+# Samples contain no information about the instants between them. Along a spiral-helix every limit is a polynomial
+# inequality in time, and its Bernstein coefficients bound it on whole intervals. "proved" refers to the whole path;
+# "broken" is reported with an instant at which the limit is violated. The recorded path violates its limits.
 
 # %%
 assert best.certificate.holds
@@ -111,7 +111,7 @@ data = path_dataset({"before": path, "after": best.path}, limits, track, attribu
 tuning_figure(data)
 
 # %% [markdown]
-# Quantities without a limit change too: speed, torsion and the angular rate of the trihedral.
+# Quantities without a limit also change: speed, torsion and the angular rate of the trihedral.
 
 # %%
 limits_figure(data, ["speed", "torsion", "angular_rate"])
@@ -119,8 +119,8 @@ limits_figure(data, ["speed", "torsion", "angular_rate"])
 # %% [markdown]
 # ## Sensitivity to the data
 #
-# Everything is differentiable. This is the gradient of the largest curvature of the fitted turn with respect to its end
-# velocity.
+# All these computations are differentiable. The next cell computes the gradient of the largest curvature of the fitted
+# turn with respect to its end velocity.
 
 
 # %%

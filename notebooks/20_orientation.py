@@ -10,9 +10,9 @@
 # %% [markdown]
 # # Orientation and its singularities
 #
-# Attitudes form a curved space of three dimensions, which no three numbers describe smoothly everywhere: this is a
-# theorem of topology. So every description by three numbers has attitudes at which the description or its derivative is
-# infinite or jumps. Quaternions have four numbers and no such point; in return, λ and −λ are the same attitude.
+# Attitudes form a curved space of three dimensions. By a theorem of topology, no three numbers describe it smoothly
+# everywhere. So every description by three numbers has attitudes at which the description or its derivative is infinite
+# or jumps. Quaternions have four numbers and no such attitude, but λ and −λ represent the same attitude.
 #
 # A second kind of singularity is independent of the description: the natural trihedral of a path does not exist where
 # the path is straight or the vehicle stops. There you need another frame, not another description. This notebook shows
@@ -62,11 +62,11 @@ assert np.allclose(alpha @ rotation.to_gibbs(q), rotation.to_gibbs(q), atol=1e-1
 # %% [markdown]
 # ## Where each description fails
 #
-# For some special attitudes, and some close to them, we compute the derivative of each description with respect to the
-# attitude: the table shows the largest entry of the Jacobian. Small numbers mean that gradients are usable at this
-# point, huge ones that the description is close to its singularity. *At* the singular points the library always returns
-# a finite derivative (0 for the Gibbs vector of a rotation by 180°, which has none), never NaN, so that an optimiser
-# can pass through them.
+# For some special attitudes, and attitudes close to them, we compute the derivative of each description with respect to
+# the attitude. The table shows the largest entry of the Jacobian. Small numbers mean that gradients are usable at this
+# attitude, and huge numbers that the description is close to its singularity. *At* the singular attitudes the library
+# always returns a finite derivative, never NaN, so that an optimiser can pass through them. (For the Gibbs vector of a
+# rotation by 180°, which has no derivative, it returns 0.)
 
 # %%
 DESCRIPTIONS = {
@@ -103,11 +103,11 @@ assert table["almost nose up"][3] > 1e5  # and so do Euler angles at the gimbal 
 assert np.stack(list(table.values()))[:, 4].max() < 10  # direction cosines and quaternions never do
 
 # %% [markdown]
-# - **Gibbs** $e\tan\Phi/2$: infinite at 180°. The paper calls it univalent; at Φ = 180° it is not.
-# - **MRP** $e\tan\Phi/4$ and **rotation vector** $\Phi e$: finite, but at 180° they jump from $e$ to $-e$, because the
-#   shorter rotation changes its sense. The derivative exists on each side, but not at the jump.
+# - **Gibbs** $e\tan\Phi/2$: infinite at 180°. The paper calls the Gibbs vector univalent; at Φ = 180° it is not.
+# - **MRP** $e\tan\Phi/4$ and **rotation vector** $\Phi e$: finite, but at 180° their direction jumps from $e$ to $-e$,
+#   because the shorter rotation changes its sense. The derivative exists on each side, but not at the jump.
 # - **Euler angles** ZYX: at pitch ±90° yaw and roll rotate about the same line. The attitude is still recovered
-#   correctly, but the two angles are not unique: the library sets one to zero.
+#   correctly, but the two angles are not unique, so the library sets one of them to zero.
 
 # %%
 for attitude in SPECIAL.values():
@@ -123,9 +123,10 @@ assert apart > 6
 # %% [markdown]
 # ## A climbing turn beyond 180°
 #
-# The path is one and a half rounds up a spiral ramp. The natural trihedral rotates with the road; at 180° the Gibbs
-# vector goes to infinity and returns from the other side. The quaternion stays smooth if its sign is continuous. A
-# single trihedral cannot know the sign of its neighbour; `continuous=True` (or a `FrameProgram`) makes the signs agree.
+# The path makes one and a half revolutions up a spiral ramp. The natural trihedral rotates with the road. At 180° the
+# Gibbs vector tends to infinity and returns from the opposite direction. The quaternion remains smooth if its sign is
+# continuous. The sign of a single trihedral is arbitrary; `continuous=True` (or a `FrameProgram`) chooses continuous
+# signs.
 
 # %%
 ramp = qt.SpiralHelix([12.0, 0.3], [0.0, 0.6], [0.0, 0.8], 1.5 * 2 * np.pi / 0.6)
@@ -146,9 +147,9 @@ orientation_figure(times, kept.quaternion, kept.defined, "Up the ramp: only the 
 # %% [markdown]
 # ## Where the trihedral does not exist
 #
-# Now the second kind of singularity. The path is an S-bend, $y = \sin x$, with constant velocity in x. At each
-# inflection the curvature vanishes, the centre of curvature changes sides, and $\bar n$ and $\bar b$ flip by 180°. At
-# this point `defined` is false. Another description of the attitude does not help; another frame does:
+# This section shows the second kind of singularity. The path is an S-bend, $y = \sin x$, with constant velocity in x.
+# At each inflection point the curvature vanishes and changes its sign, and $\bar n$ and $\bar b$ flip by 180°. At this
+# point `defined` is false. A different description of the attitude does not help, but a different frame does:
 #
 # - `Upright()`: x forward, y horizontal to the left, z up; the frame of a road vehicle. It is singular only on vertical
 #   paths.
@@ -173,9 +174,9 @@ orientation_figure(times, upright.quaternion, upright.defined, "The same S-bend:
 # %% [markdown]
 # ## Close to an inflection
 #
-# The curvature of a real road never vanishes exactly, which makes things worse. Let the S-bend rise and fall by a
-# height δ. Then the natural trihedral is defined everywhere but still flips, in a time proportional to δ; its angular
-# rate grows as 1/δ. So a limit on the angular rate of the natural frame excludes near-inflections. The
+# The curvature of a real road never vanishes exactly, but this is not an advantage. Let the S-bend rise and fall by a
+# height δ. Then the natural trihedral is defined everywhere but still flips, in a time proportional to δ, and its
+# angular rate is proportional to 1/δ. So a limit on the angular rate of the natural frame excludes such paths. The
 # rotation-minimizing frame is not affected.
 
 
@@ -204,8 +205,9 @@ assert max(found[0.02][1:]) < 1.01 * max(found[0.5][1:])
 # %% [markdown]
 # ## Choosing the frame
 #
-# On half a loop the upright frame is singular at the vertical points, where "left" is not defined; the natural frame is
-# regular, because the curvature is large. Any frame can be used in a `FrameProgram`, and so with the same feedback.
+# On half a loop the upright frame is singular where the path is vertical, because "left" is not defined there. The
+# natural frame is regular, because the curvature is large. Any frame can be used in a `FrameProgram`, with the same
+# feedback.
 
 # %%
 loop = qt.Curve(lambda t: jnp.stack([10 * jnp.sin(t), 0.5 * t, 10 * (1 - jnp.cos(t))]), np.pi)
@@ -239,7 +241,7 @@ assert np.allclose(left, right, atol=1e-12)
 # | question | answer |
 # |---|---|
 # | which description for computations? | quaternions; keep the sign continuous |
-# | which for people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
+# | which description for people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
 # | when is the Gibbs vector useful? | for rotations well below 180°: three numbers, the same in both axes |
 # | which frame for a road vehicle? | `Upright()` |
 # | which frame for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural on curved paths |

@@ -14,7 +14,7 @@
 # computed at once and multiplied in parallel. The examples are coning, which has a closed form, and a recorded gyro.
 #
 # The recording is trial 02 of BROAD (Laidig, Caruso, Cereatti, Seel, "BROAD – A Benchmark for Robust Inertial
-# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; its README in `qtraj/io/data` says which part of it is used.
+# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; the README in `qtraj/io/data` states which part is used.
 
 # %%
 # %matplotlib inline
@@ -88,8 +88,8 @@ print(f"error {angle(answer.quaternion[-1], attitude(10.0)):.1e} rad")
 assert float(angle(answer.quaternion[-1], attitude(10.0))) < 1e-10
 
 # %% [markdown]
-# The result can be differentiated with respect to the rate and the initial attitude. This is the derivative of the
-# final attitude in a constant bias of the rate.
+# The result can be differentiated with respect to the rate and the initial attitude. The next cell computes the
+# derivative of the final attitude with respect to a constant bias of the rate.
 
 # %%
 drift = jax.jacfwd(lambda bias: qt.propagate(lambda t: coning(t) + bias, attitude(0.0), [0.0, 10.0])[-1])(jnp.zeros(3))
@@ -127,8 +127,8 @@ print(f"{gap:.3f}° between both at the end")
 assert gap < 0.1 * worst["bias removed"]
 
 # %% [markdown]
-# The attitude from the gyro. Where the body has rotated by 180° from the reference axes the Gibbs vector is infinite;
-# the quaternion stays smooth.
+# The figure shows the attitude from the gyro. Where the body has rotated by 180° from the reference axes, the Gibbs
+# vector is infinite; the quaternion remains smooth.
 
 # %%
 orientation_figure(times[rest::8], all_samples[::8], title="BROAD, trial 02: slow rotation")

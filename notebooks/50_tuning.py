@@ -49,10 +49,10 @@ RANDOM = np.random.default_rng(50)
 # %% [markdown]
 # ## A family of problems in one call
 #
-# One turn, with 32 limits on its curvature. Inputs that differ between problems have a batch axis in front, as
-# `jax.vmap` makes it; shared inputs are not repeated. One compiled search solves all of them; the second call shows how
-# much time the first spent on compilation. Times differ between runs, so they go to stderr, which is not stored: run
-# the notebook to see them.
+# The batch consists of one turn with 32 limits on its curvature. Inputs that differ between problems have a leading
+# batch axis, which `jax.vmap` adds; shared inputs are not repeated. One compiled search solves all problems; the second
+# call shows how much time the first call spent on compilation. Times differ between runs, so they are printed to
+# stderr, which is not stored: run the notebook to see them.
 
 # %%
 start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
@@ -72,7 +72,7 @@ assert np.all(family.certificate.holds)
 family
 
 # %% [markdown]
-# Every result converts to a labelled dataset, and each element of the batch is a result of its own.
+# Every result can be converted to a labelled dataset, and each element of the batch is a separate result.
 
 # %%
 family.to_xarray()
@@ -89,9 +89,9 @@ tuning_figure(path_dataset(paths, given, attributes={"title": f"Curvature within
 # %% [markdown]
 # ## What a limit costs
 #
-# The smallest change of the velocities, against the limit. If the limit is loose, it is inactive, and the cost is due
-# to making the rotation uniform. (The derivative of each cost in its limit is available too: see notebook 60 and
-# [Limits, proofs, tuning](../docs/tuning.md).)
+# The figure shows the smallest change of the velocities against the limit. A loose limit is inactive; the cost is then
+# due only to the change to a uniform rotation. (The derivative of each cost with respect to its limit is also
+# available; see notebook 60 and [Limits, proofs, tuning](../docs/tuning.md).)
 
 # %%
 cost, binds = family.objective, np.array(["curvature" in outcome.certificate.active for outcome in family])
@@ -135,16 +135,17 @@ assert set(status[np.abs(offsets) > 1e-10]) == {"proved", "broken"}
 assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps this limit, and the path breaks it
 
 # %% [markdown]
-# No false statement was proved, and the undecided cases agree with the limit up to rounding; `tune` therefore aims at a
-# value just below the limit. Here the error of the samples is small, because the curve is smooth. It is large if the
-# curve has a spike narrower than the sample spacing; a proof does not depend on samples.
+# No false statement was proved. In the undecided cases the peak equals the limit up to rounding errors; therefore the
+# search in `tune` uses a value just below the limit. Here the error of the samples is small, because the curve is
+# smooth. It is large if the curve has a spike that is narrower than the sample spacing; a proof does not depend on
+# samples.
 
 # %% [markdown]
 # ## Random turns
 #
 # 32 turns between random states, each with a limit of 0.7 times the largest curvature of the nearest uniform rotation.
 # The problem is not convex, so some searches that start only from the initial states end without a solution. We repeat
-# these with eight starts each and keep the best.
+# these searches with eight starts each and keep the best result.
 
 # %%
 angles, radii = RANDOM.uniform(0.6, 2.5, COUNT), RANDOM.uniform(15.0, 35.0, (2, COUNT))
@@ -192,8 +193,8 @@ for k in left:
 #
 # By default `tune` uses sequential quadratic programming, "sqp", written for these problems. It also accepts any optax
 # optimiser, which then minimises an augmented Lagrangian in rounds; the multipliers of the limits are updated between
-# the rounds. Path and certificate are the same; the costs differ: the number of steps, and the times of the first call,
-# with compilation, and of the second (on stderr).
+# the rounds. Path and certificate are the same, but the computational cost differs: the number of steps, and the times
+# of the first call, with compilation, and of the second call (on stderr).
 
 # %%
 limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
@@ -227,8 +228,8 @@ compared
 #
 # ### Step by step
 #
-# Every method is a search with a state that can be advanced by a number of steps. The loop below stops each search
-# after a few steps, and records the objective and the largest violation, $\frac12((value/limit)^2 - 1)$.
+# Every method is a search whose state can be advanced by a number of steps. The loop below stops each search after a
+# few steps, and records the objective and the largest violation, $\frac12((value/limit)^2 - 1)$.
 
 # %%
 posed = pose(start, end, get_objective("nearest"), get_motion("uniform"), None, 0, None)
@@ -291,8 +292,8 @@ assert abs(slopes["lbfgs"] / slopes["sqp"] - 1) < 1e-4
 # %% [markdown]
 # ## Saving as a table
 #
-# The suffix of the file name selects netCDF, Zarr, Parquet or CSV, and loading restores every bit. In Parquet and CSV
-# each problem is a row, for pandas and other tools; `qt.load_dataset` also restores units and provenance.
+# The suffix of the file name selects netCDF, Zarr, Parquet or CSV, and loading restores all numbers exactly. In Parquet
+# and CSV each problem is a row, for pandas and other tools; `qt.load_dataset` also restores units and provenance.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

@@ -67,8 +67,9 @@ assert better < value
 # %% [markdown]
 # ## A short Levenberg–Marquardt method
 #
-# It minimises $|r(x)|^2$: linearise, solve, accept the step if the sum decreases, otherwise increase the damping.
-# Forward differentiation computes the Jacobian, one column per unknown, in the same compiled function as the residual.
+# The method minimises $|r(x)|^2$. In each step it solves the linearised problem, and accepts the step if the sum of
+# squares decreases; otherwise it increases the damping. Forward differentiation computes the Jacobian, one column per
+# unknown, in the same compiled function as the residual.
 # With independent errors of size σ in the data, $\sigma^2(J^TJ)^{-1}$ is the covariance of the solution.
 
 
@@ -167,10 +168,10 @@ assert np.all(np.abs(found - TRUE) < 4 * spread)
 # %% [markdown]
 # ## A path from a recorded turn
 #
-# A recorded car (Boreas, see notebook 10) makes a right-angle turn. `SpiralHelix.between` makes a path from two
-# boundary states, twelve numbers. The recorded states at the ends are an initial guess, which ignores the samples in
-# between. We fit the two states to all samples. (`qt.fit` is the complete method: it also determines the axis, and
-# weighs the recorded velocities.)
+# A recorded car (Boreas, see notebook 10) makes a right-angle turn. `SpiralHelix.between` creates a path from two
+# boundary states, which are twelve numbers. The recorded states at the ends are an initial guess, which ignores all
+# other samples. We fit the two states to all samples. (`qt.fit` is the complete method: it also determines the axis,
+# and uses the recorded velocities with weights.)
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
@@ -198,8 +199,8 @@ local = qt.Track(elapsed, samples)
 path_figure(path_dataset(paths, track=local, attributes={"title": "A path through all samples"}), trihedra=4)
 
 # %% [markdown]
-# We continue the chain: the largest curvature of the fitted path (at 201 instants), its derivative in all twelve
-# numbers, and from these its uncertainty.
+# The next cell computes the largest curvature of the fitted path (at 201 instants), its derivatives with respect to all
+# twelve numbers, and from these its uncertainty.
 
 
 # %%

@@ -47,10 +47,23 @@ def tune(limits, motion="uniform", count=None):
     return lambda: qt.tune(start, end, qt.Limits(**limits), motion=motion)
 
 
+def drive():
+    """The program for limits that need a vehicle, which also serves all others."""
+    limits = qt.Limits(friction=0.42, power=58e3, vehicle=qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05))
+    return lambda: qt.tune(qt.BoundaryState(*START), qt.BoundaryState(*END), limits)
+
+
 def certify():
     path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35], [1.0, 0.4, 0.05, -0.01], 4.5)
     return lambda: qt.certify(path, qt.Limits(**TWELVE))
 
+
+def retime(limits, knots=256):
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35], [1.0, 0.4, 0.05, -0.01], 4.5)
+    return lambda: qt.retime(path, qt.Limits(**limits), start_speed=0.0, knots=knots)
+
+
+TIMED = {"speed": 12.0, "lateral_acceleration": 2.2, "longitudinal_acceleration": 1.5}
 
 PROCESSES = {
     "uniform": {
@@ -61,7 +74,12 @@ PROCESSES = {
         "a batch of 12": lambda: tune(TWO, count=12),
     },
     "hermite": {"tune, hermite, two limits": lambda: tune(TWO, "hermite")},
+    "vehicle": {"tune, uniform, friction and power": drive},
     "certify": {"certify, twelve limits": certify},
+    "retime": {
+        "retime, three limits": lambda: retime(TIMED),
+        "with a limit on the jerk": lambda: retime(TIMED | {"jerk": 2.0}),
+    },
 }
 
 

@@ -1,6 +1,6 @@
-"""qtraj: where a vehicle must be, and how it must turn. Differentiable trajectories and orientation in JAX.
+"""qtraj: differentiable trajectories and orientation in JAX, for the positions and attitudes of vehicles.
 
-Each public name is imported at its first use, so `import qtraj` itself is fast.
+Each public name is imported when it is first used, so that `import qtraj` is fast.
 """
 
 import importlib
@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
+    from qtraj.design.speed_profile import SpeedProfile as SpeedProfile, speed_profile as speed_profile
     from qtraj.design.timing.outcome import Retimed as Retimed
     from qtraj.design.timing.retime import retime as retime
     from qtraj.design.timing.timing import RetimedPath as RetimedPath, Timing as Timing
@@ -94,6 +95,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         propagate_with_estimate as propagate_with_estimate,
     )
     from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
+    from qtraj.motion.rate_residual import RateResidual as RateResidual, compare_rates as compare_rates
     from qtraj.motion.simulation.actuator import Actuator as Actuator
     from qtraj.motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
     from qtraj.motion.simulation.body_motion import BodyMotion as BodyMotion
@@ -141,6 +143,7 @@ _HOMES = {
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.proof.route_certificate": ("RouteCertificate",),
+    "qtraj.design.speed_profile": ("SpeedProfile", "speed_profile"),
     "qtraj.design.timing.outcome": ("Retimed",),
     "qtraj.design.timing.retime": ("retime",),
     "qtraj.design.timing.timing": ("RetimedPath", "Timing"),
@@ -181,6 +184,7 @@ _HOMES = {
     "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
     "qtraj.motion.programs.slew_verdict": ("SlewVerdict", "judge_slew"),
     "qtraj.motion.programs.table_program": ("TableProgram",),
+    "qtraj.motion.rate_residual": ("RateResidual", "compare_rates"),
     "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
     "qtraj.motion.propagation.magnus": ("Magnus",),
     "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
@@ -227,14 +231,14 @@ _MODULES = {
     "rotation": "qtraj.algebra.rotation",
     **{name: f"qtraj.{name}" for name in _PACKAGES},
 }
-"""Public names that are modules; the packages are available as attributes too: `qtraj.path.hodograph`."""
+"""Public names that are modules; packages are also available as attributes, for example `qtraj.path.hodograph`."""
 
 if not TYPE_CHECKING:  # type checkers take the names from the imports above
     __all__ = sorted(["__version__", *_HOME_OF, *_MODULES.keys() - {*_PACKAGES}])
 
 
 _RENAMED = {"TurnChain": "SlewSequence"}
-"""Former public names and the present ones; the former warn until 1.0."""
+"""Former public names and the present ones; the former names issue a warning until version 1.0."""
 
 
 def __getattr__(name: str) -> Any:
@@ -248,7 +252,7 @@ def __getattr__(name: str) -> Any:
         value = importlib.import_module(_MODULES[name])
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value  # so that the next access is direct
+    globals()[name] = value  # later accesses do not call this function
     return value
 
 

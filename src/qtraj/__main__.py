@@ -1,4 +1,4 @@
-"""`python -m qtraj`: the command line."""
+"""Run the command line as `python -m qtraj`."""
 
 from qtraj.cli.main import main
 

@@ -282,7 +282,7 @@ def test_float32_stays_float32():
     ("arguments", "fragment"),
     [
         ({"reduce": "median"}, "'integral' or 'mean'"),
-        ({"times": np.zeros((2, 3))}, "vector (n,)"),
+        ({"times": np.zeros((2, 3))}, "shape (n,)"),
         ({"times": []}, "at least one instant"),
     ],
 )

@@ -217,7 +217,7 @@ def test_to_xarray_has_labels_and_all_numbers(stack, components):
         ({"outputs": "position"}, "sequence of names"),
         ({"outputs": ["colour"]}, "unknown output 'colour'"),
         ({"components": "middle"}, "'last' or 'first'"),
-        ({"times": 3.0}, "vector (n,)"),
+        ({"times": 3.0}, "shape (n,)"),
     ],
 )
 def test_bad_requests_are_errors_with_a_reason(arguments, fragment):

@@ -88,7 +88,7 @@ BAD = {
     ),
     "a negative turn": (
         STATES + "[tune]\nturns = -1\n",
-        ["'tune.turns' has the value -1", "a whole number, 0 or more"],
+        ["'tune.turns' has the value -1", "an integer, 0 or more"],
     ),
     "a fixed name that is none": (
         STATES + "[tune]\nfixed = ['end.V_z']\n",
@@ -138,6 +138,14 @@ BAD = {
         STATES + "[purpose]\nspeed = 'comfort'\n",
         ["purpose.speed", "there is no limit 'speed' in [limits]"],
     ),
+    "a bank in degrees": (
+        STATES + "[vehicle]\nmass = 1e3\nbank = 3.0\n",
+        ["'vehicle.bank' has the value 3.0", "between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524"],
+    ),
+    "an impossible inertia": (
+        STATES + "[vehicle]\nmass = 1e3\ninertia = [1, 1, 100]\n",
+        ["scenario.toml: vehicle: no body has a principal moment of inertia that exceeds the sum of the other two"],
+    ),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
         ["[track]: the key 'window' has the value [5.0, 1.0]", "t0 < t1"],
@@ -152,7 +160,7 @@ BAD = {
     ),
     "two bends": (
         TRACK.replace("track.csv", "bends.csv"),
-        ["contains 2 bends in opposite directions", "the largest, from about 69.79 to 77.36 s"],
+        ["contains 2 bends in opposite directions", "the largest bend, from about 69.79 to 77.36 s"],
     ),
     "a straight window": (TRACK.replace("track.csv", "straight.csv"), ["the window is nearly straight"]),
     "a missing recording": (TRACK.replace("track.csv", "gone.csv"), ["gone.csv: there is no such file"]),
@@ -185,7 +193,7 @@ BAD = {
     ),
     "one acceleration": (
         STATES.replace("[end]", "acceleration = [0, 0, 0]\n[end]") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
-        ["give both or neither"],
+        ["pass accelerations for both ends or for neither"],
     ),
     "a duration that is not free": (STATES + "[tune]\nduration = 4\n", ["a duration was given", "motion='hermite'"]),
     "bad syntax": ("[start]\nposition = [1, 2\nvelocity = 3", ["not valid TOML", "line 3"]),
@@ -257,7 +265,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     [
         ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
         ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
-        ("slew", "to use it with `qtraj tune` and `qtraj evaluate`, write a .toml file"),
+        ("slew", "to use it with `qtraj tune`, `qtraj evaluate` and `qtraj retime`, write a .toml file"),
     ],
 )
 def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
@@ -291,14 +299,14 @@ def test_a_saved_path_has_nothing_to_tune_for(qtraj, folder):
     file.write_text('format = "qtraj/1"\ntype = "SpiralHelix"\n')
     result = qtraj("tune", file, "--out", folder / "out")
     assert result.exit_code == 2
-    assert "a saved path has no limits" in result.stderr
+    assert "this is a saved path, which has no limits" in result.stderr
 
 
 def test_a_stored_document_that_is_no_path(qtraj, folder):
     (folder / "limits.toml").write_text('format = "qtraj/1"\ntype = "Limits"\nspeed = 3.0\n')
     result = qtraj("evaluate", folder / "limits.toml")
     assert result.exit_code == 2
-    assert "a saved path was expected, but the file contains a Limits" in result.stderr
+    assert "a saved path was expected, but the file contains an object of type Limits" in result.stderr
 
 
 @pytest.mark.parametrize(

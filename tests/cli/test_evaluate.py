@@ -80,6 +80,44 @@ def test_further_outputs_are_added_to_the_files_and_to_json(qtraj, tmp_path):
     assert "unknown output 'colour'; the known outputs are position" in refused.stderr
 
 
+def test_outputs_of_a_vehicle_need_its_keys(qtraj, tmp_path):
+    states = (EXAMPLES / "ramp_from_states.toml").read_text()
+    for vehicle, name, expected in (
+        ("", "power", "--also power needs a vehicle: give the scenario a table [vehicle] with its mass"),
+        ("\n[vehicle]\nmass = 1e3\n", "moment", "--also moment needs the vehicle's inertia: set the key"),
+    ):
+        (tmp_path / "scenario.toml").write_text(states + vehicle)
+        refused = qtraj("evaluate", tmp_path / "scenario.toml", "--also", name)
+        assert refused.exit_code == 2
+        assert expected in refused.stderr
+    inertia = "inertia = [[9e2, 0, 10], [0, 2e3, 0], [10, 0, 2.2e3]]\n"
+    (tmp_path / "scenario.toml").write_text(states + vehicle + inertia)
+    content = json.loads(qtraj("evaluate", tmp_path / "scenario.toml", "--also", "moment", "--json").stdout)
+    assert content["units"]["moment"] == "N m"
+
+
+def test_moments_are_printed_for_principal_axes_and_refused_for_others(qtraj, tmp_path):
+    result = qtraj("evaluate", EXAMPLES / "free_flyer.toml", "--samples", 3)
+    assert result.exit_code == 0
+    assert "moments M that rotate the vehicle with the natural trihedral [N·m]" in result.stdout
+    assert "|M_τ|" in result.stdout
+    content = json.loads(qtraj("evaluate", EXAMPLES / "free_flyer.toml", "--samples", 3, "--json").stdout)
+    assert content["units"]["normal_moment"] == "N m"
+    states = (EXAMPLES / "ramp_from_states.toml").read_text().replace("[limits]", "[limits]\nnormal_moment = 1e3")
+    vehicle = "\n[vehicle]\nmass = 1e3\n"
+    products = vehicle + "inertia = [[9e2, 0, 10], [0, 2e3, 0], [10, 0, 2.2e3]]\n"
+    for text, expected in (
+        ("", "limits.normal_moment needs a vehicle: add a table [vehicle] with the mass"),
+        (vehicle, "limits.normal_moment needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]"),
+        (products, "limits.normal_moment needs an inertia whose principal axes are τ, n and b, but"),
+    ):
+        (tmp_path / "scenario.toml").write_text(states + text)
+        refused = qtraj("evaluate", tmp_path / "scenario.toml")
+        assert refused.exit_code == 2
+        assert expected in refused.stderr
+        assert refused.stderr.count("\n") == 1
+
+
 def test_a_scenario_is_evaluated_before_tuning(qtraj):
     result = qtraj("evaluate", EXAMPLES / "ramp_from_states.toml", "--samples", 7, "--json")
     columns = json.loads(result.stdout)["columns"]

@@ -94,7 +94,7 @@ def test_a_run_after_a_killed_one_leaves_only_results(tmp_path, there):
 
 def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path):
     (tmp_path / "b").mkdir()
-    with pytest.raises(IsADirectoryError, match="there is a folder with this name"):
+    with pytest.raises(IsADirectoryError, match="there is a folder with the same name"):
         output.write_all(tmp_path, {"a": writes("1"), "b": writes("2")})
     assert [file.name for file in tmp_path.iterdir()] == ["b"]
 

@@ -153,7 +153,7 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
         "a.nc": "not a netCDF-4 file",
         "a.toml": "not a qtraj document",
         "a.png": "must end in",
-        "turn.toml": "a saved path or tuning was expected, but the file contains type EulerTurn",
+        "turn.toml": "a saved path, tuning or retiming was expected, but the file contains an object of type EulerTurn",
         "x.nc": "a report needs position or quaternion over time",
     }
     for name, fragment in expected.items():
@@ -199,5 +199,5 @@ def test_a_dataset_keeps_its_frame_and_says_so(qtraj, results, tmp_path):
     assert axes_of_page(tmp_path / "report.html") == ["τ", "n", "b"]
     refused = qtraj("report", results, "--out", tmp_path, "--frame", "upright")
     assert refused.exit_code == 2
-    assert "belong to the natural frame. Pass the saved path in the same folder" in refused.stderr
+    assert "refer to the natural frame. Pass the saved path in the same folder" in refused.stderr
     assert "--frame upright" in refused.stderr

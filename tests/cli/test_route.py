@@ -58,6 +58,17 @@ def test_the_terminal_shows_it_within_80_columns(qtraj, tmp_path):
     assert [line for line in result.stdout.splitlines() if len(line) > 80 and not line.startswith(paths)] == []
 
 
+def test_recorded_rates_are_compared(qtraj, tmp_path):
+    file = recording(tmp_path / "drive.csv")
+    lines = file.read_text().splitlines()
+    rows = [f"{line},{0.2 + 0.01 * (-1) ** k}" for k, line in enumerate(lines[1:])]
+    file.write_text("\n".join([f"{lines[0]},wz", *rows]))
+    result = qtraj("route", file, "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert "differ by 0.0100 (" in result.stdout
+    assert [line for line in result.stdout.splitlines() if len(line) > 80 and "recorded rates" in line] == []
+
+
 def test_a_violation_is_found_and_its_place_named(qtraj, tmp_path):
     recording(tmp_path / "drive.csv", bump=0.6)
     scenario = tmp_path / "s.toml"
@@ -108,12 +119,15 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
+        (
+            "[fit]\nsmoothing = 1.0\ntolerance = 0.1\n",
+            "smoothing and tolerance were both specified: specify one",
+        ),
         ("[tune]\ntube = 1.0\n", "[tune] needs limits: add a table [limits]"),
         ("[limits]\ntorsion = 1.0\n[tune]\n", "does not support limits on torsion"),
         ('[limits]\ncurvature = 1.0\n[tune]\nobjective = "fastest"\n', "needs a limit that bounds the speed"),
-        ("[limits]\nspeed = 9.0\n[tune]\nmax_steps = 0\n", "expected a whole number, 1 or more"),
-        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0, but expected a positive finite number"),
+        ("[limits]\nspeed = 9.0\n[tune]\nmax_steps = 0\n", "expected an integer, 1 or more"),
+        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0: expected a positive finite number"),
         ('[purpose]\nspeed = "slow"\n', "there is no limit 'speed' in [limits]"),
         ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
     ],

@@ -142,7 +142,7 @@ def test_a_departure_from_the_closed_form_is_no_agreement(simulated, default):
     assert found.deviation == pytest.approx(1e-6, rel=1e-2)
     text = printed(default[1] | {"verdict": plain(found.record())}, found)
     assert "differs from it by 1e-06, relative to the largest |μ|" in text
-    assert "exceeds 1.01e-08, the largest that the tolerances explain" in text
+    assert "exceeds 1.01e-08, the largest value that the tolerances explain" in text
 
 
 def test_a_passage_near_zero_between_two_instants_is_told(simulated, monkeypatch):
@@ -258,7 +258,7 @@ def test_an_interrupt_and_a_folder_that_is_none_leave_nothing(qtraj, tmp_path, m
     monkeypatch.setattr(history_module, "judging_times", lambda times, *_: times.astype(int).item(1) * 10**400 / 3)
     result = qtraj("simulate", "--samples", 3, "--out", tmp_path / "out")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith("error: a number is too large to compute with (")
+    assert result.stderr.startswith("error: a number is too large for the computation (")
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
 
 

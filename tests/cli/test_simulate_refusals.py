@@ -24,7 +24,7 @@ BAD = {
         SLEW.replace("max_acc", "max_ac") + LAW,
         ["unknown key 'program.slew.law.max_aceleration'", "did you mean 'max_acceleration'?"],
     ),
-    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a slew by", "Allow more time"]),
+    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a slew of", "Increase the duration"]),
     "no gains": (SLEW + "[law]\n", ["[law]: there are no gains", "settling_time", "[law.weights]"]),
     "a turn that breaks its limits": (
         SLEW.replace("max_acceleration = 20", "kind = 'quintic'\nduration = 10\nmax_rate = 1") + LAW,
@@ -32,7 +32,7 @@ BAD = {
     ),
     "a turn that ends in motion, and longer": (
         SLEW + "max_rate = 4\nend_rate = 2\n" + LAW + "[simulation]\nduration = 60\n",
-        ["'simulation.duration' has the value 60", "this program ends there, while still rotating"],
+        ["'simulation.duration' has the value 60", "the duration of the program, which does not end at rest"],
     ),
     "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
     "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' has the value 0", "a positive finite"]),
@@ -58,9 +58,9 @@ BAD = {
     ),
     "two gains": (
         SLEW + LAW + "damping = 1\nfrequency = 1\n",
-        ["the gains are given in several ways (settling_time, damping)"],
+        ["the gains are specified in several ways (settling_time, damping)"],
     ),
-    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be given together"]),
+    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be specified together"]),
     "a gain that is a text": (
         SLEW + "[law]\nk1 = 'x'\nk2 = 1\n",
         ["'law.k1' has the value 'x'", "a positive finite"],
@@ -70,17 +70,20 @@ BAD = {
         SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n",
         ["'law.k1' has the value [[1, 2], [3]]", "square matrix"],
     ),
-    "a small gain": (SLEW + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n", ["a gain of size 3", "4 for a diagonal"]),
+    "a small gain": (SLEW + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n", ["a gain of size 3", "4 numbers for a diagonal"]),
     "a gain of another law": (SLEW + "[law]\nk = 1\n", ["the key 'k' cannot be used with a law of kind 'body'"]),
     "a residual of nothing": (
         SLEW + "[law]\nk1 = 1\nk2 = 1\nresidual = 0.1\n",
-        ["'residual' requires settling_time"],
+        ["'residual' requires 'settling_time'"],
     ),
     "an infinite weight": (SLEW + "[law.weights]\nerror = inf\n", ["'law.weights.error' has the value inf", "[1/s⁴]"]),
-    "an error twice": (SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", ["[error]: there are"]),
+    "an error twice": (
+        SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n",
+        ["[error]: the attitude is specified"],
+    ),
     "a gauge at a half turn": (
         SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
-        ["error.gauge = 'gibbs' is not possible at a half turn"],
+        ["error.gauge = 'gibbs' is not possible for an error of a half turn"],
     ),
     "a rate error of a rate law": (
         SLEW + LAW + "kind = 'rate'\n[error]\nrate = [1, 0, 0]\n",
@@ -92,7 +95,7 @@ BAD = {
     ),
     "a torque on nothing": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\n",
-        ["torque and inertia must be given together"],
+        ["torque and inertia must be specified together"],
     ),
     "two inertias": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2]\n",
@@ -120,7 +123,7 @@ BAD = {
     "a missing program": ("angles = 'deg'\n[program]\nfile = 'gone.toml'\n" + LAW, ["gone.toml", "No such file"]),
     "a program that is none": (
         "angles = 'deg'\n[program]\nfile = 'path.toml'\n" + LAW,
-        ["a saved program was expected, but the file contains a SpiralHelix"],
+        ["a saved program was expected, but the file contains an object of type SpiralHelix"],
     ),
     "a straight path": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\n" + LAW,
@@ -132,7 +135,7 @@ BAD = {
     ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' has the value 9", "at most 3 s: this program ends there\n"],
+        ["'simulation.duration' has the value 9", "at most 3 s, the duration of the program\n"],
     ),
 }
 

@@ -102,7 +102,7 @@ def test_the_example_passes_its_attitudes_and_tells_the_sign(qtraj, tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     text = result.stdout
     assert "Slew 2 of 2" in text
-    assert "the given quaternion with the opposite sign" in " ".join(text.split())
+    assert "the specified quaternion with the opposite sign" in " ".join(text.split())
     assert "max_rate, max_acceleration and max_jerk are active" in text
     wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith(("Scenario:", str(tmp_path)))]
     assert wide == []
@@ -174,8 +174,8 @@ def test_a_chain_that_first_stays(qtraj, tmp_path):
     assert content["verdict"]["angle"][1] == pytest.approx(expected.magnitude())
     assert "axis, body - axis, inertial -" in text
     by = f"{np.degrees(expected.magnitude()):.6g}°"
-    assert "The rotation vector of [end] is 400° long, more than a half turn." in text
-    assert f"uses the shorter rotation to the same attitude, {by}." in text
+    assert "The rotation vector of [end] has an angle of 400°, more than a half turn." in text
+    assert f"The slew is the shorter rotation to the same attitude, {by}." in text
     assert min(fine_times(qt.load(tmp_path / "out" / "program.toml"))) == 0
 
 
@@ -183,7 +183,9 @@ def test_a_rate_at_the_end_jumps(qtraj, tmp_path):
     (tmp_path / "s.toml").write_text(REST + LAW + "start_rate = -0.25\nend_rate = 0.5\n")
     content = json.loads(qtraj("slew", tmp_path / "s.toml", "--out", tmp_path / "out", "--json").stdout)
     [note] = content["notes"]
-    assert note.startswith("The slew starts at -0.25°/s and ends at 0.5°/s, but the body is at rest before and after")
+    assert note.startswith(
+        "The slew starts at -0.25°/s and ends at 0.5°/s, but the program is at rest before and after"
+    )
 
 
 def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):

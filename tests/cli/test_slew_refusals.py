@@ -13,7 +13,7 @@ from .slew_scenarios import LAW, REST
     [({}, "max_acceleration"), ({"kind": "s_curve", "max_acceleration": 1.0}, "max_jerk")],
 )
 def test_laws_say_what_they_need(law, missing):
-    with pytest.raises(ValueError, match=f"the key '{missing}' is missing"):
+    with pytest.raises(ValueError, match=f"needs the key '{missing}', which is missing"):
         SlewLawPart.model_validate(law)
 
 
@@ -30,7 +30,10 @@ BAD = {
     "no law": (REST, ["the key 'law' is missing", "a table [law]"]),
     "no end": (REST.split("[end]")[0] + LAW, ["the key 'end' is missing"]),
     "no attitude": (REST.replace("quaternion = [1, 0, 0, 0]", "") + LAW, ["[start]: there is no attitude"]),
-    "two attitudes": (REST.replace("[end]", "[end]\ngibbs = [0, 0, 1]") + LAW, ["[end]: there are several attitudes"]),
+    "two attitudes": (
+        REST.replace("[end]", "[end]\ngibbs = [0, 0, 1]") + LAW,
+        ["[end]: the attitude is specified in"],
+    ),
     "a zero quaternion": (REST.replace("[1, 0", "[0, 0") + LAW, ["[start]: the quaternion is zero"]),
     "three components": (
         REST.replace("[1, 0, 0, 0]", "[1, 0, 0]") + LAW,
@@ -38,7 +41,7 @@ BAD = {
     ),
     "angles without a sequence": (
         REST.replace("rotation_vector", "euler") + LAW,
-        ["[end]: euler and sequence must be given together"],
+        ["[end]: euler and sequence must be specified together"],
     ),
     "a strange sequence": (
         REST.replace("rotation_vector", "sequence = 'xxy'\neuler") + LAW,
@@ -80,7 +83,7 @@ BAD = {
     ),
     "an end rate a little beyond the limit": (
         REST + LAW + "end_rate = 1.00000001\n",
-        ["'end_rate' has the value 1.00000001, but expected at most max_rate = 1.0"],
+        ["'end_rate' has the value 1.00000001, but must be at most max_rate = 1.0"],
     ),
     "an end rate of a chain": (
         REST + "[[via]]\ngibbs = [0, 0, 1]\n" + LAW + "end_rate = 0.1\n",
@@ -89,19 +92,19 @@ BAD = {
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
     "too short a time": (
         REST + LAW + "duration = 100\n",
-        ["[law]: a slew by", "the duration 100 s", "Allow more"],
+        ["[law]: a slew of", "but a duration of 100 s was given", "Increase the duration"],
     ),
     "a saved program": (
         "format = 'qtraj/1'\ntype = 'EulerTurn'\n",
-        ["this is a saved EulerTurn, not a scenario", "`qtraj simulate` follows a saved program"],
+        ["this is a saved EulerTurn, not a scenario", "for a saved program, use `qtraj simulate`"],
     ),
     "a scenario of simulate": (
         KINDS["loop"].embedded.read_text(encoding="utf-8"),
-        ["this is a scenario of `qtraj simulate`"],
+        ["this is a scenario for `qtraj simulate`"],
     ),
     "a scenario of tune": (
         KINDS["path"].embedded.read_text(encoding="utf-8"),
-        ["this is a scenario of `qtraj tune` and"],
+        ["this is a scenario for `qtraj tune`, `qtraj evaluate` and"],
     ),
 }
 

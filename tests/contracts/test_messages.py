@@ -16,7 +16,7 @@ mistakes = [
     (lambda: helix.position(np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, 1.0, qt.Natural), "a frame such as Natural() or Upright()"),
-    (lambda: qt.evaluate([helix, helix], [0.0]), "a path or a stack of paths was expected"),
+    (lambda: qt.evaluate([helix, helix], [0.0]), "a path or a batch of paths was expected"),
     (lambda: qt.tune(start, end, {"speed": 9.0}), "limits must be a Limits"),
     (lambda: qt.tune(start, end, limits, objective=lambda path: path.angle), "the objective must be one number"),
     (lambda: qt.BoundaryState(start, end), "must be 3 real numbers"),

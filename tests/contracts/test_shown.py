@@ -45,6 +45,7 @@ EXAMPLES = [
     qt.Attitude(LAMBDA, jnp.zeros(3), jnp.zeros(3)),
     qt.AttitudeAngles(sequence="ZYX", heading="x-anticlockwise", unit="deg", body="forward-left-up"),
     qt.AttitudeResidual(LAMBDA, 0.1, 0.2, [0.1, 0.1, 0.1], 1.0, 21),
+    qt.RateResidual([0.1, 0.1, 0.1], [0.9, 0.9, 0.9], 21, LAMBDA),
     qt.Cubic(1.0),
     qt.Curve(tumble, 2.0),
     qt.DisturbanceAcceleration(tumble),

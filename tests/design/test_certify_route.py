@@ -83,7 +83,7 @@ def test_intervals_of_a_broken_limit_agree_with_dense_samples(certified):
         above = seen > lower[name]
         assert np.mean(inside != above) < 2e-5  # except for samples at the ends
         assert any(a <= broken.worst[name][0] <= b for a, b in broken.intervals(name))
-    with pytest.raises(RuntimeError, match="curvature is broken"):
+    with pytest.raises(RuntimeError, match="the limit on curvature is broken"):
         qt.certify(route, qt.Limits(**lower), throw=True)
     assert "is violated from" in str(broken)
     assert "intervals with a violated limit" in repr(broken)

@@ -287,14 +287,16 @@ def test_bends_that_cancel_raise(velocities):
     speed = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     positions = np.cumsum(speed, axis=0) * (times[1] - times[0])
     track = Track(20.0 + times, positions + np.array([EAST, NORTH, 0.0]), speed if velocities else None)
-    words = r"contains 2 bends in opposite directions: over 6\d.* only one bend.*the largest, from about 2\d"
+    words = r"contains 2 bends in opposite directions: over 6\d.* only one bend.*the largest bend, from about 2\d"
     with pytest.raises(ValueError, match=words):
         fit(track)
 
 
 def test_two_real_bends_raise_and_the_larger_is_reported():
     drive = read_track(DATA / "boreas_bends.csv")
-    with pytest.raises(ValueError, match=r"contains 2 bends.*the largest, from about .* s, turns by -10") as caught:
+    with pytest.raises(
+        ValueError, match=r"contains 2 bends.*the largest bend, from about .* s, turns by -10"
+    ) as caught:
         fit(drive)
     start, end = map(float, re.findall(r"about (\S+) to (\S+) s", str(caught.value))[0])
     assert fit(drive.window(start, end)).residual.horizontal_rms < 1.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 from scipy.linalg import solve
+from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.design.fitting import route_system as system
@@ -70,7 +71,7 @@ def test_the_banded_solve_and_covariances_are_those_of_dense_matrices():
     knots, t = np.linspace(0, 6, 7), np.sort(rng.uniform(0, 6, 90))
     values = rng.normal(size=(90, 3))
     weights = rng.uniform(0.5, 2, 90)
-    whole = system.sample_system(7, system.design(knots, t), values, weights).plus(system.jerk_system(knots), 0.01)
+    whole = system.sample_system(system.design(knots, t), values, weights).plus(system.jerk_system(knots), 0.01)
     matrix = dense(whole.matrix)
     at = system.design(knots, t)
     design = np.zeros((90, 21))
@@ -147,7 +148,7 @@ def test_uneven_samples_and_gaps():
     fitted = qt.fit_route(track)
     [gap] = np.asarray(fitted.gaps)
     assert gap[1] - gap[0] > 6.9
-    assert "Gaps in the recording: 1, bridged by minimum jerk; the longest lasts 7" in fitted.result
+    assert "Gaps in the recording: 1, bridged with minimum jerk; the longest lasts 7" in fitted.result
     outside = np.linspace(0, float(fitted.path.duration), 2001)
     outside = outside[(outside + t[0] < 40) | (outside + t[0] > 47)]
     actual = np.asarray(qt.evaluate(fitted.path, outside, ("position",)).position)
@@ -232,6 +233,11 @@ def test_the_result_is_stored(tmp_path):
         ({"smoothing": np.nan}, "smoothing must be positive"),
         ({"smoothing": 1.0, "tolerance": 1.0}, "tolerance determines the smoothing"),
         ({"tolerance": 1e-9, "knots": 5.0}, "pass a larger tolerance or more knots"),
+        ({"position_sigma": -0.1}, "position_sigma must be positive and finite, but position_sigma is -0.1"),
+        ({"position_sigma": np.r_[np.ones(199), 0]}, r"position_sigma\[199\] is 0"),
+        ({"position_sigma": np.full((200, 3), np.nan)}, r"position_sigma\[0, 0\] is nan"),
+        ({"position_sigma": np.ones(3)}, r"\(200,\).*\(200, 3\).*shape \(3,\)"),
+        ({"velocity_sigma": 0.1}, "the track has no velocities"),
     ],
 )
 def test_invalid_arguments(arguments, words):
@@ -256,3 +262,119 @@ def test_recorded_attitudes_are_compared_after_the_mounting_is_estimated():
     fitted = qt.fit_route(qt.Track(track.times, track.positions, track.velocities, attitudes))
     assert float(fitted.attitude.rms) < 1e-6
     assert "attitude_rms" in fitted.to_xarray()
+
+
+def uneven(seed=8):
+    """A drive with velocities, whose errors are small at every third sample, and larger in z than in x and y."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 60.0, 0.1)
+    bad = (np.arange(600) % 3 > 0)[:, None]
+    position_sigma, velocity_sigma = np.where(bad, [0.3, 0.3, 0.9], [0.01, 0.01, 0.03]), np.where(bad[:, 0], 1.0, 0.02)
+    noise, speed_noise = rng.normal(size=(2, len(t), 3))
+    track = qt.Track(
+        t, position(t) + ORIGIN + position_sigma * noise, velocity(t) + velocity_sigma[:, None] * speed_noise
+    )
+    return track, position_sigma, velocity_sigma
+
+
+def test_standard_deviations_of_the_samples_reduce_the_error():
+    track, position_sigma, velocity_sigma = uneven()
+    t = np.linspace(0.0, 59.9, 1201)
+
+    def rms(*sigmas):
+        fitted = qt.fit_route(track, None, None, None, *sigmas)
+        assert len(fitted.outliers) == 0 or not sigmas
+        return np.sqrt(np.mean(distances(fitted.path, t) ** 2))
+
+    weighted = rms(position_sigma, velocity_sigma)
+    assert weighted < 0.1 * rms()
+    assert weighted < 0.1 * rms(0.2, 0.5)
+    assert weighted < 0.3 * rms(None, velocity_sigma)
+    assert weighted < rms(position_sigma[:, 0], velocity_sigma) < 1.5 * weighted
+
+
+def test_outliers_are_judged_in_standard_deviations():
+    track, position_sigma, _ = uneven()
+    positions = np.array(track.positions)
+    positions[51] += [0.0, 0.5, 0.0]  # 50 standard deviations, but less than the errors of good samples
+    found = [
+        np.asarray(qt.fit_route(qt.Track(track.times, positions), 1.0, None, 1e-3, sigma).outliers).tolist()
+        for sigma in (position_sigma, None)
+    ]
+    assert found == [[51], []]
+
+
+def test_the_weighted_fit_and_its_covariance_are_those_of_dense_matrices():
+    track, position_sigma, velocity_sigma = uneven()
+    smoothing, knots = 1e-3, np.linspace(0.0, 59.9, 31)
+    fitted = qt.fit_route(track, knots, None, smoothing, position_sigma, velocity_sigma)
+    t = np.asarray(track.times)
+    at = [system.design(knots, t, order).matrix.toarray() for order in (0, 1)]
+    jerk = dense(system.jerk_system(knots).matrix)
+    unit = np.sqrt(1 / np.mean(1 / position_sigma**2))
+    assert float(fitted.position_sigma) == pytest.approx(unit, rel=1e-12)
+    values = np.asarray(track.positions) - ORIGIN, np.asarray(track.velocities)
+    for k in range(3):
+        rows = [m / s[:, None] for m, s in zip(at, (position_sigma[:, k], velocity_sigma), strict=True)]
+        right = [x[:, k] / s for x, s in zip(values, (position_sigma[:, k], velocity_sigma), strict=True)]
+        matrix = sum(m.T @ m for m in rows) + smoothing / unit**2 * jerk
+        states = np.linalg.solve(matrix, sum(m.T @ x for m, x in zip(rows, right, strict=True)))
+        joints = np.asarray(fitted.path.joints(2))[:, :, k] - [ORIGIN[k], 0, 0]
+        np.testing.assert_allclose(joints, states.reshape(31, 3), rtol=0, atol=1e-6)
+        inverse = np.linalg.inv(matrix)
+        blocks = [inverse[i : i + 3, i : i + 3] for i in range(0, 93, 3)]
+        np.testing.assert_allclose(fitted.covariance()[k], blocks, rtol=1e-6, atol=1e-12)
+
+
+def test_equal_standard_deviations_are_one_number(tmp_path):
+    track = recorded(20.0, velocities=True)
+    one = qt.fit_route(track, 1.0, None, 1e-3, 0.02, 0.05)
+    for shape in ((200,), (200, 3)):
+        many = qt.fit_route(track, 1.0, None, 1e-3, np.full(shape, 0.02), np.full(shape, 0.05))
+        np.testing.assert_allclose(many.path.joints(2), one.path.joints(2), rtol=1e-9, atol=1e-7)
+        np.testing.assert_allclose(np.broadcast_to(one.covariance(), many.covariance().shape), many.covariance())
+        assert float(many.prediction_error) == pytest.approx(float(one.prediction_error))
+        document.save(many, tmp_path / "fitted.json")
+        np.testing.assert_array_equal(qt.load(tmp_path / "fitted.json").covariance(), many.covariance())
+
+
+def test_recorded_rates_are_compared_after_the_mounting_is_estimated(tmp_path):
+    track = recorded(40.0, velocities=True)
+    program = qt.FrameProgram(qt.fit_route(track).path)
+    rates = np.array(jax.vmap(program)(track.elapsed).rate)
+    mounting = Rotation.from_euler("ZYX", [0.4, -0.2, 3.0])
+    bias = np.array([0.0, 0.0, 0.01])
+    parts = track.times, track.positions, track.velocities, None
+    fitted = qt.fit_route(qt.Track(*parts, mounting.inv().apply(rates)))
+    np.testing.assert_allclose(Rotation.from_quat(np.roll(fitted.rates.mounting, -1)).as_matrix(), mounting.as_matrix())
+    np.testing.assert_allclose(fitted.rates.rms, 0.0, atol=1e-9)
+    np.testing.assert_allclose(fitted.rates.correlation, 1.0)
+    speeds = np.linalg.norm(np.asarray(jax.vmap(program.path.velocity)(track.elapsed)), axis=1)
+    assert int(fitted.rates.samples) == np.sum(speeds > 3.0)
+    compiled = qt.compare_rates(qt.FrameProgram(fitted.path), qt.Track(*parts, mounting.inv().apply(rates)))
+    for name in ("rms", "correlation", "mounting"):
+        np.testing.assert_allclose(getattr(fitted.rates, name), getattr(compiled, name), rtol=1e-9, atol=1e-12)
+    assert "rate_mounting" in fitted.to_xarray()
+    document.save(fitted, tmp_path / "fitted.json")
+    assert qt.load(tmp_path / "fitted.json").rates.correlation.shape == (3,)
+
+    vertical = qt.compare_rates(program, qt.Track(*parts, (rates + bias)[:, 2:]))
+    assert vertical.mounting is None
+    np.testing.assert_allclose(vertical.rms, [0.01])
+    np.testing.assert_allclose(vertical.correlation, [1.0])
+    with pytest.raises(ValueError, match=r"faster than min_speed = 100 m/s at fewer than 3 samples"):
+        qt.compare_rates(program, qt.Track(*parts, rates), 100)
+    with pytest.raises(ValueError, match="no angular rates"):
+        qt.compare_rates(program, track)
+
+
+def test_rates_about_one_axis_determine_the_smallest_mounting():
+    t = np.linspace(0.0, 20.0, 201)
+    flat = qt.Track(
+        t,
+        np.stack([50 * np.sin(0.2 * t), 50 * np.cos(0.2 * t), 0 * t], axis=1),
+        rates=0.2 * np.tile([0.0, np.sin(0.3), -np.cos(0.3)], (201, 1)),
+    )
+    fitted = qt.fit_route(flat, 2.0, None, 1e-6)
+    assert np.degrees(0.3) == pytest.approx(np.degrees(2 * np.arccos(float(fitted.rates.mounting[0]))), abs=0.1)
+    np.testing.assert_allclose(fitted.rates.rms, 0.0, atol=1e-3)

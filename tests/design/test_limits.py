@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 import qtraj as qt
 from qtraj.path.frenet import Invariants
+from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import value as value_of
 
@@ -195,5 +196,5 @@ def test_the_page_states_the_degrees_of_the_inequalities():
     page = (Path(__file__).parents[2] / "docs" / "tuning.md").read_text(encoding="utf-8")
     stated = re.findall(r"^\|[^|]*\|(?:[^|]|\\\|)*\| (\d+) / (\d+) \|", page, flags=re.M)
     assert sorted((int(a), int(b)) for a, b in stated) == sorted(
-        (degree(QUANTITIES[name], 0), degree(QUANTITIES[name], 2)) for name in ALL
+        (degree(QUANTITIES[name], 0), degree(QUANTITIES[name], 2)) for name in (*ALL, *MOMENTS)
     )

@@ -1,5 +1,6 @@
 """The outcome of a tuning: texts of one problem and of a batch, errors on request, older files."""
 
+import dataclasses
 import tomllib
 
 import equinox as eqx
@@ -10,6 +11,7 @@ import pytest
 import tomli_w
 
 import qtraj as qt
+from qtraj.path.vehicle_data import batch_of, vehicle_from, with_batch
 
 LIMITS = qt.Limits(speed=9.0, curvature=0.2)
 CODES = [
@@ -35,8 +37,8 @@ def test_the_texts_of_a_batch_are_those_of_its_elements(batch):
     assert str(batch).startswith("4 tunings: 1 converged, 1 infeasible, 1 not converged, 1 ill-posed\n")
     assert list(batch.result) == [batch[k].result for k in range(len(CODES))]
     assert batch.result[3] == f"ill-posed: {qt.ResultCode.azimuths_equal.text}"
-    assert "curvature is broken: 0.227758" in batch[2].result
-    assert "Tune this problem alone for advice" in batch.result[1]
+    assert "the limit on curvature is broken: 0.227758" in batch[2].result
+    assert "tune this problem alone" in batch.result[1]
 
 
 def test_a_failed_element_raises_only_on_request(batch):
@@ -49,7 +51,7 @@ def test_a_failed_element_raises_only_on_request(batch):
 
 def test_a_violated_limit_raises_on_request(batch):
     assert qt.certify(batch[3].path, LIMITS, throw=True).met
-    with pytest.raises(RuntimeError, match="curvature is broken"):
+    with pytest.raises(RuntimeError, match="the limit on curvature is broken"):
         qt.certify(batch[0].path, LIMITS, throw=True)
     start, end = qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]), qt.BoundaryState([0.0, 12.0, 1.5], [-4.5, 0, 0.2])
     with pytest.raises(RuntimeError, match=r"infeasible: .* What would help"):
@@ -60,7 +62,7 @@ def test_the_result_of_a_certificate_is_its_worst_finding(batch):
     codes = batch.certificate.code
     assert codes.tolist() == [qt.ResultCode.limits_broken] * 3 + [qt.ResultCode.successful]
     assert batch.certificate.result[3] == "every limit is proved to be satisfied on the whole path."
-    assert "curvature is broken: 0.359551" in batch.certificate.result[0]
+    assert "the limit on curvature is broken: 0.359551" in batch.certificate.result[0]
     assert jax.jit(lambda c: c.successful)(batch.certificate).tolist() == [False, False, False, True]
     with pytest.raises(RuntimeError, match="element 0 of the batch: a limit is violated"):
         batch.certificate.check()
@@ -82,8 +84,35 @@ def test_a_standstill_gives_a_warning_if_a_limit_divides_by_the_speed():
     )
     best = qt.tune(start, end, qt.Limits(curvature=0.1), motion="hermite", duration=4.0, starts=1)
     assert not best.converged
-    assert "The velocity at the end is zero, where curvature may grow without bound" in best.result
+    assert "The velocity at the end is zero: curvature may grow without bound there, or limits on " in best.result
     assert "max_steps" not in best.result
+
+
+def test_a_result_stores_the_vehicle_of_its_limits_and_older_files_have_none(tmp_path):
+    vehicle = qt.Vehicle(2e3, (1.0, 2.0, 2.5), friction=0.7)
+    current = dataclasses.replace(tuned(), vehicle=vehicle)
+    current.save(tmp_path / "new.toml")
+    assert eqx.tree_equal(qt.load(tmp_path / "new.toml"), current)
+    fields = tomllib.loads((tmp_path / "new.toml").read_text())
+    del fields["vehicle"]
+    (tmp_path / "old.toml").write_text(tomli_w.dumps(fields))
+    assert eqx.tree_equal(qt.load(tmp_path / "old.toml"), tuned())
+    dataset = current.to_xarray()
+    assert dataset["vehicle_friction"].values.tolist() == [0.7, 0.7]
+    assert dataset["vehicle_inertia"].attrs["units"] == "kg m2"
+    assert eqx.tree_equal(vehicle_from(dataset), vehicle)
+
+
+def test_an_element_of_a_batch_has_its_own_vehicle():
+    masses, ones = jnp.asarray([1e3, 2e3]), jnp.ones(2)
+    vehicle = qt.Vehicle(1e3, 5.0, bank=0.1)
+    mixed = eqx.tree_at(lambda v: v.mass, vehicle, masses)  # one mass for each, the rest shared
+    assert batch_of(mixed) == (2,)
+    assert batch_of(vehicle) == batch_of(None) == ()
+    expected = jax.vmap(lambda m, x: qt.Vehicle(m, 5.0 * x, bank=0.1))(masses, ones)
+    assert eqx.tree_equal(with_batch(mixed, 2), expected)
+    both = jax.tree.map(lambda *x: jnp.stack(x), tuned(), tuned())
+    assert eqx.tree_equal(dataclasses.replace(both, vehicle=expected)[1].vehicle, qt.Vehicle(2e3, 5.0, bank=0.1))
 
 
 @pytest.mark.parametrize(("old", "code"), [(0, "successful"), (1, "infeasible"), (2, "not_converged")])

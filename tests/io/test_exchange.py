@@ -85,7 +85,7 @@ def test_tiny_quaternions_keep_their_attitude():
 
 def test_wrong_shapes_and_missing_packages_are_reported():
     for function in (exchange.xyzw_from_wxyz, exchange.scipy_from_wxyz, exchange.jaxlie_from_wxyz):
-        with pytest.raises(ValueError, match=r"four components on the last axis, but got the shape \(3,\)"):
+        with pytest.raises(ValueError, match=r"four components on the last axis, but shape \(3,\) was given"):
             function([1.0, 0.0, 0.0])
     with pytest.raises(ValueError, match=r"shape \(4,\) or \(n, 4\)"):
         exchange.scipy_from_wxyz(Q.reshape(4, 5, 4))

@@ -50,7 +50,7 @@ def test_angles_of_aircraft_agree_with_the_textbook(tmp_path):
 def test_angles_named_in_another_order_are_refused(tmp_path):
     rows = np.column_stack([np.arange(COUNT), np.zeros((COUNT, 3)), random_angles()])
     file = table(tmp_path, "t,x,y,z,roll,pitch,yaw", rows)
-    with pytest.raises(ValueError, match="names yaw, pitch, roll, but the order is roll, pitch, heading"):
+    with pytest.raises(ValueError, match="names yaw, pitch, roll, but the order must be roll, pitch, heading"):
         qt.read_track(file, {"attitude": ["yaw", "pitch", "roll"]}, angles=AIRCRAFT)
     assert qt.read_track(file, {"attitude": ["roll", "pitch", "yaw"]}, angles=AIRCRAFT).attitudes is not None
 

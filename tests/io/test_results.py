@@ -24,8 +24,8 @@ INSTANTS = np.array([0.0, 0.1, 1 / 3])
 BATCH = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
-UNITS_IN_MEANING = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin", "smallest", "missed")
-UNITS_IN_MEANING += ("joints", "joint_rates", "joint_accelerations")
+UNITS_IN_MEANING = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin")
+UNITS_IN_MEANING += ("smallest_singular_value", "joints", "joint_rates", "joint_accelerations")
 """Numbers whose units depend on the case, such as angles and lengths of joints; the meaning contains them."""
 LONGEST = 240
 """Maximum number of characters of a summary."""
@@ -90,6 +90,17 @@ def single():
             0,
             7,
         ),
+        "speed profile": qt.SpeedProfile(
+            ("speed", "jerk"),
+            *(INSTANTS * k for k in range(1, 7)),
+            np.ones((2, n)) / 3,
+            np.arange(3.0),
+            np.ones((2, 2)) / 7,
+            np.array([-1, 1]),
+            *np.arange(6.0).reshape(3, 2) / 3,
+            np.zeros((1, 2)),
+            np.zeros(1),
+        ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
@@ -98,7 +109,15 @@ def single():
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
         "body": qt.BodyMotion(INSTANTS, rate[:, 1:] / 5, rate[:, 1:] / 9, rate / 3, rate / 11, quaternion / 13),
         "arm": qt.ArmMotion(
-            INSTANTS, *[quaternion] * 3, rate[:, 1:], quaternion, rate, quaternion / 5, *[INSTANTS / 3] * 3, 0, INSTANTS
+            INSTANTS,
+            *[quaternion] * 3,
+            rate[:, 1:],
+            quaternion,
+            rate,
+            quaternion / 5,
+            *[INSTANTS / 3] * 3,
+            0,
+            *[INSTANTS] * 2,
         ),
         "pose": qt.PoseMotion(
             INSTANTS,
@@ -390,6 +409,7 @@ def test_functions_return_results():
         qt.RouteCertificate,
         qt.FittedRoute,
         qt.Retimed,
+        qt.SpeedProfile,
         qt.TunedRoute,
     }
     wanted |= {
@@ -398,6 +418,7 @@ def test_functions_return_results():
         qt.BodyMotion,
         qt.PoseMotion,
         qt.AttitudeResidual,
+        qt.RateResidual,
         qt.BoundaryState,
         qt.Residual,
         qt.control.ClosedMotion,
@@ -446,7 +467,7 @@ def test_plain_arrays_are_labelled():
         ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must have the shape (*batch, 4) or (*batch, 4, 3)"),
         ({"time": (np.zeros(4), "s", "other times")}, "'time' is the name of a coordinate"),
         ({"body": (np.zeros(4), "m", "a body")}, "'body' is the name of a coordinate"),
-        ({"times": [0.0, np.nan, 2.0, 3.0], "angle": np.zeros(4)}, "some are NaN"),
+        ({"times": [0.0, np.nan, 2.0, 3.0], "angle": np.zeros(4)}, "some of them are NaN"),
     ],
 )
 def test_arrays_of_wrong_shapes_are_refused(wrong, fragment):

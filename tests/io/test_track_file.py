@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 
+from qtraj.foundation import document
+from qtraj.io.dataset_file import save_dataset
 from qtraj.io.track_file import read_track
 
 SECONDS_FOR_1E5_ROWS = 10.0
@@ -79,6 +81,43 @@ def test_named_columns_velocities_and_attitudes(tmp_path):
     np.testing.assert_array_equal(track.attitudes, table[:, [10, 7, 8, 9]])
     without = read_track(file, {**columns, "velocity": None})
     assert without.velocities is None
+
+
+@pytest.mark.parametrize(
+    ("names", "columns", "places"),
+    [
+        ("wx,wy,wz", None, [4, 5, 6]),
+        ("angvel_z [rad/s],angvel_y,Angvel_x", None, [6, 5, 4]),
+        ("wx,b,wz", None, [6]),
+        ("p,q,r", {"rate": ["p", "q", "r"]}, [4, 5, 6]),
+        ("p,q,r", {"rate": "r"}, [6]),
+        ("wx,wy,wz", {"rate": None}, None),
+        ("wx,wy,spare", None, None),
+    ],
+)
+def test_angular_rates(tmp_path, names, columns, places):
+    table = np.column_stack([np.arange(6) * 0.1, np.random.default_rng(4).normal(size=(6, 6))])
+    text = f"t,x,y,z,{names}\n" + "\n".join(",".join(map(repr, row)) for row in table.tolist())
+    track = read_track(written(tmp_path, text), columns)
+    if places is None:
+        assert track.rates is None
+        return
+    np.testing.assert_array_equal(track.rates, table[:, places])
+    np.testing.assert_array_equal(track.window(0.1, 0.4).rates, table[1:5, places])
+    save_dataset(track, tmp_path / "written.csv")
+    np.testing.assert_array_equal(read_track(tmp_path / "written.csv").rates, track.rates)
+    document.save(track, tmp_path / "track.json")
+    np.testing.assert_array_equal(document.load(tmp_path / "track.json").rates, track.rates)
+
+
+def test_angular_rates_in_another_unit_or_number(tmp_path):
+    file = written(tmp_path, "t,x,y,z,wz [deg/s]\n" + "".join(f"{k},0,0,0,1\n" for k in range(5)))
+    with pytest.raises(
+        ValueError, match=r"'wz \[deg/s\]' is in deg/s, but the rate must be in rad/s: convert it first"
+    ):
+        read_track(file)
+    with pytest.raises(ValueError, match=r"columns\['rate'\] must name 3 columns, or the column of the yaw rate"):
+        read_track(file, {"rate": ["x", "y"]})
 
 
 @pytest.mark.parametrize("name", ["track.tum", "track.txt", "track.csv"])
@@ -157,8 +196,8 @@ def test_faults_of_a_csv_file(tmp_path, text, words):
     [
         ({"position": ["x", "y", "w"]}, r"no column 'w'. The columns are time, x, y, z"),
         ({"time": "clock"}, r"no column 'clock'"),
-        ({"position": ["x", "y"]}, r"must name 3 column\(s\), but got \['x', 'y'\]"),
-        ({"speed": "x"}, r"the keys time, position, velocity, attitude, but got 'speed'"),
+        ({"position": ["x", "y"]}, r"must name 3 column\(s\), but \['x', 'y'\] was given"),
+        ({"speed": "x"}, r"the keys time, position, velocity, attitude, rate, but 'speed' was given"),
         ({"position": None}, r"no columns for the position"),
     ],
 )

@@ -98,7 +98,7 @@ def test_unsuitable_tracks_and_mountings_are_refused(program, reference):
     track = recorded(reference)
     with pytest.raises(ValueError, match=r"has no attitudes to compare.*AttitudeAngles"):
         qt.compare_attitude(program, qt.Track(TIMES, track.positions))
-    with pytest.raises(ValueError, match="the track lasts 4 s, but the program lasts 3 s"):
+    with pytest.raises(ValueError, match="the track lasts 4 s, but the program lasts only 3 s"):
         qt.compare_attitude(qt.FrameProgram(qt.SpiralHelix([20.0], [0.0, 0.4], [0.0], 3.0)), track)
     with pytest.raises(ValueError, match="must be a non-zero quaternion"):
         qt.compare_attitude(program, track, [0.0, 0.0, 0.0, 0.0])

@@ -162,7 +162,7 @@ RADIAL = qt.BoundaryState([10.0, 0.0, 0.0], [4.0, 0.0, 0.0])
         (lambda: qt.SpiralHelix.from_boundary(START, END, turns=-1), "must be 0 or more, but -1 was given"),
         (lambda: qt.SpiralHelix.hermite(START, END, [3.0, 4.0]), "one number"),
         (lambda: qt.SpiralHelix.from_boundary(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END), "accel"),
-        (lambda: qt.SpiralHelix.hermite(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END, 1.0), "both or"),
+        (lambda: qt.SpiralHelix.hermite(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END, 1.0), "both ends"),
         (lambda: qt.SpiralHelix.hermite(START, END, 0.0), "positive"),
         (lambda: qt.SpiralHelix.between(START, START, 3.0), "parallel"),
         (lambda: qt.SpiralHelix.between(START, qt.BoundaryState([0, 1.0, 0], [0, 0, 1.0]), 3.0), "parallel"),

@@ -56,8 +56,8 @@ def test_a_window_has_the_samples_of_its_closed_interval():
         (100.2, 100.2, "must end after it starts"),
         (99.0, 100.5, r"extends beyond the recording; the recording runs from 100 to 101 s"),
         (100.5, 103.0, r"extends beyond the recording; the recording runs from 100 to 101 s"),
-        (100.15, 100.45, r"has 3 samples, but at least 4"),
-        (100.51, 100.59, r"has 0 samples, but at least 4"),
+        (100.15, 100.45, r"contains 3 samples, but at least 4"),
+        (100.51, 100.59, r"contains 0 samples, but at least 4"),
         (float("nan"), 100.5, "must end after it starts"),
     ],
 )

@@ -66,5 +66,5 @@ def test_a_sequence_is_checked_where_it_stands():
 
 def test_no_attitude_is_none_or_an_error():
     assert AttitudePart().unit_quaternion("deg") is None
-    with pytest.raises(ValueError, match="there is no attitude: give one of quaternion, euler"):
+    with pytest.raises(ValueError, match="there is no attitude: specify one of quaternion, euler"):
         KnownAttitudePart()

@@ -84,7 +84,7 @@ def test_a_turn_is_followed_beyond_its_end_only_where_it_rests(prepared, tmp_pat
     qt.EulerTurn([1.0, 0, 0, 0], [0.9, 0.3, 0, 0], law).save(tmp_path / "moving.toml")
     text = "angles = 'deg'\n[program]\nfile = 'moving.toml'\n"
     assert prepared(text + LAW).times[-1] == float(qt.load(tmp_path / "moving.toml").duration)
-    with pytest.raises(ValueError, match="this program ends there, while still rotating"):
+    with pytest.raises(ValueError, match="the duration of the program, which does not end at rest"):
         prepared(text + longer)
 
 
@@ -92,7 +92,7 @@ def test_the_duration_of_a_path_may_be_written_with_fewer_digits(prepared, tmp_p
     qt.SpiralHelix([1.0, 2.0, 0.0, 0.0], [0.3, 0.0], [0.0, 0.5, 0.0, 0.0], 3.1234567891234).save(tmp_path / "p.toml")
     text = "angles = 'deg'\n[program]\npath = 'p.toml'\nframe = 'upright'\n" + LAW + "[simulation]\nduration = {}\n"
     assert prepared(text.format(3.12345679)).times[-1] == 3.1234567891234
-    with pytest.raises(ValueError, match=r"has the value 3\.1234568, but expected at most 3\.1234567891234 s"):
+    with pytest.raises(ValueError, match=r"has the value 3\.1234568, but must be at most 3\.1234567891234 s"):
         prepared(text.format(3.1234568))
 
 

@@ -105,7 +105,7 @@ def test_every_key_says_what_it_expects(kind):
     [(SLEW, "path", "slew"), (LOOP, "slew", "simulate"), (DEFAULT, "loop", "tune")],
 )
 def test_a_scenario_of_another_command_is_recognised(file, kind, command):
-    with pytest.raises(ValueError, match=f"this is a scenario of `qtraj {command}`"):
+    with pytest.raises(ValueError, match=f"this is a scenario for `qtraj {command}`"):
         read_scenario(file, kind)
 
 
@@ -129,7 +129,7 @@ def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):
 
 
 def test_a_long_value_is_cut(read):
-    with pytest.raises(ValueError, match="…, but expected three finite") as error:
+    with pytest.raises(ValueError, match="…: expected three finite") as error:
         read(STATES.replace("[12, 0.0, 0.0]", str(list(range(100)))))
     assert len(str(error.value)) < 300
 

@@ -9,6 +9,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.foundation import extras
+from qtraj.viz.history import limits_figure
 
 HELIX = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0)
 CURVE = qt.Curve(lambda t: jnp.stack([8 * jnp.cos(t), 9 * jnp.sin(t), 0.5 * t]), 4.0)
@@ -44,6 +45,31 @@ def test_a_tuned_path_is_drawn_with_its_limits(tuned):
     assert limits == ["limit 0.2", "limit 0.2"]
 
 
+@pytest.fixture(scope="module")
+def truck():
+    """A result with limits on forces, of a path that brakes at its end."""
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02, -0.004], [1.0, 0.4, 0.05, -0.01], 4.5)
+    vehicle = qt.Vehicle(12e3, (1e4, 2e4, 3e4), 6.0, 0.007, (0.6, 0.5), 0.05)
+    limits = qt.Limits(friction=0.9, power=3e5, vehicle=vehicle)
+    return qt.Tuned(path, path.state(0.0), path.state(4.5), 0.0, qt.certify(path, limits), 0, 3, vehicle=vehicle)
+
+
+def test_limited_forces_are_drawn_from_a_result_a_file_and_a_dataset(truck, tmp_path):
+    truck.save(tmp_path / "tuned.toml")
+    expected = qt.evaluate(truck.path, np.linspace(0.0, 4.5, 513), ("friction", "power"), vehicle=truck.vehicle)
+    assert float(expected.power[-1]) < -1e5  # it brakes
+    dataset = limits_figure(truck.to_xarray(), ["friction", "power"])
+    for figure in (truck.plot(), qt.load(tmp_path / "tuned.toml").plot(), dataset):
+        panels = {axes.get_ylabel().split(" ")[0]: axes for axes in figure.axes}
+        for name, limit in (("friction", 0.9), ("power", 3e5)):
+            line, bound = panels[name].lines
+            np.testing.assert_allclose(line.get_ydata(), expected.values[name], rtol=1e-9)
+            assert bound.get_ydata()[0] == limit
+        low, high = panels["power"].get_ylim()
+        assert low < float(expected.power.min())
+        assert high > 3e5
+
+
 def test_a_table_draws_the_named_outputs():
     table = qt.evaluate(HELIX, TIMES, ("position", "curvature", "rate", "dcm", "defined"), frame=qt.Upright())
     axes = table.plot().axes
@@ -75,9 +101,9 @@ def test_messages_say_why_nothing_can_be_plotted(tuned):
     table = qt.evaluate(HELIX, TIMES, ("curvature",))
     with pytest.raises(ValueError, match="not contain 'rate'; it contains curvature"):
         table.plot("rate")
-    with pytest.raises(ValueError, match="no outputs to plot: it only contains dcm"):
+    with pytest.raises(ValueError, match="no outputs to plot: it contains only dcm"):
         qt.evaluate(HELIX, TIMES, ("dcm",)).plot()
-    with pytest.raises(ValueError, match="expected one path, but got a batch of 2"):
+    with pytest.raises(ValueError, match="one path was expected, but a batch of 2 was given"):
         jax.tree.map(lambda x: jnp.stack([x, x]), HELIX).plot()
     many = qt.Tuned(
         *jax.tree.map(lambda x: jnp.stack([x, x]), (HELIX, tuned.start, tuned.end)), 0.0, tuned.certificate, [0, 0], 3

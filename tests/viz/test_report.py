@@ -197,11 +197,11 @@ def test_a_table_with_components_first_is_the_same():
 
 
 def test_other_input_is_refused():
-    with pytest.raises(ValueError, match="needs position or quaternion over time, but the dataset has x"):
+    with pytest.raises(ValueError, match="needs position or quaternion over time, but the dataset contains x"):
         report_page(xarray.Dataset({"x": ("time", [1.0])}))
     with pytest.raises(ValueError, match="a dimension of the dataset is empty"):
         report_page(two_paths().isel(sample=[]))
-    with pytest.raises(ValueError, match="the variable quaternion, or dcm, is missing"):
+    with pytest.raises(ValueError, match="contains neither quaternion nor dcm"):
         report_page(two_paths().drop_vars("dcm"))
     with pytest.raises(ValueError, match="needs position or quaternion"):
         report_page(two_paths().isel(world=[0, 1]))
@@ -251,7 +251,7 @@ def test_one_stop_does_not_scale_an_axis():
     dataset["curvature"] = (("path", "sample"), curvature, {"units": "m-1", "limit": 0.1})
     panel = shown_panels(dataset)["curvature"]
     assert panel["range"] == pytest.approx([0.0, 0.15])
-    assert panel["note"] == "values up to 1e+07 are not shown"
+    assert panel["note"] == "larger values, up to 1e+07, are not shown"
     assert panel["limits"][0]["drawn"]
     assert max(panel["series"][0]["values"]) == 1e7  # the values themselves are unchanged
     assert shown_panels(two_paths())["speed"]["range"] is None
@@ -313,6 +313,21 @@ def test_a_result_and_its_dataset_are_reported_alike(made, name):
     assert limited == ([("curvature", 0.2), ("slope", 0.1)] if name == "tuned" else [])
 
 
+def test_the_report_of_a_tuned_truck_has_its_forces_and_its_vehicle():
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02, -0.004], [1.0, 0.4, 0.05, -0.01], 4.5)
+    vehicle = qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05)
+    certificate = qt.certify(path, qt.Limits(friction=0.6, power=3e5, vehicle=vehicle))
+    tuned = qt.Tuned(path, path.state(0.0), path.state(4.5), 0.0, certificate, 0, 3, vehicle=vehicle)
+    report = page.report_of(tuned)
+    panels = {panel.title: panel for panel in report.panels}
+    assert panels["power"].limits == [(3e5, "limit 3e+05")]
+    assert panels["power"].series[0].values.min() < -1e5  # braking keeps its sign
+    tables = {table.title: table.rows for table in report.tables}
+    assert [row[-1] for row in tables["Limits"]] == ["broken", "proved"]
+    assert ["mass of the vehicle [kg]", "12000"] in tables["Vehicle"]
+    assert [panel.title for panel in page.report_of(tuned.to_xarray()).panels] == list(panels)
+
+
 def test_figures_take_results_and_explain_what_they_cannot_draw(made):
     labels = path_figure(made["tuned"]).axes[0].get_legend_handles_labels()[1]
     assert labels[0] == "after"
@@ -323,7 +338,7 @@ def test_figures_take_results_and_explain_what_they_cannot_draw(made):
         path_figure(made["table"])
     for wrong in (3, "paths.nc", {"helix": made["helix"]}):
         with pytest.raises(
-            ValueError, match=rf"expected a path, a result or a dataset .* but got {type(wrong).__name__}"
+            ValueError, match=rf"a path, a result, or a dataset .* was expected, but {type(wrong).__name__} was given"
         ):
             path_figure(wrong)
     with pytest.raises(ValueError, match="a report needs position or quaternion over time"):

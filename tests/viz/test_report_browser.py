@@ -507,7 +507,7 @@ def test_a_spike_is_reported_and_the_numbers_are_unchanged(browser, tmp_path):
     Select(browser.find_element(By.ID, "body")).select_by_index(0)
     panels = browser.find_elements(By.CSS_SELECTOR, ".panel")
     [panel] = [p for p in panels if p.find_element(By.TAG_NAME, "h2").text.startswith("curvature")]
-    assert "values up to 1e+07 are not shown" in panel.text
+    assert "larger values, up to 1e+07, are not shown" in panel.text
     top = browser.execute_script("return arguments[0].querySelector('.plot')._fullLayout.yaxis.range[1]", panel)
     assert top == pytest.approx(0.15)
     [row] = [r for r in browser.find_elements(By.CSS_SELECTOR, "#now tr") if r.text.startswith("curvature")]

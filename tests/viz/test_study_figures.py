@@ -94,7 +94,7 @@ def test_a_quantity_is_shown_with_its_limit(dataset):
 
 
 def test_an_unknown_quantity_is_refused(dataset):
-    with pytest.raises(ValueError, match="unknown path quantity 'colour'; choose from curvature"):
+    with pytest.raises(ValueError, match="unknown path quantity 'colour'; the known quantities are curvature"):
         limits_figure(dataset, ["colour"])
 
 
@@ -184,13 +184,13 @@ def test_precision_is_drawn_on_logarithmic_axes_down_to_round_off():
     ("make", "message"),
     [
         (lambda loop: profiles_figure({}), "at least one profile"),
-        (lambda loop: loops_figure({}), "needs solutions with commands, from qtraj.simulate"),
+        (lambda loop: loops_figure({}), "needs at least one solution, and all solutions need commands"),
         (
             lambda loop: loops_figure({"a": loop}, {"b": loop.error}),
             "closed_forms contains 'b', but solutions",
         ),
         (lambda loop: precision_figure({}), "at least one method"),
-        (lambda loop: precision_figure({"a": ([1, 2], [1.0, 0.0])}), "must be positive, but those of 'a'"),
+        (lambda loop: precision_figure({"a": ([1, 2], [1.0, 0.0])}), "must be positive, but the values of 'a'"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(loop, make, message):

@@ -1,4 +1,4 @@
-"""Vector polynomials on [−1, 1], for many paths together, as Chebyshev models in cells."""
+"""Vector polynomials on [−1, 1], for many paths at once, as Chebyshev models in cells (subintervals)."""
 
 import math
 from typing import Any
@@ -14,14 +14,14 @@ from qtraj.algebra.chebyshev_model import AXIS, MIN_SIZE, POINTS, SLACK, Chebysh
 from qtraj.algebra.polynomial import horner
 
 ELLIPSES_RADIUS = 3.0
-"""The disc of this radius contains all ellipses about cells of at most an eighth of [−1, 1]."""
+"""Radius of a disc about 0 that contains the ellipses of all cells whose half width is at most 1/8."""
 
 
 class CellPolynomial(eqx.Module):
     """A vector of polynomials with ascending `coefficients`.
 
-    `shifts[l]` are the coefficients of the l-th derivative divided by l!. `error` bounds, for each component, the sum
-    of the errors of its coefficients about any centre.
+    `shifts[l]` contains the coefficients of the l-th derivative divided by l!. In each component, `error` bounds the
+    sum of the errors of the coefficients, also after a change to the scaled variable of a cell.
     """
 
     coefficients: Float[Array, "axes k 1 paths"]
@@ -29,23 +29,23 @@ class CellPolynomial(eqx.Module):
     error: Float[Array, "1 paths"]
 
     def on(self, centre: Cells, half: Cells) -> ChebyshevModel:
-        """The model in cells `centre` ± `half` of [−1, 1]. The powers of `half` must be exact in binary."""
+        """Return the model in the cells `centre` ± `half` of [−1, 1]; `half` must be a power of two."""
         return _shifted(self, centre, half)
 
     def at(self, s: Cells) -> tuple[Array, ...]:
-        """The values of the components at `s`."""
+        """Return the values of the components at `s`."""
         return _values(self.coefficients, s)
 
 
 def cell_polynomial(coefficients: Float[Array, "axes k 1 paths"], error: Float[Array, "1 paths"]) -> CellPolynomial:
-    """Polynomials with uncertain coefficients: `error` bounds the sum of their errors in each component."""
+    """Create polynomials with uncertain coefficients; in each component, `error` bounds the sum of their errors."""
     size = jnp.max(jnp.sum(jnp.abs(coefficients), axis=AXIS), axis=0)
     return CellPolynomial(coefficients, _shifts(coefficients), add_rounding(error, 2 * coefficients.shape[AXIS], size))
 
 
 @jax.jit
 def _shifts(coefficients: Float[Array, "axes k 1 paths"]) -> Array:
-    """All Taylor coefficients: row l is the l-th derivative divided by l!."""
+    """Return an array whose row l contains the coefficients of the l-th derivative divided by l!."""
     n = coefficients.shape[AXIS] - 1
     weights = jnp.asarray(_binomials(n), coefficients.dtype)[:, :, None, None]
     rows = [jnp.pad(coefficients[:, k:], [(0, 0), (0, k), (0, 0), (0, 0)]) for k in range(n + 1)]
@@ -75,5 +75,5 @@ def _values(coefficients: Float[Array, "axes k 1 paths"], s: Cells) -> tuple[Arr
 
 
 def _binomials(n: int) -> np.ndarray:
-    """C(k+l, l) over l and k, 0 … n; 0 where k + l > n."""
+    """Return a matrix with the entry C(k+l, l) in row l and column k; the entry is 0 if k + l > n."""
     return np.array([[math.comb(k + j, j) if k + j <= n else 0 for k in range(n + 1)] for j in range(n + 1)], float)

@@ -1,9 +1,9 @@
-"""Branch and bound on [−1, 1]: enclose the minimum of a function in cells, and subdivide the undecided cells.
+"""Branch and bound on [−1, 1]: bound the minimum of a function in cells, and subdivide the undecided cells.
 
-In a cell the function is a polynomial plus a bounded error. The smallest Bernstein coefficient is a lower bound. Where
-the polynomial is convex, the tangent at its minimum is a second lower bound; it is much tighter there, so cells need
-not become very small. Each round does a fixed amount of work for many paths together. The bounds include all rounding
-errors.
+In a cell (a subinterval), the function is a polynomial plus a bounded error. The smallest Bernstein coefficient is a
+lower bound on the polynomial. If the polynomial is convex, its tangent at any point is a second lower bound. A tangent
+near the minimum yields a much tighter bound, so the cells need not become very small. Each round performs a fixed
+number of operations for many paths at once. The bounds include all rounding errors.
 """
 
 import math
@@ -19,10 +19,10 @@ from qtraj.algebra.chebyshev_model import MIN_LAST_SEMI_AXIS, SEMI_AXES, SLACK, 
 from qtraj.algebra.polynomial import taylor_terms
 
 CELLS = 8
-"""Number of cells in a round: a power of two, so that their limits are exact in binary."""
+"""Number of cells in a round; a power of two, so that the ends of the cells are exact floating-point numbers."""
 
 MIN_HALF_WIDTH = 2.0**-26
-"""Undecided cells of this half width or less are not subdivided further."""
+"""The search ends for a path if the half widths of all its undecided cells are at most this number."""
 
 NEWTON_STEPS = 3
 
@@ -30,11 +30,18 @@ Cells = Float[Array, "cells paths"]
 PerPath = Float[Array, " paths"]
 
 Build = Callable[[Cells, Cells], ChebyshevModel]
-"""(centres, half widths) → the function in these cells, each scaled to [−1, 1]."""
+"""A function that maps the centres and half widths of cells to the model of the functions in these cells.
+
+Each cell is scaled to [−1, 1].
+"""
 
 
 class Enclosure(eqx.Module):
-    """Bounds on the minimum in each cell: it lies in [`low`, `high`], and the value at `at` ∈ [−1, 1] is ≤ `high`."""
+    """Bounds on the minimum of a function in each cell.
+
+    The minimum lies in [`low`, `high`]. `at` is a point in the cell, scaled to [−1, 1], at which the value is at most
+    `high`.
+    """
 
     low: Cells
     high: Cells
@@ -42,9 +49,9 @@ class Enclosure(eqx.Module):
 
 
 def semi_axes(half: Cells) -> Float[Array, "ellipses cells paths"]:
-    """The semi-major axes of the ellipses on which functions are bounded, in half widths of their cell.
+    """Return the semi-major axes of the ellipses on which functions are bounded, divided by the half width of the cell.
 
-    The largest ellipse gives the best bound in small cells; a small one is better where a function varies much.
+    In small cells the largest ellipse yields the best bound. If a function varies rapidly, a small ellipse is better.
     """
     fixed = [jnp.full_like(half, x) for x in SEMI_AXES]
     return jnp.stack([*fixed, jnp.maximum(MIN_LAST_SEMI_AXIS, 0.25 / half)])
@@ -52,7 +59,7 @@ def semi_axes(half: Cells) -> Float[Array, "ellipses cells paths"]:
 
 @jax.jit
 def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
-    """Bounds on the minimum in each cell of functions within `error` of the polynomials with coefficients `c`."""
+    """Bound, in each cell, the minimum of a function that differs by at most `error` from Σ c_k s^k, s ∈ [−1, 1]."""
     eps, count = float(np.finfo(c.dtype).eps), c.shape[0]
     size = jnp.sum(jnp.abs(c), axis=0)
     steepness = jnp.sum(jnp.arange(count, dtype=c.dtype)[:, None, None] * jnp.abs(c), axis=0)
@@ -71,12 +78,12 @@ def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure
     low = jnp.maximum(jnp.min(b, axis=0), below) - error
     centre_is_lower = c[0] < value
     high, at = jnp.where(centre_is_lower, c[0], value) + error, jnp.where(centre_is_lower, 0.0, u)
-    # After an overflow there is no bound: NaN must not count as one.
+    # An overflow yields NaN, which is replaced by infinite bounds.
     return Enclosure(jnp.where(jnp.isnan(low), -jnp.inf, low), jnp.where(jnp.isnan(high), jnp.inf, high), at)
 
 
 def _to_bernstein(count: int) -> np.ndarray:
-    """The matrix from power coefficients on [−1, 1] to Bernstein coefficients; no entry exceeds 1."""
+    """Return the matrix, with entries in [−1, 1], that converts power to Bernstein coefficients on [−1, 1]."""
     n = count - 1
 
     def entry(j: int, k: int) -> float:
@@ -87,17 +94,17 @@ def _to_bernstein(count: int) -> np.ndarray:
 
 
 def _quadratic_minimum(c: Float[Array, "k cells paths"]) -> Cells:
-    """The minimum point on [−1, 1] of the quadratic part."""
+    """Return the point of [−1, 1] at which c_0 + c_1 s + c_2 s² is smallest; 0 if c_1 is zero."""
     convex, slope = c[2] > 0, jnp.abs(c[1])
     return -jnp.sign(c[1]) * jnp.where(convex, jnp.minimum(slope / jnp.where(convex, 2 * c[2], 1.0), 1.0), 1.0)
 
 
 class Front(eqx.Module):
-    """The state of the search: undecided cells, `centre` ± `half` where `active`, and bounds from the decided cells.
+    """State of the search: the undecided cells, and bounds from the decided cells.
 
-    `lower_bound` bounds the function from below in each active cell, and `low` in all decided cells. The value at the
-    lowest point evaluated, `at`, is at most `high`. `overfull` is true if there were more undecided cells than array
-    elements.
+    The undecided cells are `centre` ± `half` where `active` is true. In each of them, `lower_bound` is a lower bound on
+    the function; in all decided cells, `low` is a lower bound. `at` is the point with the smallest value found so far;
+    this value is at most `high`. `overfull` is true if a round had more undecided cells than it could subdivide.
     """
 
     centre: Cells
@@ -111,12 +118,12 @@ class Front(eqx.Module):
 
     @property
     def undecided(self) -> Bool[Array, " paths"]:
-        """Whether there are cells left to subdivide."""
+        """For each path, whether an undecided cell can still be subdivided."""
         return jnp.any(self.active & (self.half > MIN_HALF_WIDTH), axis=0) & ~self.overfull
 
 
 def initial_front(left: PerPath, width: PerPath, active: Bool[Array, " paths"]) -> Front:
-    """The first cells of the pieces [left, left + width] of [−1, 1], for the `active` paths."""
+    """Divide the subintervals [left, left + width] of [−1, 1] into cells, which are active for the `active` paths."""
     infinite = jnp.full_like(left, jnp.inf)
     half = jnp.broadcast_to(width[None] / (2 * CELLS), (CELLS, *width.shape))
     centre = left[None] + half * jnp.arange(1, 2 * CELLS, 2, dtype=left.dtype)[:, None]
@@ -133,9 +140,10 @@ def initial_front(left: PerPath, width: PerPath, active: Bool[Array, " paths"]) 
 
 
 def refine(build: Build, front: Front) -> Front:
-    """One round: bound the minimum in every cell, and subdivide the cells where the function may be negative.
+    """Perform one round: bound the minimum in every cell, and subdivide the cells that are not proved to be positive.
 
-    A single undecided cell is divided into `CELLS` parts, two into half as many each, and up to four into halves.
+    One undecided cell is divided into `CELLS` cells, two cells into `CELLS`/2 cells each, and three or four cells into
+    `CELLS`/4 cells each. More than four undecided cells are too many; `overfull` is then true.
     """
     enclosure = enclose_minimum(*interpolated(build(front.centre, front.half), semi_axes(front.half)))
     low, high = (jnp.where(front.active, x, jnp.inf) for x in (enclosure.low, enclosure.high))
@@ -171,13 +179,13 @@ def refine(build: Build, front: Front) -> Front:
 
 @jax.jit
 def _evaluate(c: Float[Array, "k cells paths"], u: Cells) -> tuple[Cells, Cells, Cells]:
-    """Value, slope and half the second derivative."""
+    """Return the value, the slope and half the second derivative of Σ c_k s^k at s = u."""
     value, slope, half_curvature = taylor_terms(list(c), u, 2)
     return value, slope, half_curvature
 
 
 def _newton_step(c: Float[Array, "k cells paths"], u: Cells) -> Cells:
-    """Newton's step towards the minimum, clipped to [−1, 1]; no step where the polynomial is not convex."""
+    """Return `u` after a Newton step to the minimum, clipped to [−1, 1]; unchanged where Σ c_k s^k is not convex."""
     _, slope, half_curvature = _evaluate(c, u)
     convex = half_curvature > 0
     return jnp.clip(u - jnp.where(convex, 0.5 * slope / jnp.where(convex, half_curvature, 1.0), 0.0), -1.0, 1.0)

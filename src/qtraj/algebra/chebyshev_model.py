@@ -1,16 +1,18 @@
-"""Analytic functions on [−1, 1] by their values at Chebyshev nodes, with rigorous error bounds.
+"""Represent analytic functions on [−1, 1] by their values at Chebyshev nodes, with rigorous error bounds.
 
 A model bounds the rounding errors of its values, and the function itself on ellipses about [−1, 1] in the complex
 plane. The second bound limits the distance between the function and the polynomial through the values (Trefethen,
-Approximation Theory and Approximation Practice, theorem 8.2): the smaller the interval, the smaller the distance.
-Arithmetic acts on the values, node by node, and costs the same for polynomials of any degree.
+Approximation Theory and Approximation Practice, theorem 8.2). The smaller the cell that is scaled to [−1, 1], the
+smaller this distance. Arithmetic operates on the values, node by node, and costs the same for polynomials of any
+degree.
 
 The bounds follow three rules. A sum of products with at most `count` roundings in each term has an error of at most
-`count` units of round-off of the sum of the magnitudes. Every bound is multiplied by `SLACK` for its own rounding, and
-every error grows by `TINY` for underflow. A size is at least `MIN_SIZE`, which covers underflow in an operand.
+`count` units of round-off times the sum of the magnitudes of the terms. Bounds are multiplied by `SLACK` to cover the
+rounding of the bounds themselves, and `TINY` is added to errors to cover underflow. `MIN_SIZE` is added to sizes to
+cover underflow in an operand.
 
-Values have the shape (*vector, node, cell, path). Cells and paths come last because the processor's vector instructions
-act on the last axes.
+Values have the shape (*vector, node, cell, path). Cells and paths are the last axes because the vector instructions of
+a CPU operate on the last axes.
 """
 
 from functools import partial
@@ -29,11 +31,11 @@ TINY = 2.0**-1000
 MIN_SIZE = 2.0**-960
 
 AXIS = -3
-"""The axis of the nodes, and of the powers of s in arrays of coefficients."""
+"""The axis of the nodes and, in arrays of coefficients, of the powers of the variable s in [−1, 1]."""
 
 
 def _cosine(m: np.ndarray) -> np.ndarray:
-    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers before its sine is computed."""
+    """Return cos(mπ/2n), n = `NODES`, to one unit of round-off; the angle is first reduced in integer arithmetic."""
     n = NODES
     k = (3 * n - m) % (4 * n) - 2 * n
     k = np.where(k > n, 2 * n - k, np.where(k < -n, -2 * n - k, k))
@@ -42,33 +44,39 @@ def _cosine(m: np.ndarray) -> np.ndarray:
 
 _ODD = 2 * np.arange(NODES) + 1
 POINTS = _cosine(_ODD)
-"""The nodes, the zeros of T_n."""
+"""The nodes: the zeros of the Chebyshev polynomial T_n, n = `NODES`."""
 
 TO_CHEBYSHEV = _cosine(np.outer(np.arange(NODES), _ODD)) * np.where(np.arange(NODES) == 0, 1.0, 2.0)[:, None] / NODES
-"""The matrix from values to the Chebyshev coefficients of the polynomial through them."""
+"""The matrix that converts values at the nodes to the Chebyshev coefficients of the interpolating polynomial."""
 
 TO_POWERS = np.zeros((NODES, NODES))
-"""The matrix from Chebyshev coefficients to coefficients of powers of s; its entries are integers."""
+"""The matrix that converts Chebyshev coefficients to coefficients of powers of s; its entries are integers."""
 for _k, _unit in enumerate(np.eye(NODES)):
     _powers = np.polynomial.chebyshev.cheb2poly(_unit)
     TO_POWERS[: _powers.size, _k] = _powers
 
 LEBESGUE = 3.0
-"""Bound on max|p|/max|values| for the polynomial p through the values."""
+"""A bound on max|p| / max|values|, where p is the interpolating polynomial, and max|p| its maximum on [−1, 1]."""
 
 SEMI_AXES, MIN_LAST_SEMI_AXIS = (3.0, 6.0), 16.0
-"""Semi-major axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
+"""Semi-major axes of the first two ellipses, and the minimum semi-major axis of the last ellipse, about [−1, 1].
+
+`cells.semi_axes` enlarges the last ellipse in small cells.
+"""
 
 INTERPOLATION_FACTOR = 4 / 1.6 / 1.94 ** (NODES - 1)
-"""With the semi-axis a, the theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this factor over a^NODES: ρ > 1.94 a and
-ρ − 1 > 1.6 a."""
+"""Constant that, divided by a^NODES, is an upper bound on the factor 4/((ρ − 1) ρ^(NODES−1)) of theorem 8.2.
+
+a is the semi-major axis of the ellipse, and ρ is the sum of the semi-axes. Since a ≥ 3, ρ > 1.94 a and ρ − 1 > 1.6 a.
+"""
 
 
 class ChebyshevModel(eqx.Module):
-    """Functions by their `values`, with |value − exact| ≤ `error`, |value| ≤ `size`, and |f| ≤ `bound` on the ellipses.
+    """Functions f, represented by `values` at the nodes, with error bounds.
 
-    The components of a vector share the three bounds. The theorem is stated for the extrema of T_n but is true at its
-    zeros too: at either kind of nodes every T_k with k > n has, up to sign, the values of one with k ≤ n.
+    At the nodes, |value − f| ≤ `error` and |value| ≤ `size`; on the ellipses, |f| ≤ `bound`. The components of a vector
+    share the three bounds. Theorem 8.2 is stated for nodes at the extrema of T_n. It also applies to nodes at the zeros
+    of T_n, because at either set of nodes every T_k with k > n has, up to sign, the same values as some T_j with j ≤ n.
     """
 
     values: Float[Array, "*vector node cells paths"]
@@ -77,7 +85,7 @@ class ChebyshevModel(eqx.Module):
     bound: Float[Array, "ellipses cells paths"]
 
     def __getitem__(self, index: Any) -> "ChebyshevModel":
-        """Selected components of a vector."""
+        """Return the selected components of a vector."""
         return ChebyshevModel(self.values[index], self.size, self.error, self.bound)
 
     def __add__(self, other: "ChebyshevModel") -> "ChebyshevModel":
@@ -90,19 +98,19 @@ class ChebyshevModel(eqx.Module):
         return _product(self, other)
 
     def __matmul__(self, other: "ChebyshevModel") -> "ChebyshevModel":
-        """The scalar product of two vectors."""
+        """Return the scalar product of two vectors."""
         return _dot(self, other)
 
     def cross(self, other: "ChebyshevModel") -> "ChebyshevModel":
-        """The vector product of two vectors (3,)."""
+        """Return the vector product of two vectors (3,)."""
         return _cross(self, other)
 
     def __rmul__(self, factor: int) -> "ChebyshevModel":
-        """Product with an integer; a power of two adds no rounding error."""
+        """Return the product with an integer; a power of two adds no rounding error."""
         return _integer_multiple(factor, self)
 
     def one(self) -> "ChebyshevModel":
-        """The constant 1 in the same cells."""
+        """Return the constant 1 as a model in the same cells."""
         return _one(self)
 
 
@@ -122,7 +130,7 @@ def _one(p: ChebyshevModel) -> ChebyshevModel:
 
 @jax.jit
 def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Array, "1 paths"]) -> ChebyshevModel:
-    """`p` times a positive `factor` with the absolute uncertainty `error`."""
+    """Return `p` multiplied by a positive `factor` with the absolute uncertainty `error`."""
     size, bound = factor * p.size, (factor + error)[None] * p.bound * SLACK
     rounding = add_rounding(factor * p.error + error * (p.size + p.error), 1, size)
     return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, bound)
@@ -130,14 +138,17 @@ def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Ar
 
 @jax.jit
 def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
-    """Coefficients (k, cells, paths) of the interpolating polynomial, and a bound on its error on [−1, 1].
+    """Return the coefficients (k, cells, paths) of the interpolating polynomial Σ c_k s^k, and a bound on its error.
+
+    The bound is valid on [−1, 1].
 
     `semi_axes` are the semi-major axes of the ellipses to which `p.bound` refers.
     """
     eps = float(np.finfo(p.values.dtype).eps)
     a = _apply(TO_CHEBYSHEV, p.values)
-    # A coefficient of T_k has NODES + 2 roundings of terms below 2/NODES · size. The nodes are rounded too: that shifts
-    # a value by half a unit of round-off of the slope, which Bernstein's inequality bounds by 340 times the size.
+    # The coefficient of T_k is a sum of terms that are at most 2/NODES · max|values|; each has NODES + 2 roundings. The
+    # nodes are rounded too, which changes a value by half a unit of round-off times the slope. Bernstein's inequality
+    # bounds the slope by 340 max|values|.
     rounding = eps * 4 * NODES**2 * max_abs(p.values)
     weights = jnp.asarray(np.sum(np.abs(TO_POWERS), axis=0), a.dtype)[:, None, None]
     conversion = eps * NODES * jnp.sum(weights * jnp.abs(a), axis=0)
@@ -146,17 +157,17 @@ def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells path
 
 
 def add_rounding(error: Array, count: float | Array, size: Array) -> Array:
-    """The bound `error`, enlarged for `count` more roundings of terms whose magnitudes sum to `size`."""
+    """Return the bound `error`, increased to cover `count` more roundings of terms whose magnitudes sum to `size`."""
     return (error + count * float(np.finfo(size.dtype).eps) * size) * SLACK + TINY
 
 
 def max_abs(values: Array) -> Float[Array, "cells paths"]:
-    """The largest magnitude of the values, and at least `MIN_SIZE`."""
+    """Return the largest magnitude of the values in each cell of each path, increased by `MIN_SIZE`."""
     return jnp.max(jnp.abs(values), axis=tuple(range(values.ndim - 2))) + MIN_SIZE
 
 
 def _products(values: Array, p: ChebyshevModel, q: ChebyshevModel, terms: int) -> ChebyshevModel:
-    """The model with these values, each a sum of `terms` products of a component of `p` and one of `q`."""
+    """Return the model with these values, each a sum of `terms` products of components of `p` and `q`."""
     inherited, size = p.size * q.error + q.size * p.error + p.error * q.error, p.size * q.size
     error = add_rounding(terms * inherited, terms * terms, size)
     size = size * SLACK + MIN_SIZE if terms == 1 else max_abs(values)

@@ -1,4 +1,4 @@
-"""Direction cosines α (inertial → body; the rows are the body axes) and quaternions."""
+"""Convert between quaternions λ and direction cosines α (inertial → body; the rows of α are the body axes)."""
 
 import jax.numpy as jnp
 
@@ -7,11 +7,17 @@ from qtraj.algebra.vector import balanced
 from qtraj.foundation.types import Mat3, Quat, Scalar
 
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
-"""Paper S's matrix H with H·H = 4E, which maps the squares of a unit quaternion to (1, α11, α22, α33)."""
+"""Paper S's matrix H, which maps the squared components of a unit quaternion to (1, α11, α22, α33).
+
+H/2 is its own inverse.
+"""
 
 
 def to_dcm(q: Quat) -> Mat3:
-    """Direction cosines α = R(λ)ᵀ, inertial to body components; `q` and `c*q` agree for any c ≠ 0."""
+    """Return the direction cosines α = R(λ)ᵀ, which convert inertial to body components.
+
+    `q` and `c*q` give the same result for any c ≠ 0.
+    """
     q = balanced(q)
     s, x, y, z = q
     rows = [
@@ -23,25 +29,25 @@ def to_dcm(q: Quat) -> Mat3:
 
 
 def from_dcm(C: Mat3) -> Quat:
-    """The unit quaternion of a rotation matrix α, first non-zero component positive (so the scalar is ≥ 0).
+    """Return the unit quaternion of a rotation matrix α, with a positive first non-zero component (scalar part ≥ 0).
 
-    Uses Shepperd's method: the row of 4 λ_i λ_k with the largest diagonal element. (The diagonal alone, as in
-    `squares_from_dcm`, loses the signs.) Value and gradient are finite at every rotation. For a matrix that is not
-    orthogonal the result depends on the row.
+    Shepperd's method selects the row of the matrix 4 λ_i λ_k that contains the largest diagonal element. (The diagonal
+    alone, as in `squares_from_dcm`, does not determine the signs of the components.) The value and the gradient are
+    finite at every rotation. If α is not orthogonal, the result depends on the selected row.
     """
     return canonical(unit_quaternion(pivot_row(C)))
 
 
 def squares_from_dcm(C: Mat3) -> Quat:
-    """(α0², α1², α2², α3²) of the unit quaternion by paper S's linear system, ¼H(1, α11, α22, α33)."""
+    """Return the squared components (λ0², …, λ3²) of the unit quaternion, paper S's ¼H(1, α11, α22, α33)."""
     return 0.25 * jnp.stack(_squares(C))
 
 
 def pivot_row(C: Mat3) -> Quat:
-    """4 α_k (α0, α1, α2, α3) for the k with the largest square: a multiple of the quaternion, of norm ≥ 2.
+    """Return 4 λ_k (λ0, λ1, λ2, λ3) for the k with the largest λ_k², where λ is the unit quaternion of a rotation.
 
-    All products 4 α_i α_k are linear in the direction cosines. Numbers are chosen one by one, because an array of rows
-    with an index compiles to slow code for many matrices.
+    The norm of the result is at least 2. Each component is selected separately, because the code that XLA generates for
+    indexing an array of rows is slow for many matrices.
     """
     rows = _outer(C)
     a, b, c, d = (rows[k][k] for k in range(4))
@@ -51,7 +57,7 @@ def pivot_row(C: Mat3) -> Quat:
 
 
 def _outer(C: Mat3) -> list[list[Scalar]]:
-    """4 α_i α_k for all pairs of components of the unit quaternion."""
+    """Return 4 λ_i λ_k for all pairs of components of the unit quaternion."""
     squares = _squares(C)
     d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
     s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]

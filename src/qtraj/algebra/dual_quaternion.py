@@ -1,11 +1,11 @@
-"""Dual quaternions Λ = λ + s λ′, s² = 0: position and attitude in one number with eight components.
+"""Dual quaternions Λ = λ + s λ′, s² = 0, which represent position and attitude by eight components.
 
-The pose with the position r (inertial axes) and the attitude λ is Λ = λ + s ½ r∘λ: a point x of the body is at
-r + λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC. With the twist U = ω + s u, 2Λ̇ = Λ∘U_x = U_ξ∘Λ, where
-u_x is the velocity of the body's origin in body axes, and u_ξ = v + r × ω is the velocity of the body point at the
-inertial origin (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
+The pose with position r (inertial axes) and attitude λ is Λ = λ + s ½ r∘λ; a point x of the body has the position r +
+λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC. With the twist U = ω + s u, 2Λ̇ = Λ∘U_X = U_ξ∘Λ, where u_X is
+the velocity of the body's origin in body axes, and u_ξ = v + r × ω is the velocity of the body point at the inertial
+origin (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
 
-A dual quaternion is an array (8,), λ first. Each function takes one; use `jax.vmap` for batches.
+A dual quaternion is an array (8,) with λ first. The functions accept no batches; use `jax.vmap` for a batch.
 """
 
 import jax.numpy as jnp
@@ -18,43 +18,44 @@ DualQuat = Float[Array, "8"]
 
 
 def from_pose(position: Vec3, q: Quat) -> DualQuat:
-    """Λ = λ + s ½ r∘λ from a position r (3,) [m], inertial axes, and an attitude λ (4,)."""
+    """Return Λ = λ + s ½ r∘λ of the position r (3,) [m], in inertial axes, and the attitude λ (4,)."""
     return jnp.concatenate([q, 0.5 * quaternion.product(_pure(position), q)])
 
 
 def to_pose(dual: DualQuat) -> tuple[Vec3, Quat]:
-    """Position r = 2λ′∘λ⁻¹ (3,) [m] and attitude λ (4,). Λ and cΛ, c ≠ 0, give the same position and λ and cλ."""
+    """Return the position r = 2λ′∘λ⁻¹ (3,) [m] and the attitude λ (4,); Λ and cΛ, c ≠ 0, have the same position."""
     real, dual_part = dual[:4], dual[4:]
     return 2 * quaternion.product(dual_part, quaternion.inverse(real))[1:], real
 
 
 def product(a: DualQuat, b: DualQuat) -> DualQuat:
-    """Λ_a∘Λ_b: if Λ_b is a pose relative to the pose Λ_a, the same pose relative to the inertial axes."""
+    """Return Λ_a∘Λ_b: for a pose Λ_b relative to the body axes of Λ_a, this is the same pose in inertial axes."""
     cross = quaternion.product(a[:4], b[4:]) + quaternion.product(a[4:], b[:4])
     return jnp.concatenate([quaternion.product(a[:4], b[:4]), cross])
 
 
 def conjugate(dual: DualQuat) -> DualQuat:
-    """Λ̄ = λ̄ + s λ̄′; for |λ| = 1 it is the inverse."""
+    """Return the conjugate Λ̄ = λ̄ + s λ̄′, which is the inverse of Λ if Λ is a pose with |λ| = 1."""
     return jnp.concatenate([quaternion.conjugate(dual[:4]), quaternion.conjugate(dual[4:])])
 
 
 def inverse(dual: DualQuat) -> DualQuat:
-    """Λ⁻¹ = λ⁻¹ − s λ⁻¹∘λ′∘λ⁻¹."""
+    """Return the inverse Λ⁻¹ = λ⁻¹ − s λ⁻¹∘λ′∘λ⁻¹."""
     real = quaternion.inverse(dual[:4])
     return jnp.concatenate([real, -quaternion.product(quaternion.product(real, dual[4:]), real)])
 
 
 def transform(dual: DualQuat, point: Vec3) -> Vec3:
-    """The position (3,) [m] in inertial axes of a body point, given in body axes."""
+    """Return the position (3,) [m], in inertial axes, of a body point whose components in body axes are `point`."""
     position, q = to_pose(dual)
     return position + quaternion.rotate(q, point)
 
 
 def derivative(dual: DualQuat, omega: Vec3 | Quat, velocity: Vec3) -> DualQuat:
-    """Λ̇ from the `velocity` [m/s] of the origin, inertial axes, and the rate `omega` [rad/s], body axes.
+    """Return Λ̇ = ½ Λ∘(ω_X + s λ⁻¹∘v∘λ) from the velocity v of the body's origin and the angular rate ω_X.
 
-    `omega` is (3,), or (4,) with ω0 = d/dt ln|λ|² first. 2Λ̇ = Λ∘(ω_x + s λ⁻¹∘v∘λ).
+    `velocity` [m/s] has inertial components, and `omega` [rad/s] has body components. `omega` is (3,), or (4,) with
+    ω0 = d/dt ln|λ|² first.
     """
     rate = omega if omega.shape == (4,) else _pure(omega)
     body_velocity = _pure(quaternion.rotate(quaternion.conjugate(dual[:4]), velocity))

@@ -1,12 +1,13 @@
-"""Euler angles for the 12 sequences, extrinsic and intrinsic, with SciPy's case rule.
+"""Convert between quaternions and Euler angles of all 12 sequences of axes, named as in SciPy.
 
-Lower case means rotations about fixed axes: `"zyx"` is first z, then y, then x, so λ = e_x(a3)∘e_y(a2)∘e_z(a1). Upper
-case means rotations about the moving axes: `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3), which for λ body → inertial is yaw,
-pitch and roll.
+Lower case means rotations about fixed axes (extrinsic): `"zyx"` is first z, then y, then x, so λ =
+e_x(a3)∘e_y(a2)∘e_z(a1), where e_x(a) is the quaternion of a rotation by a about x. Upper case means rotations about the
+moving axes (intrinsic): `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3). If λ maps body to inertial axes, the angles of "ZYX"
+are yaw, pitch and roll.
 
-For an extrinsic sequence i, j, i the quaternion splits into two planes, λ = A + B∘e_j with
-A = cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2). The polar forms of A and B give the three angles.
-A quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
+For an extrinsic sequence i, j, i the quaternion is the sum of components in two planes, λ = A + B∘e_j with A =
+cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2). The polar forms of A and B yield the three angles. A
+quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
 """
 
 import math
@@ -20,13 +21,13 @@ from qtraj.foundation.types import Flag, Quat, Scalar, Vec3
 
 Pair = Float[Array, "2"]
 
-_LOCK = 16  # in machine epsilons: closer to gimbal lock the outer angles are only round-off
+_LOCK = 16  # in units of machine epsilon; at a smaller distance from gimbal lock, one outer angle is only round-off
 
 
 def from_euler(seq: str, angles: Vec3) -> Quat:
-    """The unit quaternion of three Euler angles [rad] in the order of `seq`.
+    """Return the unit quaternion for three Euler `angles` [rad] in the order of `seq`.
 
-    **Raises:** ValueError unless `seq` is three axes of one case, none twice in a row.
+    **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
     first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, angles, strict=True))
@@ -36,18 +37,19 @@ def from_euler(seq: str, angles: Vec3) -> Quat:
 
 
 def to_euler(q: Quat, seq: str) -> Vec3:
-    """Euler angles [rad] in the order of `seq`; `q` and `c*q` agree for any c ≠ 0.
+    """Return the Euler angles [rad] in the order of `seq`; `q` and `c*q` give the same result for any c ≠ 0.
 
-    The first and third are in [−π, π], the second in [0, π] for sequences like xyx and in [−π/2, π/2] for others. In
-    gimbal lock the third angle is 0, as in SciPy (but without its warning), and the derivatives are finite. SciPy
-    assumes gimbal lock within 1e-7 rad and loses that much accuracy there; here the threshold is 16 units of round-off.
+    The first and third angles are in [−π, π]. The second angle is in [0, π] for sequences such as xyx, and in
+    [−π/2, π/2] for sequences such as zyx. In gimbal lock the third angle is 0, as in SciPy (but without a warning), and
+    the derivatives are finite. SciPy treats attitudes within 1e-7 rad of gimbal lock as locked, with errors of this
+    size; the threshold of this function is 16 machine epsilons.
 
-    **Raises:** ValueError unless `seq` is three axes of one case, none twice in a row.
+    **Raises:** ValueError unless `seq` consists of three axes in one case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
     i, j, k = axes[::-1] if intrinsic else axes
     other = 3 - i - j
-    parity = 1.0 if (j - i) % 3 == 1 else -1.0  # e_i∘e_j = parity e_other
+    parity = 1.0 if (j - i) % 3 == 1 else -1.0  # e_i∘e_j = parity·e_other
     q = canonical(balanced(q))
     s, a, b, c = q[0], q[1 + i], q[1 + j], parity * q[1 + other]
     if i == k:
@@ -61,7 +63,10 @@ def to_euler(q: Quat, seq: str) -> Vec3:
 
 
 def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scalar, Scalar]:
-    """The angles of e_i(third)∘e_j(second)∘e_i(first) from A and B; in gimbal lock one outer angle is 0."""
+    """Return the angles of e_i(third)∘e_j(second)∘e_i(first) from A and B.
+
+    In gimbal lock, `first` is 0 if `keep_third` is true; otherwise `third` is 0.
+    """
     size_a, size_b = norm(plane_a), norm(plane_b)
     margin = _LOCK * float(jnp.finfo(plane_a.dtype).eps)
     lost_a, lost_b = size_a <= margin * size_b, size_b <= margin * size_a
@@ -76,25 +81,25 @@ def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scal
 
 
 def _argument(plane: Pair, lost: Flag) -> Scalar:
-    """Polar angle of a pair, or 0 with zero derivative if its length is only round-off."""
+    """Return the polar angle of a pair, or 0 with zero derivative if `lost`, that is, if the norm is only round-off."""
     return jnp.arctan2(jnp.where(lost, 0.0, plane[1]), jnp.where(lost, 1.0, plane[0]))
 
 
 def _wrap(angle: Scalar) -> Scalar:
-    """An angle in [−2π, 2π], reduced to [−π, π]."""
+    """Reduce an angle in [−2π, 2π] to [−π, π]."""
     turns = jnp.where(angle > math.pi, 1.0, jnp.where(angle < -math.pi, -1.0, 0.0))
     return angle - 2 * math.pi * turns
 
 
 def _turn(axis: int, angle: Scalar) -> Quat:
-    """The quaternion of a rotation by `angle` about a coordinate axis."""
+    """Return the quaternion of a rotation by `angle` about a coordinate axis."""
     parts = [jnp.cos(0.5 * angle)] + 3 * [jnp.zeros_like(angle)]
     parts[1 + axis] = jnp.sin(0.5 * angle)
     return jnp.stack(parts)
 
 
 def _parse(seq: str) -> tuple[list[int], bool]:
-    """Axis numbers of a sequence and whether it is intrinsic (upper case)."""
+    """Return the indices of the three axes of a sequence, and whether it is intrinsic (upper case)."""
     axes = ["xyz".find(letter) for letter in seq.lower()]
     one_case = seq in (seq.lower(), seq.upper())
     if len(axes) != 3 or min(axes) < 0 or not one_case or axes[0] == axes[1] or axes[1] == axes[2]:

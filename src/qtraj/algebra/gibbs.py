@@ -1,4 +1,7 @@
-"""Gibbs vectors G = e tan Φ/2 and modified Rodrigues parameters e tan Φ/4."""
+"""Convert attitudes to and from Gibbs vectors and modified Rodrigues parameters (MRP).
+
+For a rotation by Φ about e, the Gibbs vector is G = e tan Φ/2, and the MRP are e tan Φ/4.
+"""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -11,22 +14,24 @@ from qtraj.foundation.types import Mat3, Quat, Vec3
 
 
 def to_gibbs(q: Quat) -> Vec3:
-    """Gibbs vector G_k = λ_k/λ0; `q` and `c*q` agree for any c ≠ 0.
+    """Return the Gibbs vector G_k = λ_k/λ0; `q` and `c*q` give the same result for any c ≠ 0.
 
-    A half turn (λ0 = 0) has no finite Gibbs vector. Its components are ±inf where the axis has one (the first of them
-    +inf) and 0 elsewhere, and the derivative is 0, never NaN.
+    A half turn (λ0 = 0) has no finite Gibbs vector. The components of the result are then 0 where the axis has a zero
+    component, and inf or −inf elsewhere. Of the two opposite axes, the signs are those of the axis whose first non-zero
+    component is positive. The derivative is 0, never NaN.
     """
     q = canonical(balanced(q))
     s, u = q[0], q[1:]
-    regular = s * s >= jnp.finfo(q.dtype).tiny  # else the derivative cannot be represented
-    limit = stop_gradient(jnp.where(u == 0, 0.0, u / jnp.abs(s)))  # s may be −0
+    regular = s * s >= jnp.finfo(q.dtype).tiny  # for a smaller s the derivative overflows
+    limit = stop_gradient(jnp.where(u == 0, 0.0, u / jnp.abs(s)))  # the absolute value, because s may be −0
     return jnp.where(regular, u / jnp.where(regular, s, 1.0), limit)
 
 
 def from_gibbs(g: Vec3) -> Quat:
-    """The unit quaternion (1, G)/√(1+|G|²).
+    """Return the unit quaternion (1, G)/√(1+|G|²).
 
-    One infinite component gives the half turn about that axis; with several the axis is unknown and the result is NaN.
+    If one component is infinite, the result is a half turn about the coordinate axis of this component. If several
+    components are infinite, the axis is unknown, and the result is NaN.
     """
     infinite = jnp.isinf(g)
     half_turn = jnp.sum(infinite) == 1
@@ -36,19 +41,20 @@ def from_gibbs(g: Vec3) -> Quat:
 
 
 def gibbs_from_dcm(C: Mat3) -> Vec3:
-    """Gibbs vector of the direction cosines α.
+    """Return the Gibbs vector of a matrix of direction cosines α.
 
-    Where α0² is the largest square this is the regular form (α23−α32, α31−α13, α12−α21)/(1 + tr α). Elsewhere it uses
-    paper S's ratios with the largest α_k², which lose the fewest digits near Φ = π. At Φ = π see `to_gibbs`.
+    If λ0² is the largest squared component of the unit quaternion, the result is (α23−α32, α31−α13, α12−α21)/(1 + tr
+    α). Otherwise the components are the ratios λ_jλ_k/(λ0λ_k) for the k with the largest λ_k², because these ratios
+    lose the fewest digits near Φ = π. For Φ = π see `to_gibbs`.
     """
     return to_gibbs(pivot_row(C))
 
 
 def gibbs_ratios(C: Mat3) -> Float[Array, "3 2"]:
-    """Paper S's six printed ratios, two for each component.
+    """Return the six ratios printed in paper S, two for each component of the Gibbs vector G.
 
-    Both forms of G_k divide by 4α0α_m, m ≠ k, and are inf or NaN, value and gradient, where it is zero. Use
-    `gibbs_from_dcm` instead.
+    The two ratios for G_k divide by 4λ0λ_m, m ≠ k. If this product is zero, the value and the gradient are infinite or
+    NaN. `gibbs_from_dcm` does not have this limitation.
     """
     d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
     s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]
@@ -57,12 +63,15 @@ def gibbs_ratios(C: Mat3) -> Float[Array, "3 2"]:
 
 
 def to_mrp(q: Quat) -> Vec3:
-    """MRP e tan Φ/4 of the shorter rotation, so |MRP| ≤ 1; `q` and `c*q` agree for any c ≠ 0."""
+    """Return the MRP e tan Φ/4 of the shorter rotation, so |MRP| ≤ 1.
+
+    `q` and `c*q` give the same result for any c ≠ 0.
+    """
     q = canonical(balanced(q))
     return q[1:] / (q[0] + norm(q))
 
 
 def from_mrp(p: Vec3) -> Quat:
-    """The unit quaternion (1 − |p|², 2p)/(1 + |p|²); p and its shadow set −p/|p|² give opposite signs."""
+    """Return the unit quaternion (1 − |p|², 2p)/(1 + |p|²); p and its shadow set −p/|p|² yield λ and −λ."""
     square = jnp.sum(p * p)
     return jnp.concatenate([(1 - square)[None], 2 * p]) / (1 + square)

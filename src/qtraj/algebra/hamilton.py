@@ -1,6 +1,6 @@
-"""Quaternion formulas component by component, for four numbers or for four arrays over many quaternions.
+"""Compute quaternion formulas component by component; each component is a number, or an array over many quaternions.
 
-`qtraj.algebra.quaternion` states the conventions and offers the same operations on one quaternion (4,).
+`qtraj.algebra.quaternion` states the conventions and provides the same operations for one quaternion (4,).
 """
 
 from collections.abc import Callable
@@ -13,11 +13,14 @@ from jaxtyping import Array, Float
 from qtraj.algebra.sparse import add, mul, sub
 
 Components = Any
-"""w, x, y, z: a tuple of four arrays of one shape, or one array (4,). The integer 0 stands for a zero component."""
+"""Components w, x, y, z: a tuple of four arrays of one shape, or one array (4,).
+
+In a tuple, the integer 0 represents a component that is identically zero.
+"""
 
 
 def product(p: Components, q: Components) -> tuple[Any, Any, Any, Any]:
-    """p∘q by Hamilton's rule."""
+    """Return the Hamilton product p∘q."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -31,14 +34,15 @@ def product(p: Components, q: Components) -> tuple[Any, Any, Any, Any]:
 def from_axes(
     tangent: Any, normal: Any, binormal: Any, inverse_root: Callable[[Any], Any]
 ) -> tuple[Any, Any, Any, Any]:
-    """The unit quaternion, of either sign, of the frame with these orthonormal axes, each (x, y, z).
+    """Return the unit quaternion (w, x, y, z), of either sign, of the frame with the given orthonormal axes.
 
-    For many frames at once: it selects values instead of branching and divides only through `inverse_root`, 1/√x. For
-    one matrix use `rotation.from_dcm`, whose sign and gradient are defined at every rotation.
+    The function is intended for many frames at once. It selects values instead of branching, and uses `inverse_root`,
+    a function that returns 1/√x, instead of divisions. For one matrix use `rotation.from_dcm`, whose sign and gradient
+    are defined at every rotation.
 
-    With u = w + ix and m = z − iy: um = (τ_y + iτ_z)/2, u² = (n_y + b_z + i(n_z − b_y))/2 and
-    m² = (b_z − n_y − i(n_z + b_y))/2. The larger of u and m is computed as a square root, the other by division, so no
-    digits are lost.
+    Let τ, n, b be the axes, each (x, y, z), and let u = w + ix and m = z − iy. Then um = (τ_y + iτ_z)/2, u² = (n_y +
+    b_z + i(n_z − b_y))/2 and m² = (b_z − n_y − i(n_z + b_y))/2. If |u| ≥ |m|, the function computes u as a square root
+    and m as um/u, otherwise m as a square root and u as um/m. This avoids cancellation.
     """
     u_is_larger = tangent[0] >= 0
     real = jnp.where(u_is_larger, binormal[2] + normal[1], binormal[2] - normal[1])
@@ -56,15 +60,15 @@ def from_axes(
 
 
 def is_negative(q: Components) -> Any:
-    """Whether the first non-zero component is negative."""
+    """Return whether the first non-zero component of `q` is negative."""
     w, x, y, z = q
     return _negative(w, _negative(x, _negative(y, z < 0)))
 
 
 def continuous_signs(alignment: Float[Array, "*batch n"]) -> Float[Array, "*batch n+1"]:
-    """Signs ±1 that make n+1 quaternions in a row continuous, from ⟨λ_{k−1}, λ_k⟩; the first sign is +1.
+    """Return signs ±1 that make n+1 consecutive quaternions λ_k continuous; the first sign is +1.
 
-    The signs are constants to differentiation.
+    `alignment` contains the n scalar products ⟨λ_{k−1}, λ_k⟩. The signs are treated as constants in differentiation.
     """
     flips = jnp.cumsum((alignment < 0).astype(jnp.int32), axis=-1)
     flips = jnp.concatenate([jnp.zeros_like(flips, shape=(*flips.shape[:-1], 1)), flips], axis=-1)

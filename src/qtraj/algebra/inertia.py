@@ -1,4 +1,4 @@
-"""Inertias of rigid bodies: a scalar J for a spherical body, (3,) principal moments, or a (3, 3) tensor [kg m²]."""
+"""Inertias of rigid bodies: a scalar J, three principal moments (3,), or a tensor (3, 3) [kg m²]."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -7,13 +7,18 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.types import ArrayInput, Mat3
 
 SYMMETRY = 1e-6
-"""Asymmetry of an inertia tensor, relative to its largest entry, that counts as round-off from a file."""
+"""Maximum asymmetry of an inertia tensor, relative to its largest entry, that is accepted as rounding of the input.
+
+It is also the fraction by which a principal moment may exceed the sum of the other two.
+"""
 
 
 def inertia_matrix(inertia: ArrayInput) -> Mat3:
-    """An inertia as a (3, 3) tensor [kg m²].
+    """Convert an inertia of shape (), (3,) or (3, 3) to a (3, 3) tensor [kg m²].
 
-    **Raises:** ValueError for another shape, or a concrete value that is not symmetric and positive definite.
+    **Raises:** ValueError for an array of any other shape. Also ValueError if the values are concrete, and the tensor
+    is not finite, not symmetric or not positive definite, or has a principal moment that exceeds the sum of the other
+    two, which is impossible for a body.
     """
     J = as_float(inertia)
     if J.shape not in ((), (3,), (3, 3)):
@@ -26,5 +31,11 @@ def inertia_matrix(inertia: ArrayInput) -> Mat3:
         if not symmetric or not (np.linalg.eigvalsh(value) > 0).all():
             raise ValueError(
                 f"an inertia must be symmetric with positive principal moments, but {value.tolist()} was given"
+            )
+        moments = np.linalg.eigvalsh(value)
+        if moments[2] > (1 + SYMMETRY) * (moments[0] + moments[1]):
+            raise ValueError(
+                "no body has a principal moment of inertia that exceeds the sum of the other two, but the moments "
+                f"{', '.join(f'{x:.6g}' for x in moments)} kg m² were given"
             )
     return J

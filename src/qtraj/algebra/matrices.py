@@ -1,7 +1,7 @@
-"""The quaternion matrices of paper S, whose entries are ± the components of a quaternion.
+"""Quaternion matrices of paper S, whose entries are ± the components of a quaternion.
 
-Each 4×4 matrix is Σ_k q_k E_k, where every E_k has exactly one entry ±1 in each row and column, and else zeros. With
-L(p) x = p∘x, R(p) x = x∘p, and the conjugate ᾱ:
+Each 4×4 matrix is Σ_k q_k E_k, where every E_k has exactly one entry ±1 in each row and column, and zeros elsewhere.
+Let L(p) x = p∘x and R(p) x = x∘p, and let ᾱ be the conjugate of α:
 
 | paper S | function | definition     | argument                       |
 |---------|----------|----------------|--------------------------------|
@@ -12,11 +12,11 @@ L(p) x = p∘x, R(p) x = x∘p, and the conjugate ᾱ:
 | Ṙ₀      | `r0`     | ᵗA of (0, r)   | a vector (3,)                  |
 | Ṙ₀′     | `r0_prime` | Aᵗ of (0, r) | a vector (3,)                  |
 
-ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
-½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x); the square and the cube of this matrix give r × (r × x) and r × (r × (r × x)).
+ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and ½(Ṙ₀ −
+Ṙ₀′)(0, x) = (0, r × x). The square and the cube of ½(Ṙ₀ − Ṙ₀′) yield r × (r × x) and r × (r × (r × x)).
 
-Kinematics in the same matrices (Alpatov et al., 2021, doi 10.14738/tmlai.94.10523): 2λ̇ = ᵗAᵗ(ω_x) λ = A(ω_ξ) λ.
-Conversely, for a unit λ, (0, ω_x) = 2Aᵗλ̇ and (0, ω_ξ) = 2 ᵗA λ̇.
+With the same matrices, the kinematic equations are 2λ̇ = ᵗAᵗ(ω_X) λ = A(ω_ξ) λ (Alpatov et al., 2021, doi
+10.14738/tmlai.94.10523). Conversely, for a unit λ, (0, ω_X) = 2Aᵗλ̇ and (0, ω_ξ) = 2 ᵗA λ̇.
 """
 
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.types import Mat4, Quat, Vec3
 
-_UNIT_LEFT = [  # column m of E_k is the product e_k∘e_m of the units 1, i, j, k
+_UNIT_LEFT = [  # column m of E_k is e_k∘e_m, where e_0, …, e_3 are the units 1, i, j, k
     [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
     [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, -1], [0, 0, 1, 0]],
     [[0, 0, -1, 0], [0, 0, 0, 1], [1, 0, 0, 0], [0, -1, 0, 0]],
@@ -39,42 +39,42 @@ TA_BASIS = TAT_BASIS.transpose(0, 2, 1)
 
 
 def a(q: Quat) -> Mat4:
-    """A = L(q): the matrix of x → q∘x."""
+    """Return A = L(q), the matrix of x → q∘x."""
     return _combine(q, A_BASIS)
 
 
 def at(q: Quat) -> Mat4:
-    """Aᵗ = L(q̄), the transpose of A."""
+    """Return Aᵗ = L(q̄), the transpose of A."""
     return _combine(q, AT_BASIS)
 
 
 def ta(q: Quat) -> Mat4:
-    """ᵗA = R(q̄): A with its first row and column exchanged."""
+    """Return ᵗA = R(q̄), which is A with its first row and column exchanged."""
     return _combine(q, TA_BASIS)
 
 
 def tat(q: Quat) -> Mat4:
-    """ᵗAᵗ = R(q): the matrix of x → x∘q, the transpose of ᵗA."""
+    """Return ᵗAᵗ = R(q), the matrix of x → x∘q and the transpose of ᵗA."""
     return _combine(q, TAT_BASIS)
 
 
 def r0(v: Vec3) -> Mat4:
-    """Ṙ₀ of a vector: x → −x∘(0, v)."""
+    """Return the matrix Ṙ₀ of the vector v, that is, the matrix of x → −x∘(0, v)."""
     return _combine(v, TA_BASIS[1:])
 
 
 def r0_prime(v: Vec3) -> Mat4:
-    """Ṙ₀′ of a vector: x → −(0, v)∘x."""
+    """Return the matrix Ṙ₀′ of the vector v, that is, the matrix of x → −(0, v)∘x."""
     return _combine(v, AT_BASIS[1:])
 
 
 def cross(v: Vec3) -> Mat4:
-    """½(Ṙ₀ − Ṙ₀′), which maps (0, x) to (0, v × x)."""
+    """Return ½(Ṙ₀ − Ṙ₀′), which maps (0, x) to (0, v × x)."""
     return 0.5 * (r0(v) - r0_prime(v))
 
 
 def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
-    """v × (v × … (v × x)) with `times` products, as a power of ½(Ṙ₀ − Ṙ₀′) applied to (0, x)."""
+    """Return v × (v × … (v × x)) with `times` products, as a power of ½(Ṙ₀ − Ṙ₀′) applied to (0, x)."""
     matrix, column = cross(v), jnp.concatenate([jnp.zeros_like(x, shape=1), x])
     for _ in range(times):
         column = jnp.matmul(matrix, column, precision="highest")
@@ -82,7 +82,7 @@ def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
 
 
 def double_product(a: Vec3, b: Vec3, c: Vec3) -> Vec3:
-    """a × (b × c) = b (a·c) − c (a·b): the first vector identity of paper S.
+    """Return a × (b × c) = b (a·c) − c (a·b), the first vector identity of paper S.
 
     Paper S writes it as a determinant with the columns (b, a·b) and (c, a·c).
     """
@@ -90,34 +90,40 @@ def double_product(a: Vec3, b: Vec3, c: Vec3) -> Vec3:
 
 
 def triple_product(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
-    """a × [b × (c × d)] = (a × c)(b·d) − (a × d)(b·c): the second vector identity of paper S."""
+    """Return a × [b × (c × d)] = (a × c)(b·d) − (a × d)(b·c), the second vector identity of paper S."""
     return jnp.cross(a, c) * _dot(b, d) - jnp.cross(a, d) * _dot(b, c)
 
 
 def rotation(q: Quat) -> Mat4:
-    """Aᵗ·ᵗAᵗ = |λ|² diag(1, α) with the direction cosines α; for a unit λ it maps (0, v_ξ) to (0, v_X)."""
+    """Return Aᵗ·ᵗAᵗ = |λ|² diag(1, α) with the direction cosines α.
+
+    For a unit λ, this matrix maps (0, v_ξ) to (0, v_X).
+    """
     return jnp.matmul(at(q), tat(q), precision="highest")
 
 
 def rotation_slope(q: Quat, q_dot: Quat) -> Mat4:
-    """The derivative of `rotation`, (Aᵗ)˙·ᵗAᵗ + Aᵗ·(ᵗAᵗ)˙: rows τ̇, ṅ, ḃ for the unit λ of a trihedral."""
+    """Return the time derivative of `rotation`, (Aᵗ)˙·ᵗAᵗ + Aᵗ·(ᵗAᵗ)˙.
+
+    For a unit λ, its last three rows are (0, τ̇), (0, ṅ) and (0, ḃ).
+    """
     first = jnp.matmul(at(q_dot), tat(q), precision="highest")
     return first + jnp.matmul(at(q), tat(q_dot), precision="highest")
 
 
 def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
-    """The matrix Ω of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ(ω_x) for body axes, A(ω_ξ) for inertial axes.
+    """Return the matrix Ω of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ(ω_X) for body axes, A(ω_ξ) for inertial axes.
 
-    **Raises:** ValueError for other axes.
+    **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
     _require_axes(axes)
     return _combine(omega, TAT_BASIS[1:] if axes == "body" else A_BASIS[1:])
 
 
 def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
-    """The angular rate (3,) [rad/s] from λ and λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial axes.
+    """Return the angular rate (3,) [rad/s] from λ and λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial axes.
 
-    **Raises:** ValueError for other axes.
+    **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
     _require_axes(axes)
     matrix = at(q) if axes == "body" else ta(q)
@@ -134,6 +140,6 @@ def _dot(a: Vec3, b: Vec3) -> Array:
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
-    """Σ_k components_k basis_k, without rounding errors, since each entry has only one term."""
+    """Return Σ_k components_k basis_k, without rounding errors, because each entry has only one nonzero term."""
     components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

@@ -1,6 +1,6 @@
-"""Real polynomials in one variable, by their ascending coefficients: Σ c_k t^k.
+"""Real polynomials Σ c_k t^k in one variable, represented by their ascending coefficients c_k.
 
-Degrees are static and small, so the loops below unroll into a few multiplications and additions.
+The degrees are static and small, so the loops unroll into a few multiplications and additions.
 """
 
 import math
@@ -16,37 +16,38 @@ from qtraj.foundation.types import Scalar, ScalarLike
 
 
 def evaluate(coefficients: Float[Array, " n"], t: ScalarLike) -> Scalar:
-    """The value at `t`, by Horner's rule."""
+    """Return the value of the polynomial at `t`, by Horner's rule."""
     return taylor(coefficients, t, 0)[0]
 
 
 def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
-    """Coefficients in s of the polynomial at t + s, up to s^order: the k-th derivative at `t` divided by k!.
+    """Return the Taylor coefficients at `t`, (order+1,): the k-th derivative at `t` divided by k!.
 
-    Orders above the degree are zero.
+    Coefficients of orders above the degree are zero.
     """
     return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in split_taylor(coefficients, t, order)])
 
 
 def split_taylor(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
-    """The coefficients of `taylor` as a list; expressions of separate numbers compile to faster loops.
+    """Return the result of `taylor` as a list, because XLA compiles expressions of separate numbers to faster loops.
 
-    Orders above the degree are the integer 0. Further axes contain separate polynomials.
+    Coefficients of orders above the degree are the integer 0. Additional axes of `coefficients` represent separate
+    polynomials.
     """
     c = [x.reshape(x.shape[1:]) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
     return taylor_terms(c, as_float(t).astype(coefficients.dtype), order)
 
 
 def horner(coefficients: Sequence[Any], t: Any) -> Any:
-    """The value at `t` from a list of coefficients, which are numbers or arrays that broadcast with `t`."""
+    """Return the value at `t` of a polynomial whose coefficients are numbers or arrays that broadcast with `t`."""
     return taylor_terms(coefficients, t, 0)[0]
 
 
 def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
-    """Taylor coefficients at `t`, orders 0 … `order`, from a list of coefficients that broadcast with `t`.
+    """Return the Taylor coefficients at `t`, orders 0 … `order`, from coefficients that broadcast with `t`.
 
-    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that terms with them can
-    be omitted.
+    The method is repeated synthetic division (Ruffini–Horner). Coefficients of orders above the degree are the integer
+    0, so that the caller can omit their terms.
     """
     c = list(coefficients)
     for k in range(min(order + 1, len(c) - 1)):
@@ -56,10 +57,11 @@ def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
 
 
 def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: ScalarLike) -> Float[Array, " m+n"]:
-    """The polynomial of lowest degree with given value and derivatives at both ends of [0, duration].
+    """Return the polynomial of lowest degree with given values and derivatives at both ends of [0, duration].
 
-    `start[k]` and `end[k]` are the k-th derivatives with respect to t at 0 and at `duration`. Two of each give the
-    cubic of paper S (its ρ2 and ρ3, with the sign of ρ3 corrected), three of each a quintic.
+    `start[k]` and `end[k]` are the k-th derivatives with respect to t at 0 and at `duration`. Two numbers at each end
+    yield the cubic of paper S, with the sign of its coefficient ρ3 corrected. Three numbers at each end yield a
+    quintic.
     """
     m, n = start.shape[0], end.shape[0]
     duration = as_float(duration).astype(start.dtype)
@@ -67,16 +69,16 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
         return _cubic(start, end, duration)
     a = start * _unit_scales(m, duration)
     b = end * _unit_scales(n, duration)
-    # In u = t/duration: p(u) = a(u) + u^m q(u), where q is fixed by its Taylor series about u = 1.
+    # With u = t/duration, p(u) = a(u) + u^m q(u). The data at the end determine the Taylor series of q about u = 1.
     difference = b - taylor(a, 1.0, n - 1)
-    series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # (1 + s)^(-m)
+    series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # of u^(-m) about u = 1
     about_one = jnp.stack([sum(series[j] * difference[k - j] for j in range(k + 1)) for k in range(n)])
     c = jnp.concatenate([a, taylor(about_one, -1.0, n - 1)])
     return c / duration ** jnp.arange(m + n, dtype=c.dtype)
 
 
 def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar) -> Float[Array, " 4"]:
-    """`hermite` of two values and two slopes, the most common case, written out."""
+    """Return the cubic with given values and slopes at both ends, the most common case of `hermite`, in closed form."""
     mean = (end[0] - start[0]) / duration
     second = (3 * mean - 2 * start[1] - end[1]) / duration
     third = (start[1] + end[1] - 2 * mean) / duration**2
@@ -84,5 +86,5 @@ def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar)
 
 
 def _unit_scales(count: int, duration: Scalar) -> Float[Array, " count"]:
-    """duration^k / k!: converts derivatives with respect to t to Taylor coefficients in t/duration."""
+    """Return duration^k / k! for k < `count`, which converts derivatives in t to Taylor coefficients in t/duration."""
     return jnp.stack([duration**k / math.factorial(k) for k in range(count)])

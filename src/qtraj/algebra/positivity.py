@@ -1,4 +1,4 @@
-"""Prove that functions are positive on [−1, 1], or find a point where they are negative."""
+"""Prove that functions are positive on [−1, 1], or find a point where a function is negative."""
 
 from typing import NamedTuple
 
@@ -10,18 +10,19 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.cells import Build, PerPath, initial_front, refine
 
 POSITIVE, UNDECIDED, NEGATIVE = range(3)
-"""Codes of an answer: proved positive everywhere; undecided; proved negative somewhere."""
+"""Result codes: proved to be positive everywhere on [−1, 1], undecided, proved to be negative somewhere."""
 
 
 SHRINK_FACTOR, MIN_WIDTH = 4.0, 2.0**-9
-"""A piece with too many undecided cells is divided by the factor, unless it has this width or less."""
+"""Factor by which a subinterval with too many undecided cells becomes narrower, if its width exceeds `MIN_WIDTH`."""
 
 
 class Answer(eqx.Module):
     """Bounds on the minimum of a function on [−1, 1], for each path.
 
-    `code` is POSITIVE, NEGATIVE or UNDECIDED. The minimum lies in [`low`, `high`], and the value at `at` is at most
-    `high`.
+    `code` is POSITIVE, NEGATIVE or UNDECIDED. The value at `at`, and therefore the minimum, is at most `high`. If
+    `code` is POSITIVE, `low` is a lower bound on the minimum. Otherwise `low` is a lower bound only in the subintervals
+    that were searched.
     """
 
     code: Int[Array, " paths"]
@@ -31,10 +32,11 @@ class Answer(eqx.Module):
 
 
 def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
-    """Prove that the functions that `build` makes, one for each path, are positive on the whole interval [−1, 1].
+    """Prove or disprove that functions, one for each path, are positive on [−1, 1]; `build` returns their models.
 
-    The interval is swept from left to right in pieces. The first piece has the width `widest`, a power of two for each
-    path. Where a piece has too many undecided cells, a narrower one is tried.
+    The search processes subintervals of [−1, 1] from left to right, until a subinterval is undecided or contains a
+    negative value. No subinterval is wider than `widest`, a power of two for each path. If a subinterval has too many
+    undecided cells, the search tries a narrower one.
     """
 
     def piece(s: _Sweep) -> _Sweep:
@@ -67,7 +69,7 @@ def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
 
 
 class _Sweep(NamedTuple):
-    """The state of the sweep: everything below `left` is decided, and the next piece has the width `width`."""
+    """State of the search: [−1, `left`] has been searched, and the next subinterval is [`left`, `left` + `width`]."""
 
     left: Float[Array, " paths"]
     width: Float[Array, " paths"]

@@ -1,21 +1,21 @@
-"""Hamilton's algebra on unnormalised quaternions of shape (4,), and the conventions of the whole library.
+"""Hamilton's algebra for quaternions of shape (4,) with any norm, and the conventions of the whole library.
 
 | question                | answer                                                                                   |
 |-------------------------|------------------------------------------------------------------------------------------|
 | component order         | λ = (λ0, λ1, λ2, λ3), scalar first                                                       |
 | product                 | Hamilton: i∘j = k, i∘i = −1                                                              |
 | direction               | λ maps body X to inertial ξ: v_ξ = λ∘v_X∘λ⁻¹ (one vector, two sets of components)        |
-| as an active rotation   | R(λ)v = λ∘v∘λ⁻¹ turns the inertial basis into the body basis                             |
+| as an active rotation   | R(λ)v = λ∘v∘λ⁻¹ rotates the inertial basis into the body basis                           |
 | rotation by Φ about e   | λ = cos Φ/2 + e sin Φ/2 = exp(Φe/2), positive by the right-hand rule                     |
 | composition             | λ_AC = λ_AB∘λ_BC for C → B → A; a further rotation in body axes multiplies on the right  |
 | rates                   | 2λ̇ = λ∘ω_X (body axes) = ω_ξ∘λ (inertial axes); ω is (3,), or (4,) with scalar part first |
 | scalar part of ω        | ω0 = d/dt ln(λ∘λ̄); the attitude does not depend on it                                   |
 | direction cosines α     | inertial → body, v_X = α v_ξ, α = R(λ)ᵀ; the rows of α are the body axes (τ, n, b)       |
-| Gibbs vector            | G = λ_v/λ0 = e tan Φ/2, the same components in both axes (αG = G)                        |
-| scale                   | λ and cλ, c ≠ 0, are the same attitude in every function; λ = 0 has none and gives NaN    |
+| Gibbs vector            | G = λ_v/λ0 = e tan Φ/2, the same in body and inertial components (αG = G)                |
+| scale                   | λ and cλ, c ≠ 0, represent the same attitude in every function; λ = 0 has no attitude    |
 | SciPy                   | `Rotation.from_quat(λ, scalar_first=True)`; its `as_matrix()` is R(λ) = αᵀ               |
 
-Each function takes one quaternion; use `jax.vmap` for many. Paper S writes α_k for λ_k, paper C writes λ.
+The functions accept single quaternions; use `jax.vmap` for arrays. Paper S writes α_k for λ_k; paper C writes λ.
 """
 
 import math
@@ -48,8 +48,9 @@ __all__ = [
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
 _ATANC = [(-1) ** k / (2 * k + 1) for k in range(8)]
-# Below these values the series and two of their derivatives are exact to rounding. Above them the closed forms are:
-# their derivatives lose digits in proportion to 1/θ only.
+# Below these values of θ² and tan² θ, the series and their first two derivatives are exact to within rounding error.
+# Above them, the closed forms are accurate, because the rounding error of their derivatives grows only in proportion to
+# 1/θ.
 _SMALL_ANGLE_SQUARED = 0.05
 _SMALL_TANGENT_SQUARED = 0.0025
 
@@ -59,65 +60,65 @@ def __dir__() -> list[str]:
 
 
 def product(p: Quat, q: Quat) -> Quat:
-    """The product p∘q by Hamilton's rule."""
+    """Return the Hamilton product p∘q."""
     return jnp.stack(hamilton.product(p, q))
 
 
 def conjugate(q: Quat) -> Quat:
-    """The conjugate q̄ = (q0, −q1, −q2, −q3)."""
+    """Return the conjugate q̄ = (q0, −q1, −q2, −q3)."""
     return jnp.concatenate([q[:1], -q[1:]])
 
 
 def norm_squared(q: Quat) -> Scalar:
-    """The squared norm |q|² = q∘q̄."""
+    """Return the squared norm |q|² = q∘q̄."""
     return jnp.sum(q * q)
 
 
 def inverse(q: Quat) -> Quat:
-    """The inverse q⁻¹ = q̄/|q|²."""
+    """Return the inverse q⁻¹ = q̄/|q|²."""
     length = norm(q)
     return conjugate(q) / length / length  # |q|² could underflow
 
 
 def unit(q: Quat) -> Quat:
-    """The unit quaternion q/|q|; NaN for q = 0."""
+    """Return the unit quaternion q/|q|; NaN for q = 0."""
     return q / norm(q)
 
 
 def canonical(q: Quat) -> Quat:
-    """q or −q, whichever has a positive first non-zero component: scalar ≥ 0, and a unique choice for half turns."""
+    """Return q or −q, so that the first non-zero component is positive; the choice is unique at half turns too."""
     return jnp.where(hamilton.is_negative(q), -q, q)
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
-    """λ from components with the scalar part last, the order of SciPy's default, ROS and TUM files."""
+    """Return λ from components with the scalar part last, the order of ROS, TUM files and, by default, SciPy."""
     return jnp.roll(xyzw, 1, axis=-1)
 
 
 def to_xyzw(q: Quat) -> Quat:
-    """The components of λ with the scalar part last."""
+    """Reorder the components of λ so that the scalar part is last."""
     return jnp.roll(q, -1, axis=-1)
 
 
 def rotate(q: Quat, v_body: Vec3) -> Vec3:
-    """Body vector in inertial axes, λ∘v∘λ⁻¹; `q` and `c*q` agree for any c ≠ 0."""
+    """Return λ∘v∘λ⁻¹, the inertial components of a body vector; `q` and `c*q` give the same result for any c ≠ 0."""
     q = balanced(q)
     s, u = q[0], q[1:]
     return v_body + 2 * jnp.cross(u, s * v_body + jnp.cross(u, v_body)) / norm_squared(q)
 
 
 def left_matrix(q: Quat) -> Mat4:
-    """The matrix L(q) with L(q) p = q∘p; paper S's A."""
+    """Return the matrix L(q) with L(q) p = q∘p, which is A in paper S."""
     return matrices.a(q)
 
 
 def right_matrix(q: Quat) -> Mat4:
-    """The matrix R(q) with R(q) p = p∘q; paper S's ᵗAᵗ."""
+    """Return the matrix R(q) with R(q) p = p∘q, which is ᵗAᵗ in paper S."""
     return matrices.tat(q)
 
 
 def exp(v: Vec3) -> Quat:
-    """Exponential of the pure quaternion (0, v): (cos|v|, v sin|v|/|v|), the rotation by 2|v| [rad] about v."""
+    """Return (cos|v|, v sin|v|/|v|), the exponential of the pure quaternion (0, v): a rotation by 2|v| [rad]."""
     square = jnp.sum(v * v)
     small = square < _SMALL_ANGLE_SQUARED
     near = jnp.where(small, square, 0.0)
@@ -128,11 +129,11 @@ def exp(v: Vec3) -> Quat:
 
 
 def log(q: Quat) -> Vec3:
-    """The vector part of ln q: half a rotation vector.
+    """Return the vector part of ln q, which is half a rotation vector.
 
-    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. Its norm is in [0, π]. The scalar part of ln q is `log_norm`.
-    A negative real q has no axis; the result is then (π, 0, 0), with zero derivative. For the shortest rotation use
-    `rotation.to_rotation_vector`.
+    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. The norm of the result is in [0, π]. The scalar part of ln q is
+    `log_norm`. A negative real q has no axis; the result is then (π, 0, 0), with zero derivative. For the shorter
+    rotation use `rotation.to_rotation_vector`.
     """
     q = balanced(q)
     s, u = q[0], q[1:]
@@ -147,16 +148,16 @@ def log(q: Quat) -> Vec3:
 
 
 def log_norm(q: Quat) -> Scalar:
-    """Scalar part of ln q: ln|q|."""
+    """Return ln|q|, the scalar part of ln q."""
     return jnp.log(norm(q))
 
 
 def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
-    """λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_X in body axes, ω_ξ∘λ in inertial axes.
+    """Return λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_X in body axes, ω_ξ∘λ in inertial axes.
 
     `omega` is a vector (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
 
-    **Raises:** ValueError for other axes.
+    **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
     rate = omega if omega.shape == (4,) else jnp.concatenate([jnp.zeros_like(omega, shape=1), omega])
     if axes == "body":

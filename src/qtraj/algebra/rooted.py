@@ -1,9 +1,9 @@
-"""Functions with the square roots of two positive functions, as Chebyshev models.
+"""Functions that contain the square roots of two positive functions S and H, as Chebyshev models.
 
-Numbers a + b√S + c√H + d√(SH) can be added and multiplied without taking a root. The roots are enclosed only at the
-end, in cells: q is the polynomial through their values at the nodes, and since √S − q = (S − q²)/(√S + q), a bound on
-|S − q²| over a lower bound on q is one on the distance. A coefficient that is zero everywhere adds no error, so a sum
-without roots is a model like any other.
+Numbers a + b√S + c√H + d√(SH) can be added and multiplied without computing a root. The roots are enclosed only at the
+end, in cells. Let q be the polynomial through the values of √S at the nodes. Since √S − q = (S − q²)/(√S + q), the
+error |√S − q| is at most a bound on |S − q²| divided by a lower bound on q. A coefficient that is zero everywhere adds
+no error, so a sum without roots is an ordinary model.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from qtraj.algebra.sparse import add, is_zero, mul
 Cells = Float[Array, "cells paths"]
 
 ONE, ROOT_S, ROOT_H = 0, 1, 2
-"""The bits of the index of a coefficient: which roots it multiplies."""
+"""Bits of the index of a coefficient; a bit that is set means a factor √S or √H."""
 
 
 class RootSum:
@@ -59,7 +59,7 @@ class RootSum:
         return RootSum(found, self.squares)
 
     def scaled(self, factor: Any, error: Any) -> "RootSum":
-        """The product with a number of either sign that has the absolute uncertainty `error`."""
+        """Return the product with `factor`, a number of either sign with the absolute uncertainty `error`."""
         one = self.squares[0].one()
         models = [
             a if is_zero(a) else scaled(one if isinstance(a, int) else a, factor, error) for a in self.coefficients
@@ -67,7 +67,7 @@ class RootSum:
         return RootSum(models, self.squares)
 
     def model(self, half: Cells) -> ChebyshevModel:
-        """The value as a model in cells of the half width `half`, which must be those of its coefficients."""
+        """Return the sum as one model; `half` are the half widths of the cells of the coefficients."""
         S, H = self.squares
         first, *others = self.models()
         with_roots = jax.vmap(_times_root, in_axes=(0, 0, None))(_stacked(others), _stacked([S, H, S * H]), half)
@@ -76,7 +76,7 @@ class RootSum:
         return first
 
     def models(self) -> list[ChebyshevModel]:
-        """The coefficients, all as models."""
+        """Return all coefficients as models."""
         one = self.squares[0].one()
         return [_constant(one, a) if isinstance(a, int) else a for a in self.coefficients]
 
@@ -107,7 +107,7 @@ def _stacked(models: Sequence[ChebyshevModel]) -> ChebyshevModel:
 
 @jax.jit
 def scaled(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Array, "1 paths"]) -> ChebyshevModel:
-    """`p` times a `factor` of either sign with the absolute uncertainty `error`."""
+    """Return `p` multiplied by a `factor` of either sign with the absolute uncertainty `error`."""
     size, bound = jnp.abs(factor) * p.size, (jnp.abs(factor) + error)[None] * p.bound * SLACK
     rounding = add_rounding(jnp.abs(factor) * p.error + error * (p.size + p.error), 1, size)
     return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, bound)
@@ -115,31 +115,35 @@ def scaled(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Arra
 
 @jax.jit
 def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> ChebyshevModel:
-    """b·√square, where `square` is nonnegative; its error is infinite where a root cannot be enclosed."""
+    """Return b·√square, where `square` is nonnegative; the error is infinite in cells where no bound was found."""
     axes = semi_axes(half)
     values = jnp.sqrt(jnp.maximum(square.values, 0.0))
     a = jnp.tensordot(jnp.asarray(TO_CHEBYSHEV, values.dtype), values, 1, precision="highest")
-    # q has exactly these values at the rounded nodes, so its coefficients are uncertain by the nodes' rounding as well.
+    # q is the polynomial with the computed coefficients that exceed the rounding error. The smaller coefficients are
+    # only rounding errors, but on the large ellipses of small cells they would be multiplied by huge values of T_k.
     eps = float(np.finfo(values.dtype).eps)
     size = max_abs(values)
     rounding = 8 * NODES**2 * eps * size
-    uncertain = jnp.abs(a) + rounding[None]
-    # On an ellipse |T_k| is largest at the end of the long semi-axis.
-    bound = jnp.sum(uncertain[:, None] * _chebyshev(axes), axis=0) * SLACK
-    lowest = a[0] - jnp.sum(uncertain[1:], axis=0) - rounding
-    q = ChebyshevModel(values, size, jnp.zeros_like(size), bound)
+    kept = jnp.abs(a) > rounding[None]
+    magnitudes = jnp.where(kept, jnp.abs(a), 0.0)
+    # At the rounded nodes q differs from `values` by the rounding of its coefficients and by the omitted coefficients.
+    uncertainty = (rounding + jnp.sum(jnp.where(kept, 0.0, jnp.abs(a)), axis=0)) * SLACK
+    # On an ellipse |T_k| is largest at the ends of the major axis.
+    bound = jnp.sum(magnitudes[:, None] * _chebyshev(axes), axis=0) * SLACK
+    lowest = a[0] - jnp.sum(magnitudes[1:], axis=0) - rounding
+    q = ChebyshevModel(values, size, uncertainty, bound)
     rest = square - q * q
     coefficients, error = interpolated(rest, axes)
     largest = (jnp.sum(jnp.abs(coefficients), axis=0) * (1 + 2 * NODES * eps) + error) * SLACK
     distance = jnp.where(lowest > 0, largest / jnp.where(lowest > 0, lowest, 1.0), jnp.inf) * SLACK + TINY
     product = b * q
-    widest = jnp.min(b.bound, axis=0)  # also between the nodes, since all ellipses contain the cell
+    widest = jnp.min(b.bound, axis=0)  # valid between the nodes too, because every ellipse contains the cell
     added = jnp.where(widest == 0, 0.0, widest * distance) * SLACK
     return ChebyshevModel(product.values, product.size, (product.error + added) * SLACK, product.bound)
 
 
 def _chebyshev(x: Float[Array, "ellipses cells paths"]) -> Float[Array, "k ellipses cells paths"]:
-    """T_0 … T_n at x ≥ 1, enlarged for rounding."""
+    """Return the Chebyshev polynomials T_0 … T_(NODES−1) at x ≥ 1, increased to cover rounding."""
     found = [jnp.ones_like(x), x]
     while len(found) < NODES:
         found.append(2 * x * found[-1] - found[-2])

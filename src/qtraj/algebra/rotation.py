@@ -1,8 +1,9 @@
-"""Conversions of attitudes: λ ↔ direction cosines, Gibbs vector, MRP, rotation vector, Euler angles.
+"""Convert attitudes between λ and direction cosines, Gibbs vector, MRP, rotation vector and Euler angles.
 
-Conventions are those of `qtraj.algebra.quaternion`. Each function takes one attitude. Each `to_…` gives the same result
-for λ and cλ, c ≠ 0; each `from_…` returns a unit quaternion. Values and derivatives are finite at every attitude, with
-one exception: the Gibbs vector of a half turn is infinite by definition.
+`qtraj.algebra.quaternion` states the conventions. Except for `continuous`, each function converts one attitude. Each
+`to_…` returns the same result for λ and cλ, c ≠ 0; each `from_…` returns a unit quaternion. Values and derivatives are
+finite at every attitude, with two exceptions: the Gibbs vector of a half turn is infinite by definition, and the ratios
+of `gibbs_ratios` are not finite if one of their denominators is zero.
 """
 
 import jax.numpy as jnp
@@ -38,20 +39,20 @@ def __dir__() -> list[str]:
 
 
 def to_rotation_vector(q: Quat) -> Vec3:
-    """Φe [rad] of the shorter rotation, 0 ≤ Φ ≤ π; for Φ = π, the first non-zero component of e is positive."""
+    """Return Φe [rad] of the shorter rotation, 0 ≤ Φ ≤ π; for Φ = π, the first non-zero component of e is positive."""
     return 2 * log(canonical(q))
 
 
 def from_rotation_vector(v: Vec3) -> Quat:
-    """The unit quaternion cos Φ/2 + e sin Φ/2 of v = Φe [rad]."""
+    """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector v = Φe [rad]."""
     return exp(0.5 * v)
 
 
 def continuous(qs: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """The same attitudes with signs chosen so that ⟨λ_{k−1}, λ_k⟩ ≥ 0; the first sign is kept.
+    """Return consecutive quaternions with signs such that ⟨λ_{k−1}, λ_k⟩ ≥ 0; the first quaternion is unchanged.
 
-    The signs are constants to differentiation.
+    The signs are treated as constants in differentiation.
     """
-    directions = qs / jnp.max(jnp.abs(qs), axis=1, keepdims=True)  # small quaternions must not underflow
+    directions = qs / jnp.max(jnp.abs(qs), axis=1, keepdims=True)  # the products of small quaternions would underflow
     alignment = jnp.sum(directions[1:] * directions[:-1], axis=1)
     return qs * hamilton.continuous_signs(alignment)[:, None]

@@ -1,7 +1,7 @@
-"""Sums and products in which the integers 0 and 1 cost nothing.
+"""Sums and products in which the integers 0 and 1 generate no operations.
 
-The Python integer 0 represents a term that vanishes identically, and the integer 1 a factor of one. They are dropped
-during tracing, so no operation is compiled for them. All other terms are numbers or arrays.
+The Python integer 0 represents a term that is identically zero, and the Python integer 1 represents the factor one.
+Both are omitted during tracing, so no operation is compiled for them. All other terms are numbers or arrays.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def mul(a: Any, b: Any) -> Any:
-    """a·b; the integer 0 if a factor is the integer 0, and the other factor if one is the integer 1."""
+    """Return a·b. A factor that is the integer 0 yields the integer 0; the integer 1 yields the other factor."""
     if is_zero(a) or is_zero(b):
         return 0
     if is_one(a):
@@ -18,7 +18,7 @@ def mul(a: Any, b: Any) -> Any:
 
 
 def add(terms: Sequence[Any]) -> Any:
-    """The sum of the terms that are not the integer 0, or the integer 0 if there are none."""
+    """Return the sum of the terms that are not the integer 0, or the integer 0 if there are none."""
     kept = [term for term in terms if not is_zero(term)]
     if not kept:
         return 0
@@ -29,17 +29,17 @@ def add(terms: Sequence[Any]) -> Any:
 
 
 def sub(a: Any, b: Any) -> Any:
-    """a − b, where either may be the integer 0."""
+    """Return a − b, where `a`, `b` or both may be the integer 0."""
     if is_zero(b):
         return a
     return -b if is_zero(a) else a - b
 
 
 def is_zero(x: Any) -> bool:
-    """Whether `x` is the integer 0, which stands for a term that vanishes identically."""
+    """Return whether `x` is the integer 0, which represents a term that is identically zero."""
     return isinstance(x, int) and x == 0
 
 
 def is_one(x: Any) -> bool:
-    """Whether `x` is the integer 1, a factor that changes nothing."""
+    """Return whether `x` is the integer 1, which represents the factor one."""
     return isinstance(x, int) and x == 1

@@ -1,4 +1,7 @@
-"""Lengths and directions of vectors, with finite values and gradients also for tiny and zero vectors."""
+"""Norms and directions of vectors; `norm` and `unit` have finite values and gradients even for tiny and zero vectors.
+
+A vector counts as zero if all its components are smaller in magnitude than the smallest normal number.
+"""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -10,36 +13,37 @@ Vector = Float[Array, " n"]
 
 
 def norm(v: Vector) -> Scalar:
-    """Length of `v`, without underflow or overflow; its gradient at the zero vector is zero."""
+    """Return the Euclidean norm of `v`, without underflow or overflow; its gradient at the zero vector is zero."""
     w, scale, zero = _scaled(v)
     return jnp.where(zero, 0.0, scale * jnp.sqrt(_squares(w, zero)))
 
 
 def unit(v: Vector, fallback: Vector) -> Vector:
-    """Direction of `v`, or `fallback` (with zero gradient in `v`) where `v` vanishes."""
+    """Return the direction of `v`, or `fallback` if `v` is zero; the gradient with respect to `v` is then zero."""
     w, _, zero = _scaled(v)
     return jnp.where(zero, fallback, w / jnp.sqrt(_squares(w, zero)))
 
 
 def balanced(v: Vector) -> Vector:
-    """`v` with its largest component scaled to ±1, for formulas that are homogeneous of degree 0 in `v`.
+    """Divide `v` by its largest absolute component, for formulas that are homogeneous of degree 0 in `v`.
 
-    The scale is a constant to differentiation, which is exact for such formulas. The zero vector gives NaN.
+    The divisor is treated as constant in differentiation, which is exact for such formulas. A vector of zeros yields
+    NaN.
     """
     return v / stop_gradient(jnp.max(jnp.abs(v)))
 
 
 def _scaled(v: Vector) -> tuple[Vector, Scalar, Flag]:
-    """`v` divided by its largest absolute component, that component, and whether `v` is zero.
+    """Return `v` divided by its largest absolute component, the divisor, and whether `v` is zero.
 
-    Differentiation treats the component as a constant.
+    If `v` is zero, the divisor is 1. The divisor is treated as constant in differentiation.
     """
     size = stop_gradient(jnp.max(jnp.abs(v)))
-    zero = size < jnp.finfo(size.dtype).tiny  # false for NaN, which must pass through
+    zero = size < jnp.finfo(size.dtype).tiny  # false for NaN, so that the result is NaN
     scale = jnp.where(zero, 1.0, size)
     return v / scale, scale, zero
 
 
 def _squares(w: Vector, zero: Flag) -> Scalar:
-    """w·w, or 1 for the zero vector, which keeps the backward pass finite."""
+    """Return w·w, or 1 where `zero` is true, which keeps the derivative of its square root finite in reverse mode."""
     return jnp.where(zero, 1.0, jnp.sum(w * w))

@@ -1,1 +1,1 @@
-"""Layer 5: many paths at many instants."""
+"""Layer 5: evaluation of many paths at many instants."""

@@ -1,8 +1,9 @@
-"""Evaluate paths × instants in blocks that fit into the cache.
+"""Evaluate paths × instants in blocks whose arrays fit into the CPU cache.
 
-There are three ways to combine the blocks. `filled` writes every block into buffers that are allocated once, or
-donated; it has no derivative. `mapped` is differentiable: the reverse pass recomputes a block's intermediate values, so
-it needs memory for the results and one block only. `reduced` combines a reduction of each block, without derivatives.
+Three functions combine the blocks. `filled` writes every block into buffers that are allocated once or donated; it is
+not differentiable. `mapped` is differentiable; the reverse pass recomputes the intermediate values of each block, so it
+needs memory only for the results and one block. `reduced` reduces each block and combines the results; it is used only
+where no derivatives are needed.
 """
 
 from collections.abc import Callable
@@ -14,27 +15,30 @@ from jax import lax
 from jaxtyping import Array
 
 SAMPLES = 16384
-"""Instants in a block: about forty float64 arrays of this size fit into the caches of one core, and the arrays are long
-enough to make the cost of starting a loop negligible."""
+"""Number of instants in a block. About forty float64 arrays of this size fit into the caches of one core, and the
+arrays are long enough that the cost of starting a loop is negligible."""
 
 Work = Callable[[Any, Any], Any]
-"""(a stack of paths, arrays (paths or 1, instants)) → a tree of arrays (paths, instants)."""
+"""A function of a batch of paths and a tree of arrays (paths or 1, instants) that returns arrays (paths, instants)."""
 
 
 Write = Callable[[str, int, Array, Array, Array, Array], Array]
-"""(name, component, buffer, values (paths, instants), first path, first instant) → the buffer with the values."""
+"""A function that writes a block into a buffer and returns the buffer.
+
+Its arguments are name, component, buffer, values (paths, instants), and the indices of the first path and instant.
+"""
 
 
 Empty = Callable[[str, Any], Array]
-"""(name, dtype) → a buffer."""
+"""A function that returns a new buffer for a name and a dtype."""
 
 
 def filled(
     work: Work, empty: Empty, write: Write, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
-    """Buffers, by name, filled with the components from `work` for every path and instant.
+    """Return buffers by name, filled with the components returned by `work` for every path and instant.
 
-    The last block of a row overlaps the one before it, so every block has one shape.
+    The last block overlaps the previous block if necessary, so that all blocks have the same shape.
     """
     count, instants = shape
     columns_per_block = min(instants, samples)
@@ -64,7 +68,7 @@ def _cut(x: Array, p: Array, c: Array, n_paths: int, n_instants: int) -> Array:
 
 
 def mapped(work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES) -> Any:
-    """The values of `work`, (paths, instants), evaluated block by block and differentiable.
+    """Evaluate `work` block by block and return its values (paths, instants); differentiable.
 
     `columns` is a tree of arrays (paths or 1, instants).
     """
@@ -74,7 +78,10 @@ def mapped(work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples
 def reduced(
     work: Work, join: Callable[[Any], Any], paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
-    """The results of `work` for each path, (paths,); `join` combines the stacked results of its blocks (first axis)."""
+    """Reduce every block by `work` and combine the results by `join`, which yields one result for each path, (paths,).
+
+    The argument of `join` is the stack of the results of one path's blocks; the first axis is the block.
+    """
 
     def joined(main: Any, rest: Any) -> Any:
         parts = [part for part in (main, None if rest is None else _leading(rest)) if part is not None]
@@ -86,7 +93,10 @@ def reduced(
 def _map_blocks(
     work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int, by_path: Callable, by_time: Callable
 ) -> Any:
-    """Blocks of several rows if these fit into one, else blocks of each row; `by_path` and `by_time` combine them."""
+    """Evaluate blocks of whole rows if a row has fewer than `samples` instants, otherwise blocks within one row.
+
+    `by_path` combines blocks of different paths, and `by_time` combines the blocks of one row.
+    """
     count, instants = shape
     if instants >= samples:
 
@@ -105,7 +115,7 @@ def _map_blocks(
 
 
 def _by_paths(work: Work, paths: Any, columns: Any, count: int, n_paths: int, combine: Callable) -> Any:
-    """Apply `work` to blocks of `n_paths` paths, and combine the results."""
+    """Apply `work` to blocks of `n_paths` paths, and combine the results by `combine`."""
     shared = jax.tree.map(lambda x: x if x.shape[0] == 1 and count > 1 else None, columns)
     own = jax.tree.map(lambda x: None if x.shape[0] == 1 and count > 1 else x, columns)
     merged = lambda own: jax.tree.map(lambda a, b: b if a is None else a, own, shared, is_leaf=lambda x: x is None)  # noqa: E731
@@ -125,12 +135,15 @@ def _leading(tree: Any) -> Any:
 
 
 def _stack_rows(main: Any, rest: Any) -> Any:
-    """Concatenate blocks of paths (blocks, paths, …) and the rest along the paths."""
+    """Concatenate blocks of paths (blocks, paths, …) and the remaining paths along the path axis."""
     main = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), main)
     return main if rest is None else jax.tree.map(lambda x, y: jnp.concatenate([x, y]), main, rest)
 
 
 def _stack_columns(main: Any, rest: Any) -> Any:
-    """Concatenate blocks of instants (blocks, paths, instants) and the rest; one block or one path."""
+    """Concatenate blocks (blocks, paths, instants) and the remaining instants along the time axis.
+
+    There is either only one block or only one path.
+    """
     main = jax.tree.map(lambda x: x[0] if x.shape[0] == 1 else x.reshape(1, -1), main)
     return main if rest is None else jax.tree.map(lambda x, y: jnp.concatenate([x, y], axis=1), main, rest)

@@ -1,26 +1,30 @@
-"""The force that moves a vehicle along a path, and the moment that turns it with a frame, in components."""
+"""Compute components of the force that moves a vehicle along a path, and of the moment that rotates the vehicle.
+
+`contact` computes the components of the same force relative to the road.
+"""
 
 from typing import Any
-
-import jax.numpy as jnp
 
 from qtraj.path.components import Triple, add_vectors, cross
 from qtraj.path.vehicle import RoadParameters, Vehicle
 
 
 def path_force(road: RoadParameters, derivatives: list[Triple], up: Triple, speed: Any) -> Triple:
-    """m(r'' + g·up) + ½ρC_dA v r' [N], against inertia, gravity and drag, in the axes of the derivatives."""
+    """Return the force m(r'' + g·up) + ½ρC_dA v r' [N] at the speed v, in the axes of the derivatives."""
     terms = zip(derivatives[2], up, derivatives[1], strict=True)
     x, y, z = (road.mass * (a + road.gravity * u + road.drag * speed * v) for a, u, v in terms)
     return x, y, z
 
 
 def turning_moment(vehicle: Vehicle, rate: Triple, acceleration: Triple) -> Triple:
-    """Jε + ω×Jω [N m] in the vehicle's axes."""
-    J: Any = jnp.asarray(vehicle.inertia, rate[0].dtype)
+    """Return the moment Jε + ω×Jω [N m] in the axes of the frame, for the frame's `rate` ω and `acceleration` ε."""
+    J: Any = vehicle.inertia_in_frame().astype(rate[0].dtype)
+
+    def entry(k: int, m: int) -> Any:
+        return J[k, m] if J.ndim == 2 else J[:, k, m, None]  # one vehicle, or one for each path
 
     def momentum(v: Triple) -> Triple:
-        x, y, z = (J[k, 0] * v[0] + J[k, 1] * v[1] + J[k, 2] * v[2] for k in range(3))
+        x, y, z = (entry(k, 0) * v[0] + entry(k, 1) * v[1] + entry(k, 2) * v[2] for k in range(3))
         return x, y, z
 
     return add_vectors(momentum(acceleration), cross(rate, momentum(rate)))

@@ -1,4 +1,4 @@
-"""The outputs of one block of paths and instants; each component is a separate array."""
+"""Compute the outputs for one block of paths and instants; each component is a separate array."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from qtraj.path.trihedral import AbstractFrame
 from qtraj.path.vehicle import Vehicle
 
 Channels = dict[str, tuple[Array, ...]]
-"""The components of each output by its name, each (paths, instants)."""
+"""Components of each output by its name; each component is an array (paths, instants)."""
 
 
 def channels(
@@ -21,9 +21,10 @@ def channels(
     frame: tuple[AbstractFrame, str, Vehicle | None],
     names: tuple[str, ...],
 ) -> Channels:
-    """The named outputs of a stack of paths (every array with a leading axis) at `t` [s], one row or one for each.
+    """Return the named outputs of a batch of paths at the times `t` [s].
 
-    `frame`: a frame, the axes of its rate and acceleration, and the vehicle if there is one.
+    `t` has one row for all paths, or one row for each path. `frame` consists of a frame, the axes of its rate and
+    acceleration, and a vehicle or None.
     """
     at, shape = Instants(paths, t, *frame), (paths.duration.shape[0], t.shape[1])
 

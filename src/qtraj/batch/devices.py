@@ -1,4 +1,4 @@
-"""Distribute paths × instants over devices."""
+"""Divide the paths or the instants of an evaluation among devices."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -8,42 +8,43 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 MIN_INSTANTS = 65536
-"""With fewer instants, counted over all paths, one device is used."""
+"""Minimum number of instants, counted over all paths, for which several devices are used by default."""
 
 AXIS = "batch"
 
 
 class Spread(NamedTuple):
-    """A mesh with one axis, and whether it divides the paths or the instants."""
+    """A mesh with one axis, and the dimension that it divides, "paths" or "instants"."""
 
     mesh: Mesh
     over: str
 
     @property
     def paths(self) -> PartitionSpec:
-        """The partition of arrays whose first axis is the paths."""
+        """The partition of arrays whose first axis is the path."""
         return PartitionSpec(AXIS) if self.over == "paths" else PartitionSpec()
 
     @property
     def lead(self) -> tuple[str | None, str | None]:
-        """The mesh axes of (paths, instants)."""
+        """The mesh axis that divides the paths, or None, and the mesh axis that divides the instants, or None."""
         return (AXIS, None) if self.over == "paths" else (None, AXIS)
 
     def columns(self, rows: int) -> PartitionSpec:
-        """The partition of arrays (rows, instants) with one row, or one for each path."""
+        """Return the partition of arrays (rows, instants) with one row for all paths, or one row for each path."""
         if self.over == "instants":
             return PartitionSpec(None, AXIS)
         return PartitionSpec() if rows == 1 else PartitionSpec(AXIS)
 
     def sharding(self, spec: PartitionSpec) -> NamedSharding:
-        """The sharding over the mesh for this partition."""
+        """Return the sharding over the mesh for the partition `spec`."""
         return NamedSharding(self.mesh, spec)
 
 
 def spread(count: int, instants: int, devices: Sequence[Any] | None) -> Spread | None:
-    """Divide the paths if their number is a multiple of the number of devices, else the instants; None for one device.
+    """Divide the paths or, if this is not possible, the instants equally among as many devices as possible.
 
-    By default all local devices are used if there are at least `MIN_INSTANTS` instants.
+    By default the local devices are used if there are at least `MIN_INSTANTS` instants, counted over all paths. If only
+    one device would be used, return None.
     """
     if devices is None:
         devices = jax.local_devices() if count * instants >= MIN_INSTANTS else ()

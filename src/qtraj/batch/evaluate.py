@@ -1,4 +1,4 @@
-"""`qtraj.evaluate`: many paths at many instants in one call."""
+"""Define `qtraj.evaluate`, which evaluates many paths at many instants in one call."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -18,13 +18,15 @@ from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
-from qtraj.path.channel import CHANNELS, INERTIA
-from qtraj.path.driving import default_frame
+from qtraj.path.channel import CHANNELS
+from qtraj.path.driving import default_frame, require_one_direction
 from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.rate_axes import BODY, require_axes
 from qtraj.path.trihedral import AbstractFrame
-from qtraj.path.vehicle import Vehicle, require_vehicle
+from qtraj.path.vehicle import Vehicle, require, require_vehicle
+from qtraj.path.vehicle_data import batch_of, with_batch
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -42,32 +44,39 @@ def evaluate(
     axes: str = BODY,
     vehicle: Vehicle | None = None,
 ) -> Any:
-    """Evaluate one path, or a stack of paths from `jax.vmap`, at `times` [s], shared (n,) or per path (b, n).
+    """Evaluate one path, or a batch of paths created in `jax.vmap`, at `times` [s].
 
-    One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the component axes come
-    first. Each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of
-    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default,
-    but for a route `Upright()`, or `Driving` if it stops), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`.
-    The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
-    is arbitrary at each instant; with `continuous=True` it is continuous in time.
+    `times` are (n,), or (b, n) with one row for each of b paths. The result is a `Table` of arrays (n, …) for one path,
+    and (b, n, …) for b paths. With `components="first"` the component axes come first. In both cases each component is
+    contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays in `Table`: vectors,
+    attitudes, and all path quantities.
 
-    `axes` are the axes of `rate`, `angular_acceleration`, `force` and `moment`: "body", the frame's own, or "inertial",
-    the world's.
+    `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving`, `ThrustAligned()` or
+    `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any
+    other route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
+    normal, binormal, or forward, left, up. The first non-zero component of every quaternion is positive. With
+    `continuous=True`, and always for a rotation-minimizing frame, the signs are continuous in time instead.
 
-    `vehicle` is needed for the outputs `force`, `moment` (with an inertia), `longitudinal_force`, `lateral_force`,
-    `normal_load`, `friction` and `power`.
+    `axes` are the axes of `rate`, `angular_acceleration`, `force` and `moment`: "body" for the frame's own axes, or
+    "inertial" for world axes.
 
-    `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
-    stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
-    table of an earlier call with the same shapes and outputs: its arrays are overwritten and must not be used again,
-    which avoids allocating new memory.
+    `vehicle` is required for the outputs `force`, `longitudinal_force`, `lateral_force`, `normal_load`, `friction` and
+    `power`. A vehicle with an inertia is required for `moment`; for `tangential_moment`, `normal_moment` and
+    `binormal_moment`, its principal axes must be τ, n and b. A batch of vehicles, created by `jax.vmap`, contains one
+    vehicle for each path.
 
-    Paths with `polynomials` and a natural or upright frame are fastest. The call may be traced, and differentiated in
-    forward and reverse mode.
+    If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function returns a `Reduced` over the
+    instants and stores no samples. `devices` are the devices to use, by default all local devices for large inputs.
+    `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation of new memory, the
+    arrays of this table are overwritten; do not use them again.
+
+    Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
+    differentiated in forward and reverse mode.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
-    are neither (n,) nor (b, n), outputs that need a vehicle without one, a table to reuse with other shapes or outputs,
-    or a rotation-minimizing frame with `reduce` or `reuse`.
+    are neither (n,) nor (b, n), a missing vehicle, a number of vehicles that differs from the number of paths, forces
+    on a banked road along a route that reverses, a `reuse` table that has other shapes or outputs, or a
+    rotation-minimizing frame with `reduce` or `reuse`.
     """
     require_axes(axes)
     task = Task(
@@ -80,19 +89,21 @@ def evaluate(
     )
     if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
-    _require_vehicle(task.names, vehicle)
-    instants = as_float(times)
     count = paths.duration.shape[0] if task.batched else 1
     rows = (count,) if task.batched else ()
+    vehicle = _vehicle(task.names, vehicle, rows)
+    if any(CHANNELS[name].needs == VEHICLE for name in task.names):
+        require_one_direction(paths, vehicle)
+    instants = as_float(times)
     if instants.ndim == 0 or (instants.ndim > 1 and instants.shape[:-1] != rows):
         expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"
-        raise ValueError(f"times must be a vector {expected}, but an array of shape {instants.shape} was given")
+        raise ValueError(f"times must have shape {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
-        raise ValueError("times must have at least one instant")
+        raise ValueError("times must contain at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
-    work = (paths, frame, vehicle if any(CHANNELS[name].needs for name in task.names) else None)
+    work = (paths, frame, vehicle)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(
         task,
@@ -117,7 +128,7 @@ def _minimizing(
     devices: Sequence[Any] | None,
     vehicle: Vehicle | None,
 ) -> Table:
-    """The table with a rotation-minimizing frame, whose attitude is integrated along each path."""
+    """Return the table for a rotation-minimizing frame, whose attitude is integrated along each path."""
     if task.reduce is not None or reuse is not None:
         raise ValueError(
             "a rotation-minimizing frame is integrated along the path, so it supports neither reduce nor reuse: "
@@ -148,28 +159,40 @@ def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _require_vehicle(names: Sequence[str], vehicle: Vehicle | None) -> None:
-    """Raise a ValueError for outputs that need a vehicle, or its inertia, where there is none."""
-    for name in names:
-        needs = CHANNELS[name].needs
-        if not needs:
-            continue
-        used = require_vehicle(vehicle, f"the output {name!r}")
-        if used.mass.ndim:
-            raise ValueError(
-                f"the output {name!r} accepts one vehicle, but its mass has the shape {used.mass.shape}: "
-                "evaluate the paths of each vehicle separately"
-            )
-        if needs == INERTIA and used.inertia is None:
-            raise ValueError(f"the output {name!r} needs an inertia: pass vehicle=Vehicle(mass=..., inertia=...)")
+def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...]) -> Vehicle | None:
+    """Return the vehicle, or the batch of one vehicle for each path, for the outputs `names`; None if not needed.
+
+    `rows` is the batch shape of the paths.
+
+    **Raises:** ValueError if a required vehicle or inertia is missing, or if the number of vehicles differs from the
+    number of paths.
+    """
+    needing = [name for name in names if CHANNELS[name].needs]
+    if vehicle is not None:
+        require_vehicle(vehicle, "the argument vehicle of evaluate")
+    if not needing:
+        return None
+    used = require_vehicle(vehicle, f"the output {needing[0]!r}")
+    for name in needing:
+        require(used, CHANNELS[name].needs, f"the output {name!r}")
+    given = batch_of(used)
+    if not given:
+        return used
+    if given != rows:
+        expected = f"one vehicle or {rows[0]}, one for each path" if rows else "one vehicle for the one path"
+        raise ValueError(
+            f"the output {needing[0]!r} needs {expected}, but vehicles of the batch shape {given} were given"
+            + ("" if rows else ": pass one vehicle, or map evaluate over the vehicles with jax.vmap")
+        )
+    return with_batch(used, rows[0])
 
 
 def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
         raise ValueError(
-            f"a path or a stack of paths was expected, but a {type(paths).__name__} was given. "
+            f"a path or a batch of paths was expected, but a {type(paths).__name__} was given. "
             "Stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
-            "them in jax.vmap."
+            "them with jax.vmap."
         )
     return jnp.ndim(paths.duration) == 1
 

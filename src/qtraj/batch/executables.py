@@ -1,4 +1,4 @@
-"""The compiled functions behind `qtraj.evaluate`."""
+"""Create the compiled functions for `qtraj.evaluate`."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -27,9 +27,10 @@ from qtraj.path.channel import CHANNELS
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Results by name, or values and times of a reduction, for `work`: a path or stack, a frame, and a vehicle or None.
+    """Return the arrays of the outputs by name, or the (values, times) of a reduction.
 
-    `times` are (instants,) or (paths, instants). The compiled code adds the leading axis without a copy.
+    `work` consists of a path or a batch of paths, a frame, and a vehicle or None. `times` are (instants,) or (paths,
+    instants). The compiled code adds a missing leading axis without a copy.
     """
     if traced:
         return _traced(task, work, jnp.atleast_2d(times))
@@ -42,7 +43,7 @@ def run(
 
 
 def _traced(task: Task, request: Any, times: Array) -> Any:
-    """The results inside a trace, differentiable."""
+    """Return the results inside a trace, with derivatives."""
     paths, frame = _stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
     if task.reduce in ("max", "min"):
@@ -59,10 +60,11 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
 
 
 def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """Peaks with the derivatives at the instants where they are attained (envelope theorem).
+    """Return the peaks, with derivatives at the instants of the peaks only (envelope theorem).
 
-    The search itself is not differentiated, so a reverse pass over all samples is not needed. If several instants
-    attain the peak to rounding, the derivatives are those at the first. A peak that is not finite has no derivatives.
+    The search is not differentiated, so no reverse pass over all samples is needed. If several samples equal the peak
+    to within rounding, the derivatives are evaluated at the first of their instants. The derivatives of a peak that is
+    not finite are zero.
     """
     peaks = _stop_gradient(_peaks(task, _stop_gradient(paths), _stop_gradient(frame), _stop_gradient(times)))
     first = jnp.stack([when for name in task.names for _, when in peaks[name]], axis=1)
@@ -83,9 +85,9 @@ def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> A
 
 
 def _with_time_derivatives(instants: Array, times: Array) -> Array:
-    """Instants (paths, peaks), each with the derivatives of the nearest of its path's `times` (paths or 1, instants).
+    """Return `instants` (paths, peaks) with the derivatives of the nearest elements of `times` (paths or 1, instants).
 
-    If the times have no derivatives, the compiler removes the search for the nearest.
+    If the times have no derivatives, the compiler removes the search for the nearest time.
     """
     fixed = _stop_gradient(times)
     rows = jnp.broadcast_to(jnp.arange(instants.shape[0])[:, None] % times.shape[0], instants.shape)
@@ -96,15 +98,15 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
 
 
 def _stop_gradient(tree: Any) -> Any:
-    """The tree, constant to differentiation."""
+    """Return a tree with the same values, whose arrays are treated as constant in differentiation."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 @lru_cache(maxsize=128)
 def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
-    """A compiled function that writes every block into its results.
+    """Return a compiled function that evaluates block by block and writes each block into the arrays of the results.
 
-    An old table provides only its memory for the results.
+    If the arrays of an old table are donated, the function uses their memory for the results and ignores their values.
     """
 
     def call(static: Any, dynamic: Any, times: Array, old: Any) -> Any:
@@ -116,7 +118,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
             arrays, work = _worker(paths, frame, task.names)
 
             def empty(name: str, dtype: Any) -> Array:
-                # Different fill values, because the compiler would merge equal buffers into one and then copy it.
+                # Use different fill values, because the compiler would merge equal buffers and then copy the result.
                 return jnp.full(task.raw_shape(name, count, instants), task.names.index(name), dtype)
 
             return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples())
@@ -135,7 +137,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
 
 @lru_cache(maxsize=128)
 def _reduction(task: Task, over: Spread | None) -> Any:
-    """A compiled function that reduces every block."""
+    """Return a compiled function that reduces every block and combines the results of the blocks."""
 
     def call(static: Any, dynamic: Any, times: Array) -> Any:
         times = jnp.atleast_2d(times)
@@ -166,19 +168,19 @@ def _reduction(task: Task, over: Spread | None) -> Any:
 
 
 def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array) -> Any:
-    """The integral of each component by name, (paths,), over times that may be part of longer rows."""
+    """Return the integral (paths,) of each component by name; `around` contains the `neighbours` of the times."""
     arrays, work = _worker(paths, frame, task.names)
     return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples()))
 
 
 def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """The value of each component by name, (paths,): the mean over a single instant."""
+    """Return the value (paths,) of each component by name, which is the mean over a single instant."""
     arrays, work = _worker(paths, frame, task.names)
     return jax.tree.map(lambda x: (x[:, 0].astype(times.dtype),), work(arrays, (times,)))
 
 
 def _peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """(peak, time) of each component by name, (paths,), without derivatives."""
+    """Return (peak, time), each (paths,), for each component by name, without derivatives."""
     arrays, evaluated = _worker(paths, frame, task.names)
     shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
     peak = block_peak(reduction)
@@ -204,8 +206,20 @@ def _joined(task: Task, parts: Any) -> Any:
     return {name: tuple(join(component) for component in parts[name]) for name in task.names}
 
 
+class Driven(eqx.Module):
+    """A stack of paths, and one vehicle for each path or None, so that a block contains the vehicles of its paths."""
+
+    paths: Any
+    vehicle: Any
+
+    @property
+    def duration(self) -> Array:
+        """The durations of the paths."""
+        return self.paths.duration
+
+
 def _finished(task: Task, parts: Any, times: Array) -> Any:
-    """Values by name, and times of peaks, from the reductions over the rows of `times`."""
+    """Return the values by name, and the times of peaks or None, from the reductions over the rows of `times`."""
     span = times[:, -1] - times[:, 0] if task.reduce == "mean" and times.shape[1] > 1 else 1
     values = {name: task.shaped(name, jnp.stack([c[0] / span for c in parts[name]])) for name in task.names}
     if task.reduce in LINEAR:
@@ -214,43 +228,48 @@ def _finished(task: Task, parts: Any, times: Array) -> Any:
 
 
 def _stacked(task: Task, work: Any) -> Any:
-    """The paths, with a leading axis, and the frame with the axes of its rates, and the vehicle."""
+    """Return the paths and their own vehicles with a leading axis, and the tuple of frame, axes and shared vehicle."""
     paths, frame, vehicle = work
     lead = lambda x: jnp.asarray(x)[None] if eqx.is_array_like(x) else x  # noqa: E731
-    return (paths if task.batched else jax.tree.map(lead, paths)), (frame, task.axes, vehicle)
+    paths = paths if task.batched else jax.tree.map(lead, paths)
+    if vehicle is not None and vehicle.mass.ndim:
+        return Driven(paths, vehicle), (frame, task.axes, None)
+    return Driven(paths, None), (frame, task.axes, vehicle)
 
 
 def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
-    """The arrays of the paths, and the function that evaluates the outputs of a block of them."""
+    """Return the arrays of the paths, and a function that evaluates the outputs of a block of paths."""
     arrays, rest = eqx.partition(paths, eqx.is_array)
 
     @partial(jax.jit, inline=True)  # traced once for each block shape
     def work(block: Any, cut: Any) -> Any:
-        leaves, structure = jax.tree.flatten(channels(eqx.combine(block, rest), cut[0], frame, names))
+        driven = eqx.combine(block, rest)
+        about = frame if driven.vehicle is None else (*frame[:2], driven.vehicle)
+        leaves, structure = jax.tree.flatten(channels(driven.paths, cut[0], about, names))
         return structure.unflatten(in_one_loop(leaves))
 
     return arrays, work
 
 
 def _results(task: Task, raw: dict[str, Array]) -> dict[str, Array]:
-    """The results from arrays with components first."""
+    """Return the results, with axes as requested, from arrays with components first."""
     if task.continuous and "quaternion" in raw:
         raw = raw | {"quaternion": _continuous(raw["quaternion"])}
     return {name: task.ordered(name, x) for name, x in raw.items()}
 
 
 def _continuous(q: Array) -> Array:
-    """Unit quaternions (4, …, instants) with continuous signs, like `rotation.continuous`."""
+    """Return unit quaternions (4, …, instants) with signs that are continuous in time, as in `rotation.continuous`."""
     return q * hamilton.continuous_signs(jnp.sum(q[..., 1:] * q[..., :-1], axis=0))[None]
 
 
 def _long() -> float:
-    """Minimum number of instants for `long_row`; infinite on devices other than CPUs, where blocks are equally fast."""
+    """Return the minimum number of instants for `long_row`; infinite on a GPU or TPU, where `long_row` is not used."""
     return float(LONG) if jax.default_backend() == "cpu" else float("inf")
 
 
 def _samples() -> int:
-    """Instants in a block: small for the caches of CPUs; on other devices large, limited by their memory."""
+    """Return the maximum size of a block, which is limited by the caches of a CPU or by the memory of other devices."""
     return SAMPLES if jax.default_backend() == "cpu" else 2**24
 
 

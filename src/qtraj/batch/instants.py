@@ -1,10 +1,11 @@
-"""Paths and their frames at many instants at once, in components.
+"""Evaluate paths and their frames at many instants at once, in components.
 
-The formulas are those of `frame_components` and `quantity`. The derivatives are computed in the path's moving basis,
-where they are polynomials. One cosine and one sine of half its angle transform the results to world axes. The
-quaternion is that of the moving basis times that of the frame in it.
+The formulas are defined in `frame_components` and `quantity`. The derivatives are computed in the moving basis of the
+path, in which they are polynomials. The cosine and sine of half the angle of the basis transform the results to world
+axes. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame relative to
+this basis.
 
-Arrays are (paths, instants). Where a frame does not exist, the numbers are the fallback values of `trihedral`.
+Arrays are (paths, instants). Where a frame does not exist, its outputs are the same fallback values as in `trihedral`.
 """
 
 from functools import cached_property
@@ -26,20 +27,21 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.path_quantity import Division, PathQuantity
 from qtraj.path.rate_axes import BODY
+from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
 from qtraj.path.vehicle import RoadParameters, Vehicle
 
 Times = Float[Array, "rows instants"]
 
 ORDER = 4
-"""The highest derivative of a path that any output needs."""
+"""Order of the highest derivative of a path that any output needs."""
 
 DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
-"""Quotients and inverse roots with positive divisors, for the formulas of path quantities."""
+"""Functions for quotients and inverse roots with positive divisors, used by the formulas of path quantities."""
 
 
 class Instants:
-    """All outputs of a stack of paths (every array with a leading axis) at instants (paths or 1, instants) [s].
+    """All outputs of a batch of paths (every array with a leading axis) at instants (paths or 1, instants) [s].
 
     Vectors are triples of arrays. Each output is computed at its first use.
     """
@@ -53,45 +55,51 @@ class Instants:
         vehicle: Vehicle | None = None,
     ):
         self.frame, self.t, self.axes = frame, t, axes
-        self.vehicle: Any = vehicle  # None only if no output needs it
+        self.vehicle: Any = vehicle  # None only if no output needs a vehicle
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
         else:
             t = t.astype(polynomials.x.dtype)
             rows, angle = _moving_derivatives(polynomials, t)
-            shared = jax.tree.map(lambda x: x[:, None], polynomials.placement)  # by all instants of a path
+            shared = jax.tree.map(lambda x: x[:, None], polynomials.placement)  # the same for all instants of a path
             self.basis = Basis(angle, shared)
         zero = jnp.zeros_like(rows[0][0])
         self.rows = [filled(row, zero) for row in rows]
         self.duration = paths.duration[:, None].astype(zero.dtype)
 
     def derivative(self, k: int) -> Triple:
-        """The k-th derivative of r, world axes."""
+        """Return the k-th derivative of r in world axes."""
         x, y, z = self.basis.world(self.rows[k])
         if k or not self.basis.placed:
             return x, y, z
         return x + self.basis.origin[0], y + self.basis.origin[1], z + self.basis.origin[2]
 
     def path_quantity(self, entry: PathQuantity) -> Array:
-        """The value of a path quantity."""
-        return entry.value(self.invariants, DIVISION)
+        """Return the values of a path quantity."""
+        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants, DIVISION)
 
     @cached_property
     def invariants(self) -> Invariants:
         """The invariants of the path, with the world's vertical."""
-        return self.basis.invariants(self.rows, self._road)
+        return self.basis.invariants(self.rows)
+
+    @cached_property
+    def _driven(self) -> Invariants:
+        """The invariants from which forces are computed; they are also defined at a standstill."""
+        up = self.basis.local(UP) if self.basis.placed else None
+        return driven_invariants(self.rows, up, self._road, self.t, self.duration, root)
 
     @property
     def _road(self) -> Any:
         if self.vehicle is None:
             return None
-        parameters = self.vehicle.parameters(self.duration.dtype)
-        return RoadParameters(*(jnp.asarray(x) for x in parameters))
+        parameters = map(jnp.asarray, self.vehicle.parameters(self.duration.dtype))
+        return RoadParameters(*(x[:, None] if x.ndim else x for x in parameters))  # shared by all instants of a path
 
     @property
     def force(self) -> Triple:
-        """The force that moves the vehicle along the path [N], in the requested axes."""
+        """The force [N] that moves the vehicle along the path, in the requested axes."""
         force = path_force(self._road, self.rows, self.basis.local(UP), root(self.invariants.S))
         if self.axes != BODY:
             return self.basis.world(force)
@@ -100,28 +108,28 @@ class Instants:
 
     @property
     def moment(self) -> Triple:
-        """The moment that turns the vehicle with the frame [N m], in the requested axes."""
+        """The moment [N m] that rotates the vehicle with the frame, in the requested axes."""
         frame = self._frame
         return self._in_axes(turning_moment(self.vehicle, frame.rate, frame.acceleration))
 
     @property
     def speed(self) -> Array:
-        """|r'| [m/s]."""
+        """The speed |r'| [m/s]."""
         return root(self.invariants.S)
 
     @property
     def curvature(self) -> Array:
-        """κ [1/m]; 0 where the path stops."""
+        """The curvature κ [1/m]; 0 where the speed is zero."""
         return curvature(self.invariants, self.duration)
 
     @cached_property
     def torsion(self) -> Array:
-        """χ [1/m]; 0 where the path is straight or stops."""
+        """The torsion χ [1/m]; 0 where the path is straight or the speed is zero."""
         return torsion(self.invariants, self.duration)
 
     @property
     def dcm(self) -> tuple[Array, ...]:
-        """Direction cosines, world to body, row by row."""
+        """The direction cosines, world to body, row by row."""
         tangent, normal, binormal = (self.basis.world(axis) for axis in self._frame.axes)
         return (*tangent, *normal, *binormal)
 
@@ -139,16 +147,16 @@ class Instants:
 
     @property
     def rate(self) -> Triple:
-        """Angular rate of the frame [rad/s], in the requested axes."""
+        """The angular rate [rad/s] of the frame, in the requested axes."""
         return self._in_axes(self._frame.rate)
 
     @property
     def acceleration(self) -> Triple:
-        """Angular acceleration of the frame [rad/s²], in the requested axes."""
+        """The angular acceleration [rad/s²] of the frame, in the requested axes."""
         return self._in_axes(self._frame.acceleration)
 
     def _in_axes(self, v: Triple) -> Triple:
-        """A vector with components in the frame, in the requested axes."""
+        """Convert a vector from the axes of the frame to the requested axes."""
         if self.axes == BODY:
             return v
         a, b, c = (scaled(axis, part) for axis, part in zip(self._frame.axes, v, strict=True))
@@ -165,7 +173,7 @@ class Instants:
         return self._other() if found is None else found
 
     def _other(self) -> FrameComponents:
-        """Any other frame, instant by instant."""
+        """Evaluate, instant by instant, a frame that does not provide components."""
         rows = jnp.stack([jnp.stack(self.derivative(k), axis=-1) for k in range(ORDER + 1)], axis=-2)
         durations = jnp.broadcast_to(self.duration, rows.shape[:2])
         t = jnp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
@@ -177,7 +185,7 @@ class Instants:
 
 
 def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
-    """The derivatives in the moving basis, and its angle."""
+    """Return the derivatives of the paths in the moving basis, and the angle of the basis."""
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
     single = [c for p in present for c in split(p.astype(t.dtype), [1] * p.shape[1], axis=1)]
     coefficients = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
@@ -188,7 +196,7 @@ def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple
 
 
 def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
-    """The derivatives, world axes, of paths without polynomials."""
+    """Return the derivatives of paths that are not polynomial, in world axes."""
     along = lambda path, t: jax.vmap(lambda t: path.derivatives(t, ORDER))(t)  # noqa: E731
     each = jnp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
     r = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, each)
@@ -196,7 +204,7 @@ def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
 
 
 def _gibbs(q: Quaternion) -> tuple[Array, ...]:
-    """The Gibbs vector λ_k/λ0, by a Newton reciprocal; the same values as `rotation.to_gibbs` at half turns."""
+    """Return the Gibbs vector λ_k/λ0, computed without a division; at half turns as in `rotation.to_gibbs`."""
     s = q[0]
     square = s * s
     regular = square >= jnp.finfo(s.dtype).tiny

@@ -1,8 +1,9 @@
-"""Peaks over very many instants of a path, without derivatives.
+"""Find peaks over very many instants of a path, without derivatives.
 
-The instants are divided into segments, which are processed side by side, each with a running peak. This is elementwise
-work, which compilers for CPUs vectorise, whereas they reduce a single row sample by sample. The time of the peak is
-computed afterwards, from the one segment that contains it.
+The instants are divided into segments. The segments are processed together, one sample of each segment at a time, and
+each segment has a running peak. These operations are elementwise, so CPU compilers vectorise them. The maximum of a
+single row would be computed sample by sample. Afterwards the time of the peak is computed from the segment that
+contains the peak.
 """
 
 from collections.abc import Callable
@@ -17,19 +18,19 @@ from qtraj.batch.blocks import Work
 from qtraj.batch.reduction import attained
 
 SEGMENTS = 8192
-"""Number of segments; the samples that are processed side by side fit into the cache of one core."""
+"""Number of segments; one sample of each segment, with the intermediate results, fits into the cache of one core."""
 
 WINDOW = 16
-"""Samples of each segment that are loaded together, two cache lines."""
+"""Number of successive instants of a segment that are loaded together; in float64 they fill two cache lines."""
 
 LONG = 2**18
-"""Minimum number of instants for this method; at least two thirds of them then fill the segments."""
+"""Minimum number of instants for this method; from this number on, at least two thirds of them are in the segments."""
 
 
 def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array], blocks: Work) -> Any:
-    """The peaks of one path, in the form of `reduction.joiner`, from `columns`: its times (1, instants).
+    """Return the (peak, time) of every component for one path; `columns` contains the times (1, instants).
 
-    `blocks`, (path, columns) → peaks, processes the instants that do not fill the segments.
+    The function `blocks`, (path, columns) → peaks, processes the last instants, which are not in the segments.
     """
     instants = columns[0].shape[1]
     n_full = instants - instants % (SEGMENTS * WINDOW)
@@ -40,7 +41,7 @@ def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array], block
 
 
 def _segment_peaks(work: Work, sign: int, path: Any, times: Array) -> Any:
-    """The peak of every segment (1, SEGMENTS), times `sign`, over the times (SEGMENTS, instants)."""
+    """Return `sign` times the peak of every segment, (1, SEGMENTS), over the times (SEGMENTS, instants)."""
 
     def window(i: Array, peaks: Any) -> Any:
         cut = lax.dynamic_slice_in_dim(times, i * WINDOW, WINDOW, axis=1).T
@@ -57,7 +58,10 @@ def _segment_peaks(work: Work, sign: int, path: Any, times: Array) -> Any:
 
 
 def _with_times(work: Work, sign: int, path: Any, times: Array, segment_peaks: Any, rest: Any) -> Any:
-    """(peak, time) of every component, from the peaks of the segments, times `sign`, and of the rest."""
+    """Return (peak, time) of every component from the segments and from `rest`, the peaks of the last instants.
+
+    `segment_peaks` are already multiplied by `sign`. `rest` is None if all instants are in the segments.
+    """
     leaves, structure = jax.tree.flatten(segment_peaks)
     peaks = jnp.concatenate(leaves)
     highest = jnp.max(peaks, axis=1)
@@ -73,7 +77,8 @@ def _with_times(work: Work, sign: int, path: Any, times: Array, segment_peaks: A
     def time_of_peak(component: Array, segment: Array, peak: Array, in_segments: Array) -> Array:
         own_times = times[segment][None]
         samples = sign * jnp.stack(jax.tree.leaves(work(path, (own_times,))))[component]
-        # The samples are computed a second time. If rounding differs and none equals the peak, use the largest.
+        # The samples are computed a second time. If no sample equals the peak, because the rounding differs, use the
+        # largest sample.
         first = jnp.min(jnp.where(attained(samples, peak), own_times, jnp.inf))
         largest = own_times[0, jnp.argmax(samples)]
         return jnp.where(jnp.isinf(first) & in_segments, largest, first)
@@ -86,7 +91,10 @@ def _with_times(work: Work, sign: int, path: Any, times: Array, segment_peaks: A
 
 
 def by_path(row: Callable[[Any, Any], Any], paths: Any, columns: Any, count: int) -> Any:
-    """The results of `row` for each path, (paths,), one after the other; times are shared, or one row per path."""
+    """Apply `row` to each of `count` paths in turn, and return the results (paths,).
+
+    `columns` are arrays with one row for all paths, or one row for each path.
+    """
     if count == 1:
         return row(paths, columns)
     one = lambda k, x: lax.dynamic_slice_in_dim(x, k if x.shape[0] > 1 else 0, 1)  # noqa: E731

@@ -1,6 +1,6 @@
-"""Outputs that depend on a rotation-minimizing frame, which must be integrated along the path.
+"""Compute outputs that depend on a rotation-minimizing frame, which must be integrated along the path.
 
-`FrameProgram` integrates the frame. Outputs that depend on the path alone are evaluated as for other frames.
+`FrameProgram` integrates the frame. Outputs that depend only on the path are evaluated as for other frames.
 """
 
 from typing import Any
@@ -12,11 +12,13 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm
+from qtraj.batch.body_forces import path_force
 from qtraj.batch.task import Task
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.dynamics import torque
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.path.frame_components import UP, triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.rate_axes import BODY
@@ -24,7 +26,7 @@ from qtraj.path.regularity import has_tangent
 from qtraj.path.vehicle import Vehicle
 
 FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "force", "moment", "defined")
-"""The outputs that depend on the frame."""
+"""Outputs that depend on the frame."""
 
 
 def frame_outputs(
@@ -34,7 +36,7 @@ def frame_outputs(
     times: Float[Array, "*rows n"],
     vehicle: Vehicle | None = None,
 ) -> dict[str, Array]:
-    """The outputs of the task that depend on the frame; the quaternion's sign is continuous on each path."""
+    """Compute the requested outputs that depend on the frame; the quaternion's sign is continuous on each path."""
     names = tuple(name for name in FRAME_OUTPUTS if name in task.names)
     if not names:
         return {}
@@ -45,7 +47,7 @@ def frame_outputs(
 
 
 def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:
-    """Move the component axes to the front if the task asks for it."""
+    """Move the component axes to the front if the task requests it; `lead` is the number of the other axes."""
     if task.components == "last":
         return values
     return {name: jnp.moveaxis(x, range(lead, x.ndim), range(x.ndim - lead)) for name, x in values.items()}
@@ -60,7 +62,9 @@ def _many(
     axes: str,
     vehicle: Vehicle | None,
 ) -> dict[str, Any]:
-    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names, axes, vehicle))(paths, times)
+    own = 0 if vehicle is not None and vehicle.mass.ndim else None
+    along = lambda path, t, vehicle: _along(FrameProgram(path, frame), t, names, axes, vehicle)  # noqa: E731
+    return eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0, own))(paths, times, vehicle)
 
 
 @eqx.filter_jit
@@ -82,23 +86,22 @@ def _along(
 
 
 def _forces(path: AbstractHodograph, vehicle: Any, times: Array, quaternions: Array, axes: str) -> Array:
-    """The force that moves a vehicle along a path, in the frame's axes or the world's."""
+    """Return the force (n, 3) [N] that moves a vehicle along a path, in the axes of the frame or in world axes."""
 
     def at(t: Array, q: Array) -> Array:
-        r, p = path.derivatives(t, 2), vehicle.parameters()
-        up = jnp.asarray([0.0, 0.0, 1.0], r.dtype)
-        force = p.mass * (r[2] + p.gravity * up + p.drag * norm(r[1]) * r[1])
+        r = path.derivatives(t, 2)
+        force = jnp.stack(path_force(vehicle.parameters(r.dtype), [triple(x) for x in r], UP, norm(r[1])))
         return force if axes != BODY else quaternion.rotate(quaternion.conjugate(q), force)
 
     return jax.vmap(at)(times, quaternions)
 
 
 def _moment(at: Attitude, vehicle: Any, axes: str) -> Array:
-    """The moment that turns a vehicle with a frame, in the frame's axes or the world's."""
-    moment = torque(at, vehicle.inertia)
+    """Return the moment (3,) [N m] that rotates a vehicle with a frame, in the axes of the frame or in world axes."""
+    moment = torque(at, vehicle.inertia_in_frame())
     return moment if axes == BODY else quaternion.rotate(at.quaternion, moment)
 
 
 def _defined(path: AbstractHodograph, t: Array) -> Array:
-    """Whether the path moves at `t`."""
+    """Return whether the speed at the time `t` [s] is not zero."""
     return has_tangent(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)

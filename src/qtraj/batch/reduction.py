@@ -1,4 +1,4 @@
-"""Peaks, integrals and means over the instants of each path: the result class, and how blocks are combined."""
+"""Define reductions over the instants of each path (peaks, integrals and means), and their results."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,10 +18,10 @@ from qtraj.path.rate_axes import BODY, in_axes
 REDUCTIONS = ("max", "min", "integral", "mean")
 
 LINEAR = ("integral", "mean")
-"""Reductions that sum samples; the others select one sample."""
+"""Reductions that sum samples; the other reductions select one sample."""
 
 ROUNDING = 8
-"""In machine epsilons: samples within this relative distance of a peak count as equal to it."""
+"""Relative distance, in units of machine epsilon, within which a sample counts as equal to the peak."""
 
 QUATERNIONS = (
     "scalar first, Hamilton product, body to world; each component is reduced separately, so the norm is not 1"
@@ -29,11 +29,12 @@ QUATERNIONS = (
 
 
 class Reduced(AbstractResult):
-    """One number for each component of each output: `reduced["speed"]`.
+    """One reduced value for each component of each output, accessed as `reduced["speed"]`.
 
-    Arrays have the component axes, (…) for one path and (b, …) for many, or with `components="first"` (…, b). For
-    "max" and "min", `times` are the first instants [s] at which each is attained to rounding. The derivatives of a peak
-    are those at that instant, even if other instants have the same value.
+    The arrays have only component axes, (…), for one path; for b paths they are (b, …), or (…, b) with
+    `components="first"`. For "max" and "min", `times` are the first instants [s] at which the values are attained,
+    to within rounding error. The derivatives of a peak are evaluated at its first instant, even if other instants have
+    the same value.
     """
 
     values: dict[str, Array]
@@ -48,7 +49,7 @@ class Reduced(AbstractResult):
         return self.values[name]
 
     def record(self) -> Record:
-        """The numbers over `path`, if there are many, and over components; `…_time` is the time of a peak."""
+        """Return the values over `path` (for a batch) and over components; `…_time` contains the times of peaks."""
         variables = {}
         for name, values in self.values.items():
             entry, paths = in_axes(CHANNELS[name], self.axes), ("path",) if self.batched else ()
@@ -69,7 +70,10 @@ class Reduced(AbstractResult):
 
 
 def block_peak(reduction: str) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """A function (component (paths, instants), times) → peak and its time for each path, as input of `joiner`."""
+    """Return a function that computes the peak and its time for each path from the samples of a component.
+
+    The arguments of the function are the samples (paths, instants) and their times. `joiner` combines the results.
+    """
     sign = 1 if reduction == "max" else -1
 
     def peak(x: Array, t: Array) -> tuple[Array, Array]:
@@ -80,7 +84,7 @@ def block_peak(reduction: str) -> Callable[[Array, Array], tuple[Array, Array]]:
 
 
 def joiner(reduction: str) -> Callable[[Any], Any]:
-    """A function that combines the reductions of blocks, which are on the leading axis."""
+    """Return a function that combines the reductions of several blocks, stacked along the leading axis."""
     if reduction in LINEAR:
         return lambda part: (jnp.sum(part[0], axis=0),)
     sign = 1 if reduction == "max" else -1
@@ -93,5 +97,8 @@ def joiner(reduction: str) -> Callable[[Any], Any]:
 
 
 def attained(x: Array, peak: Array) -> Array:
-    """Whether `x` equals the peak to rounding, since a compiler that computes `x` twice may round it differently."""
+    """Return whether `x` equals the peak to within rounding.
+
+    Exact equality can fail, because compilers may compute `x` twice and round differently.
+    """
     return (x == peak) | (jnp.abs(x - peak) <= ROUNDING * jnp.finfo(x.dtype).eps * jnp.abs(peak))

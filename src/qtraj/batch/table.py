@@ -1,4 +1,4 @@
-"""The result of a batched evaluation: labelled arrays over instants."""
+"""Define the result of a batched evaluation: labelled arrays over instants."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 
 class Table(AbstractResult):
-    """Arrays over instants (n,) or over paths and instants (b, n), components on the last axis (or the first).
+    """Arrays over n instants, (n, …), or over b paths and n instants, (b, n, …), or with the component axes first.
 
-    Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; outputs that were
-    not requested are None. `time` [s], (n,) or (b, n), is measured from each path's own start. `axes`, "body" or
-    "inertial", are the axes of `rate` and `angular_acceleration`.
+    Each output of `evaluate` is an attribute, such as `table.position`, `table.curvature` or `table.yaw_rate`; outputs
+    that were not requested are None. `time` [s], (n,) or (b, n), is measured from the start of each path. `axes`,
+    "body" or "inertial", are the axes of `rate`, `angular_acceleration`, `force` and `moment`.
 
-    **Raises:** TypeError for unknown names of arrays.
+    **Raises:** TypeError for an unknown name of an array.
     """
 
     time: Float[Array, "*rows n"]
@@ -61,16 +61,16 @@ class Table(AbstractResult):
     def plot(self, *names: str) -> "Figure":
         """Plot outputs over time, one panel each, as a matplotlib figure (extra `viz`).
 
-        By default all outputs except `dcm` and `defined` are plotted. Components are labelled by the axes of the frame.
-        If there are many paths, the first eight are plotted.
+        By default all outputs except `dcm` and `defined` are plotted. Components have the labels of the frame's axes.
+        If there are many paths, only the first eight are plotted.
 
-        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for an output that the
-        table does not have.
+        **Raises:** ModuleNotFoundError with the extra to install, if matplotlib is missing; ValueError for an output
+        that the table does not contain.
         """
         return draw("table_plot", self, names)
 
     def record(self) -> Record:
-        """The arrays over `time`, or over `sample` if each path has its own instants, and over `path`."""
+        """Return the arrays over `path` (for a batch) and `time`, or `sample` if each path has its own instants."""
         along = "time" if self.time.ndim == 1 else "sample"  # times that differ between paths cannot be an axis
         instants = ("path", along) if self.batched else (along,)
         variables = {}

@@ -1,4 +1,4 @@
-"""Layer 7: the command line, one file per command: load a scenario, run the library, show its results."""
+"""Layer 7, the command line: each command has a module that reads a scenario, runs the library and prints results."""
 
 BAD_INPUT = 2
 """Exit code of a run whose input is invalid."""

@@ -1,4 +1,4 @@
-"""The application with all commands, and the old names of renamed commands."""
+"""Define the application with all commands, and the old names of renamed commands."""
 
 import functools
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import typer
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
 from qtraj.cli.report import report
+from qtraj.cli.retime import retime
 from qtraj.cli.route import route
 from qtraj.cli.simulate import simulate
 from qtraj.cli.slew import slew
@@ -22,17 +23,17 @@ app = typer.Typer(
 
 
 def _prose(docstring: str | None) -> str:
-    """A docstring with unwrapped paragraphs, so that the terminal wraps them."""
+    """Return a docstring with each paragraph on one line, which the terminal wraps."""
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
 
 
 def _examples(*lines: str) -> str:
-    """The text with the examples of a command, one per line, for the end of its help."""
+    """Return the examples of a command, one per line, as text for the end of the help."""
     return "\n\n".join(("Examples:", *lines))
 
 
 def _add(command: Callable[..., None], *examples: str, old: str | None = None) -> None:
-    """Add a command with its examples, and an alias for its `old` name, which warns and works until 1.0."""
+    """Add a command with its examples, and an alias with the `old` name, which emits a warning."""
     help, epilog = _prose(command.__doc__), _examples(*examples)
     app.command(help=help, epilog=epilog)(command)
     if old is None:
@@ -64,6 +65,12 @@ _add(
     "qtraj route bus.toml --out results",
 )
 _add(
+    retime,
+    "qtraj retime  (the built-in scenario)",
+    "qtraj retime bus.toml --out results",
+    "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+)
+_add(
     slew,
     "qtraj slew  (the built-in scenario)",
     "qtraj slew camera.toml --out results --samples 401",
@@ -93,14 +100,16 @@ def _version(requested: bool) -> bool:
 @app.callback(
     epilog=_examples(
         "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
-        "qtraj report  (writes an HTML report of it)",
+        "qtraj report  (writes an HTML report of the results in qtraj-out)",
         "qtraj --install-completion  (installs tab completion)",
     )
 )
 def root(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
-    """Where a vehicle must be, and how it must turn: paths from boundary states or recordings.
+    """Compute paths, slews and closed-loop motion of vehicles from boundary states, recordings and limits.
 
-    Exit codes: 0 success, 1 limits not met or no convergence (the results are still written), 2 invalid input.
+    The exit code is 0 for success, 1 for violated limits or no convergence, and 2 for invalid input.
+
+    Results are also written if the exit code is 1.
     """

@@ -1,4 +1,4 @@
-"""`qtraj evaluate`: the path of a scenario, or a saved one, as a table."""
+"""Implement `qtraj evaluate`, which tabulates the path of a scenario, or a saved path."""
 
 import math
 from collections.abc import Sequence
@@ -23,16 +23,10 @@ if TYPE_CHECKING:
     from qtraj.scenario.reader import ScenarioFile
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
-FORCES = ("longitudinal_force", "lateral_force", "normal_load", "friction", "power")
-"""Further outputs of a scenario with a vehicle."""
-
-FORCES_TITLE = "t [s], forces F between tyres and road [N], use of the grip, power P of the drive [W]"
-
 SAMPLES = 25
 MAX_INSTANTS = 1_000_000
-"""Larger numbers of instants are rejected as probable mistakes."""
+"""Maximum number of instants, because a larger number is probably a mistake."""
 
-ROAD = {"time": ["t"], **dict(zip(FORCES, (["|F_τ|"], ["|F_n|"], ["F_b"], ["friction"], ["P"]), strict=True))}
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
@@ -42,7 +36,7 @@ def evaluate(
         None, min=2, metavar="N", help=f"Number of instants, including both ends. \\[default: {SAMPLES}]"
     ),
     step: float | None = typer.Option(
-        None, metavar="SECONDS", help="Time between instants, instead of --samples; the end is always included."
+        None, metavar="SECONDS", help="Time between instants, instead of --samples. The end is always included."
     ),
     also: list[str] = typer.Option(
         [], metavar="NAME", help="Additional output of qtraj.evaluate, such as yaw_rate. May be repeated."
@@ -51,12 +45,12 @@ def evaluate(
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
+    """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
-    The path of a scenario is not tuned. Attitude and rate belong to the upright frame, unless --frame selects another;
-    the quaternion is scalar first, body to world. With a table [vehicle] the output includes forces, friction and
-    power. Outputs requested by --also are added to the files and to the JSON output. Exit code 1 if the path does not
-    follow its recording.
+    The path of a scenario is not tuned. Attitude and rate are of the upright frame, unless --frame selects another
+    frame; the quaternion is scalar first, body to world. If the scenario has a table `vehicle`, the output includes
+    forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The exit code
+    is 1 if the path does not fit its recording.
     """
     with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
@@ -71,7 +65,7 @@ def run(
     also: Sequence[str],
     frame: FrameName,
 ) -> Outcome:
-    """Evaluate the path of a file, and write the table if a folder is given.
+    """Evaluate the path in a file, and write its table if `out` is not None.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -83,11 +77,15 @@ def run(
         from qtraj.design.fitting.facts import facts
         from qtraj.io.dataset import conventions, with_fit
         from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
+        from qtraj.path.channel import provided
+        from qtraj.path.quantity import QUANTITIES
 
         if out is not None:
             check_folder(out)
         loaded, path, fitted, vehicle = _path(file)
-        also = [*also, *(() if vehicle is None else FORCES)]
+        _require_vehicle(also, vehicle)
+        available = provided(vehicle)
+        also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
@@ -113,8 +111,26 @@ def run(
     return Outcome(content, lambda console: _show(console, content), loose)
 
 
+def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
+    """Raise a ValueError if an output in `also` needs a vehicle, or a property of it, that the scenario lacks."""
+    from qtraj.path.channel import CHANNELS
+    from qtraj.path.path_quantity import INERTIA, PRINCIPAL
+    from qtraj.path.vehicle import require
+
+    for name in also:
+        needs = CHANNELS[name].needs if name in CHANNELS else ""
+        if needs and vehicle is None:
+            raise ValueError(f"--also {name} needs a vehicle: give the scenario a table [vehicle] with its mass")
+        if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
+            raise ValueError(f"--also {name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
+        require(vehicle, needs, f"--also {name}")
+
+
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
-    """The scenario of a file, its path, the fit of the path, and the vehicle; a saved path has only itself."""
+    """Return the scenario of a file, its path, the fit of the path and the vehicle, or None for missing values.
+
+    For a saved path, there is no scenario, fit or vehicle.
+    """
     from qtraj.io.saved import is_saved, saved_path
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
@@ -126,9 +142,9 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
-    """The instants to evaluate, from 0 to the duration [s].
+    """Return the instants [s] to evaluate, from 0 to the duration.
 
-    **Raises:** ValueError if both numbers are given, or if they give an invalid number of instants.
+    **Raises:** ValueError for both `samples` and `step`, or for an invalid number of instants.
     """
     if samples is not None and samples > MAX_INSTANTS:
         raise ValueError(f"--samples must be at most {MAX_INSTANTS}, but {samples} was given")
@@ -138,17 +154,19 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
         raise ValueError("--samples and --step were both given: pass one of them")
     if not (step > 0 and duration / step < MAX_INSTANTS):
         raise ValueError(
-            f"--step must be positive and give at most {MAX_INSTANTS} instants, but {step:g} s was given for a path of "
-            f"{duration:.6g} s"
+            f"--step must be positive and result in at most {MAX_INSTANTS} instants, but {step:g} s was given for a "
+            f"path of {duration:.6g} s"
         )
     times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """Print the facts about the path, and two tables, because one table would be wider than 80 columns."""
+    """Print the path, and two or more tables, because one table would be wider than 80 columns."""
     from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
+    from qtraj.path.moment_quantities import MOMENT_QUANTITIES, MOMENTS
+    from qtraj.path.road_quantities import FORCES, ROAD_QUANTITIES
 
     layout.print_scenario(console, content["scenario"])
     path, frame = content["path"], content["frame"]
@@ -160,22 +178,23 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     defined = columns["defined"].astype(bool)
     exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}
     rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
+    symbols = {x.name: [x.name if x.unit == "1" else x.symbol] for x in ROAD_QUANTITIES}
+    forces = {"time": ["t"], **symbols}
+    of_forces = "t [s], forces F of the road [N], friction utilisation, power P of the drive [W]"
+    moments = {"time": ["t"], **{x.name: [x.symbol] for x in MOMENT_QUANTITIES}}
+    of_moments = "t [s], moments M that rotate the vehicle with the natural trihedral [N·m]"
     attitude = {"time": ["t"], "quaternion": ["λ0", "λ1", "λ2", "λ3"], "rate": rates}
     for title, block in (
         ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
         (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
-        *(
-            [("t [s], forces on the road F [N], use of the grip, power P [W]", ROAD)]
-            if set(FORCES) <= set(columns)
-            else []
-        ),
+        *([(of_forces, forces)] if set(FORCES) <= set(columns) else []),
+        *([(of_moments, moments)] if set(MOMENTS) <= set(columns) else []),
     ):
         layout.heading(console, title)
         console.print(layout.numbers_table(columns, block, exists))
     if len(defined) > layout.MAX_ROWS:
-        console.print(
-            Text(f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; --out DIR or --json gives all of them")
-        )
+        hidden = len(defined) - layout.MAX_ROWS
+        console.print(Text(f"… : {hidden} instants are not printed; use --out DIR or --json for all instants"))
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))
     layout.print_files(console, content["files"])

@@ -1,4 +1,4 @@
-"""Terminal output that the commands share, readable at 80 columns: headings, tables, scenario, files."""
+"""Format the output of commands for a terminal with 80 columns: headings, tables, scenarios and file names."""
 
 import math
 from collections.abc import Container, Mapping, Sequence
@@ -13,10 +13,10 @@ from rich.text import Text
 from qtraj.foundation.number_text import decimals, digits
 
 MAX_ROWS = 100
-"""Longer tables of numbers show only their first and last rows."""
+"""Maximum number of rows of a table of numbers; of longer tables, only the first and the last rows are printed."""
 
 ROWS = 21
-"""Number of instants of a motion that the terminal shows; the files and --json contain all of them."""
+"""Maximum number of instants of a motion that are printed; the files and --json contain all instants."""
 
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green"}
 
@@ -46,22 +46,22 @@ def heading(console: Console, text: str) -> None:
 
 
 def verdict(text: str) -> Text:
-    """A status such as 'met', 'active' or 'broken', in its colour."""
+    """Return a status such as 'met', 'active' or 'broken' as coloured text."""
     return Text(text, VERDICTS.get(text, "bold red"))
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """A number, or a dash for None."""
+    """Return a number as text with `digits` significant digits, or a dash for None."""
     return "-" if value is None else f"{value:.{digits}g}"
 
 
 def degrees(value: float | None, digits: int = 6) -> str:
-    """An angle [rad], or a derivative of one, in degrees; a dash for None."""
+    """Return an angle [rad], or a derivative of an angle, as text in degrees, or a dash for None."""
     return number(None if value is None else math.degrees(value), digits)
 
 
 def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
-    """An empty table; the columns named in `right` hold numbers."""
+    """Return an empty table with the columns `names`, `right` and `last`; the columns `right` are right-aligned."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for name in (*names, *right, *last):
         # Folded on narrow terminals, so that numbers are not truncated.
@@ -70,7 +70,7 @@ def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] 
 
 
 def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
-    """A table of names and their values, without a header."""
+    """Return a table of names and their values, without a header."""
     table = plain_table("", "")
     table.show_header = False
     for name, text in rows:
@@ -84,10 +84,10 @@ def numbers_table(
     known: Mapping[str, np.ndarray],
     significant: Container[str] = (),
 ) -> Table:
-    """The columns that `headers` names, each with enough decimals to distinguish its values.
+    """Return a table of the columns named in `headers`, each with enough decimals to distinguish its values.
 
-    Values are (n,) or (n, m), with a header for each component; a dash replaces them where `known[name]` is false.
-    `significant` columns, which span many orders of magnitude, have four significant digits instead.
+    Columns have shape (n,) or (n, m), with one header for each component. A dash replaces values where `known[name]` is
+    false. Columns in `significant`, which span many orders of magnitude, have four significant digits instead.
     """
     cells: list[list[str]] = []
     for name in headers:
@@ -110,9 +110,9 @@ def print_instants(
     headers: Mapping[str, Sequence[str]],
     significant: Container[str] = (),
 ) -> None:
-    """Print a `numbers_table` of at most 21 equally spaced instants."""
+    """Print the `numbers_table` of at most `ROWS` instants, selected evenly from all instants."""
     count = len(columns["time"])
     shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
     console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))
     if len(shown) < count:
-        console.print(Text(f"{len(shown)} of {count} instants; the files and --json contain all of them"))
+        console.print(Text(f"{len(shown)} of {count} instants; the files and --json contain all instants"))

@@ -1,4 +1,4 @@
-"""The entry point of the command line; it imports the commands after the settings are made."""
+"""Define the entry point of the command line, which imports the commands after changing settings."""
 
 import atexit
 import gc
@@ -14,11 +14,11 @@ NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """Packages that the command line needs in addition to the core of qtraj."""
 
 GC_THRESHOLDS = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector; with the default thresholds it takes a tenth of the run time."""
+"""Thresholds of Python's garbage collector; with the default thresholds, it uses a tenth of the run time."""
 
 
 def main() -> None:
-    """Run the command line; if a package is missing, say what to install and exit with 2."""
+    """Run the command line; if a package is missing, print how to install it and exit with code 2."""
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         sys.stderr.write(
@@ -32,7 +32,7 @@ def main() -> None:
         from qtraj.cli.session import prepare
 
         prepare()
-        from qtraj.cli.app import app  # after the settings, because an import may compute
+        from qtraj.cli.app import app  # after the settings, because imports may run computations
 
         app(prog_name="qtraj")
     except KeyboardInterrupt:  # before a command starts; commands handle interrupts themselves
@@ -45,9 +45,10 @@ def main() -> None:
 
 
 def _leave() -> NoReturn:
-    """End an interrupted process at once.
+    """Exit an interrupted process immediately.
 
-    JAX's threads may still compile or compute. A normal exit clears JAX's caches, and these threads can then crash.
+    JAX threads may still be compiling or computing. A normal exit clears the caches of JAX, and these threads can then
+    crash.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Output that the commands share: the first keys of their JSON, and tables and figures as files."""
+"""Create the output that commands have in common: the first keys of the JSON, and files of tables and figures."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,9 +18,9 @@ __all__ = ["check_folder", "header", "provenance", "result_writers", "table_writ
 
 
 def header(command: str, loaded: ScenarioFile[Any]) -> dict[str, Any]:
-    """The first keys of a command's JSON: the version, the command and the scenario.
+    """Return the first keys of a command's JSON output: the version, the command and the scenario.
 
-    `source` is the source of the recording, if there is one.
+    For a scenario with a recording, the keys include the source of the recording.
     """
     scenario = loaded.scenario
     about = {name: getattr(scenario, name, None) for name in ("name", "description")}
@@ -30,20 +30,20 @@ def header(command: str, loaded: ScenarioFile[Any]) -> dict[str, Any]:
 
 
 def provenance(loaded: ScenarioFile[Any]) -> dict[str, str]:
-    """Attributes of a dataset that state its origin."""
+    """Return the attributes of a dataset that state its origin."""
     about = header("", loaded)["scenario"]
     facts = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
     return {name: text for name, text in facts.items() if text} | {"scenario_file": loaded.file.name}
 
 
 def tabular(record: Record) -> dict[str, Any]:
-    """The `units` and the `columns` of a record over instants, keyed by the names of its quantities."""
+    """Return the `units` and the `columns` of a record over instants, with the names of the quantities as keys."""
     columns = plain(record)
     return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
 
 
 def result_writers(dataset: "xarray.Dataset", figure: "Figure", name: str) -> dict[str, Writer]:
-    """A dataset over instants as table.nc and table.csv, and its figure `name` as PNG and SVG."""
+    """Return writers of a dataset over instants (table.nc, table.csv), and of the figure (`name`.png, `name`.svg)."""
     from qtraj.io.instants_csv import csv_headers
     from qtraj.viz.figures import save
 
@@ -52,7 +52,7 @@ def result_writers(dataset: "xarray.Dataset", figure: "Figure", name: str) -> di
 
 
 def table_writers(dataset: "xarray.Dataset", headers: Mapping[str, Sequence[str]]) -> dict[str, Writer]:
-    """Writers of table.nc, with the whole dataset, and of table.csv, with the columns named in `headers`."""
+    """Return writers of table.nc, with the whole dataset, and of table.csv, with the columns named in `headers`."""
     from qtraj.io.dataset import write_netcdf
     from qtraj.io.instants_csv import write_csv
 

@@ -1,4 +1,4 @@
-"""`qtraj report`: writes an HTML report of a result."""
+"""Implement `qtraj report`, which writes an HTML report of a result."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import watching
 
 PAGE = "report.html"
-"""The file name of the report of a folder, or of the main dataset in it."""
+"""The file name of the report of a folder, or of the main dataset in the folder."""
 
 
 def report(
@@ -23,14 +23,14 @@ def report(
     frame: FrameName | None = terminal.frame_option("the frame of the dataset; upright for a saved path"),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Write a report of a result as one HTML file, which needs no network.
+    """Write a report of a result as one HTML file, which does not need a network connection.
 
     The report animates the path with its moving frame, or the attitude with its
-    axes, with a slider, play and pause. It also contains plots over time, tables
-    and provenance. RESULT is an output of another command: a folder, a dataset
-    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The report of a
-    folder, and of its paths.nc or table.nc, is named report.html. Any other report
-    is named after its file: path.toml gives path.html.
+    axes, and has controls for the animation. It also contains plots over time,
+    tables and provenance. RESULT is an output of another command: a folder, a
+    dataset (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The report
+    of a folder, or of its paths.nc or table.nc, is named report.html. Other reports
+    are named after their files: the report of path.toml is path.html.
     """
     with terminal.guarded():
         outcome = run(result, out, frame)
@@ -38,7 +38,7 @@ def report(
 
 
 def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
-    """Write the report of a result; `frame` is the frame of a saved path, upright if None.
+    """Write the report of a result; `frame` is the frame of a saved path, and None means the upright frame.
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
@@ -66,7 +66,7 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
         content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
         watch.say("writing")
         whole = is_folder(result) or result.name in DATASETS
-        name = PAGE if whole else f"{result.stem}.html"  # several files in one folder get separate reports
+        name = PAGE if whole else f"{result.stem}.html"  # several files in one folder need separate reports
         writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
         content["files"] = [str(file) for file in write_all(folder, writers)]
     return Outcome(content, lambda console: _show(console, content))
@@ -82,4 +82,4 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     for body in content["bodies"]:
         console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
     layout.print_files(console, content["files"])
-    console.print(Text("Open it in a browser; it needs no network."))
+    console.print(Text("Open this file in a browser; it does not need a network connection."))

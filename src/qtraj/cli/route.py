@@ -1,4 +1,4 @@
-"""`qtraj route`: fits a route to a whole recording, and finds where it violates its limits."""
+"""Implement `qtraj route`, which fits a route to a whole recording, checks its limits and tunes it."""
 
 from functools import partial
 from pathlib import Path
@@ -26,28 +26,28 @@ if TYPE_CHECKING:
     from qtraj.scenario.route import RouteTask
 
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
-"""Number of instants of the dataset: per segment, and its bounds."""
+"""Number of instants of the dataset for each segment, and bounds on the total number of instants."""
 LISTED = 12
-"""Maximum number of intervals that the terminal lists; it counts the others."""
+"""Maximum number of intervals that are printed; of the other intervals, only the number is printed."""
 
 
 def route(
     recording: Path | None = typer.Argument(
         None,
         metavar="RECORDING",
-        help="A recording (CSV or TUM), or a scenario (TOML) that names one (default: the built-in scenario).",
+        help="A recording (CSV or TUM), or a scenario (TOML) with a recording (default: the built-in scenario).",
     ),
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Fit a route to a whole recorded drive or flight, check its limits, and change it until they are satisfied.
+    """Fit a route to a whole recorded drive or flight, check limits, and tune the route so that they are satisfied.
 
-    Stops, straight parts and gaps are allowed. On every segment each limit of the scenario is certified: proved to be
-    satisfied, violated, undecided or undefined. With a table [tune] the route changes within a tube until all limits
-    are proved where it moves. Writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json,
-    certificate.json), the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report
-    (report.html). Exit code 1 if a limit is not proved to be satisfied; after tuning, a limited quantity may be
-    undefined at stops.
+    Stops, straight segments and gaps are allowed. For each limit of the scenario, the command determines on every
+    segment whether the limit is proved to be satisfied, violated, undecided, or undefined. If the scenario has a table
+    `tune`, the route is changed within a tube until every limit is proved to be satisfied on the changed segments. The
+    command writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json, certificate.json),
+    the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is
+    1 if a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at stops.
     """
     with terminal.guarded():
         outcome = run(recording, out)
@@ -55,13 +55,13 @@ def route(
 
 
 def run(file: Path | None, out: Path) -> Outcome:
-    """Fit the route, check its limits, tune it and write the results.
+    """Fit a route to a recording, check its limits, tune it and write the results.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Imported here so that --help does not wait for pydantic and xarray.
+        # Imported here, so that --help does not wait for pydantic and xarray.
         from qtraj.cli.output import check_folder, header, write_all
         from qtraj.foundation.plain import plain
         from qtraj.scenario.route import read_route
@@ -87,7 +87,7 @@ def run(file: Path | None, out: Path) -> Outcome:
 
 
 class Findings(NamedTuple):
-    """The fitted route, its certificate and the tuned route; None without limits, or without tuning."""
+    """The fitted route, its certificate (None without limits) and the tuned route (None without tuning)."""
 
     task: "RouteTask"
     certificate: "RouteCertificate | None" = None
@@ -107,12 +107,8 @@ def _findings(given: "ScenarioFile[Any]", watch: Watch) -> Findings:
     if task.tune is None:
         return Findings(task, certificate)
     watch.say("tuning")
-    from qtraj.design.tuning_route.tune_route import tune_route
-
     with naming(f"{given.file}: "):
-        tuned = tune_route(
-            task.fitted.path, task.limits, task.tune.tube, task.tune.objective, max_steps=task.tune.max_steps
-        )
+        tuned = task.tuned()
     return Findings(task, certificate, tuned)
 
 
@@ -167,7 +163,7 @@ def _writers(findings: Findings, dataset: "xarray.Dataset") -> dict[str, Writer]
 
 
 def summary(fitted: "FittedRoute") -> dict[str, Any]:
-    """Length, number of segments and time at standstill of a fitted route."""
+    """Return the length [m], the number of segments and the time at standstill [s] of a fitted route."""
     standstill = np.diff(np.asarray(fitted.stops), axis=1).sum() if len(fitted.stops) else 0.0
     return {
         "length": float(fitted.path.length()),
@@ -177,11 +173,10 @@ def summary(fitted: "FittedRoute") -> dict[str, Any]:
 
 
 def _show(console: Console, content: dict[str, Any], findings: Findings) -> None:
-    """Print the results, readable at 80 columns."""
+    """Print scenario, results and files, for a terminal with 80 columns."""
     task, certificate, tuned = findings
     layout.print_scenario(console, content["scenario"])
-    layout.heading(console, "Route against the recording")
-    console.print(layout.facts_table(_facts(task.fitted, content["fit"])))
+    show_fit(console, task.fitted, content["fit"])
     if certificate is None:
         console.print(Text("No limits were checked: to check limits, write a scenario with a table [limits]."))
     else:
@@ -192,6 +187,12 @@ def _show(console: Console, content: dict[str, Any], findings: Findings) -> None
     for name, text in content["purpose"].items():
         console.print(Text(f"{name}: {text}"))
     layout.print_files(console, content["files"])
+
+
+def show_fit(console: Console, fitted: "FittedRoute", fit: dict[str, Any]) -> None:
+    """Print how well the fitted route follows its recording."""
+    layout.heading(console, "Route against the recording")
+    console.print(layout.facts_table(_facts(fitted, fit)))
 
 
 def _facts(fitted: "FittedRoute", fit: dict[str, Any]) -> list[tuple[str, str]]:
@@ -209,9 +210,14 @@ def _facts(fitted: "FittedRoute", fit: dict[str, Any]) -> list[tuple[str, str]]:
     if len(fitted.outliers):
         rows.append(("outliers", f"{len(fitted.outliers)} samples, excluded from the fit"))
     if len(fitted.gaps):
-        rows.append(("gaps", f"{len(fitted.gaps)}, interpolated without data by minimum jerk"))
+        rows.append(("gaps", f"{len(fitted.gaps)}, bridged with minimum jerk"))
     if fitted.attitude is not None:
         rows.append(("recorded attitude", f"differs by {np.degrees(float(fitted.attitude.rms)):.2f}° RMS"))
+    if fitted.rates is not None:
+        values = zip(np.atleast_1d(fitted.rates.rms), np.atleast_1d(fitted.rates.correlation), strict=True)
+        texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
+        axes = "x, y, z" if len(texts) == 3 else "yaw"
+        rows.append(("recorded rates", f"differ by {', '.join(texts)} rad/s RMS (correlation), {axes}"))
     return rows
 
 
@@ -238,4 +244,4 @@ def _show_limits(console: Console, title: str, certificate: "RouteCertificate") 
         if spans:
             listed = ", ".join(f"{a:.2f}-{b:.2f}" for a, b in spans[:LISTED])
             more = f" and {len(spans) - LISTED} more" if len(spans) > LISTED else ""
-            console.print(Text(f"{name} is violated at t [s] = {listed}{more}"))
+            console.print(Text(f"the limit on {name} is violated at t [s] = {listed}{more}"))

@@ -1,4 +1,4 @@
-"""Settings of a run of the command line: precision, compilation cache, and warnings of other packages."""
+"""Change the settings of a run of the command line: precision, compilation cache, warnings of other packages."""
 
 import io
 import logging
@@ -12,30 +12,29 @@ import jax
 from qtraj.foundation.compilation_cache import enable_compilation_cache
 
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
-"""Packages whose warnings and log messages are of no use to a user of the command line."""
+"""Packages whose warnings and log messages do not help a user of the command line."""
 
 
 def prepare() -> None:
-    """Switch on float64 and the compilation cache, and suppress the warnings of other packages."""
+    """Enable float64 and the compilation cache, and suppress the warnings of other packages."""
     jax.config.update("jax_enable_x64", True)
     if not os.environ.get("JAX_PLATFORMS"):
         jax.config.update("jax_platforms", "cpu")  # problems are small, sequential and in float64
-    # Compilation takes far longer than the computation, so LLVM's optimisation is off unless the user sets XLA_FLAGS.
+    # Compilation needs much more time than the computation, so LLVM does not optimise unless the user sets XLA_FLAGS.
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     _enable_cache()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without Greek shows question marks
+            stream.reconfigure(errors="replace")  # a terminal without Greek letters prints question marks
     for name in NOISY:
         logging.getLogger(name).setLevel(logging.ERROR)
         warnings.filterwarnings("ignore", module=rf"{name}(\.|$)")
 
 
 def _enable_cache() -> None:
-    """Store compiled code for the next run, if there is a folder for it.
+    """Store compiled code for the next run, if a writable folder exists.
 
-    `JAX_ENABLE_COMPILATION_CACHE=0` switches the cache off. If `JAX_COMPILATION_CACHE_DIR` is set, JAX uses that
-    folder itself.
+    `JAX_ENABLE_COMPILATION_CACHE=0` disables the cache. If `JAX_COMPILATION_CACHE_DIR` is set, JAX uses that folder.
     """
     enabled = jax.config.jax_enable_compilation_cache  # type: ignore[attr-defined]
     if enabled and not os.environ.get("JAX_COMPILATION_CACHE_DIR"):

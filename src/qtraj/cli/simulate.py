@@ -1,4 +1,4 @@
-"""`qtraj simulate`: simulates a body that follows a program under feedback."""
+"""Implement `qtraj simulate`, which simulates a body that follows a program under feedback."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,25 +33,25 @@ HEADERS = {
 RESULTS = {
     ResultCode.successful: "finished: every instant was reached.",
     ResultCode.max_steps_reached: (
-        "stopped: too many steps between two instants. Use smaller gains, larger simulation.rtol and simulation.atol, "
-        "or a shorter simulation.duration."
+        "stopped: too many steps were needed between two instants. Use smaller gains, larger simulation.rtol and "
+        "simulation.atol, or a shorter simulation.duration."
     ),
     ResultCode.step_too_small: (
-        "stopped: the step size became too small for floating point. The command grows without bound there, or the "
-        "tolerances are too tight. Use another initial [error], smaller gains, or larger simulation.rtol and "
+        "stopped: the step size became too small for floating point, because the command grows without bound or the "
+        "tolerances are too small. Use another initial [error], smaller gains, or larger simulation.rtol and "
         "simulation.atol."
     ),
-    ResultCode.near_zero_error: "finished, but the error quaternion came near zero, where the command grows as 1/|μ|².",
+    ResultCode.near_zero_error: "finished, but the error quaternion was near zero, where the command is large.",
     ResultCode.wrong_sign: (
         "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
         "is undefined."
     ),
 }
-"""Result texts in terms of the scenario."""
+"""Results in words, with advice that refers to keys of the scenario."""
 
 OTHER_SIGN = (
-    "λ and −λ represent the same attitude: sign = 'auto' in [error] chooses the one whose error quaternion stays "
-    "farther from zero."
+    "λ and −λ represent the same attitude. Set sign = 'auto' in [error] to start from the one whose error quaternion "
+    "stays farther from zero."
 )
 NO_SIGN = (
     "The other sign of λ does not avoid this: use a smaller error.rate, other gains, or a law of kind 'quaternion', "
@@ -73,9 +73,9 @@ def simulate(
 ) -> None:
     """Simulate a body that follows an attitude program under a feedback law.
 
-    The program is a slew, the frame of a path, or a saved program. A disturbance, a sensor and an actuator may be
-    added. The error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc,
-    table.csv) and a figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
+    The program is a slew, the frame of a path, or a saved program. Disturbance, sensor and actuator are optional. The
+    error is compared with its closed form. The command writes the motion (solution.toml), its table (table.nc,
+    table.csv) and a figure (simulation.png, simulation.svg). The exit code is 1 if the integration did not finish.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples, frame and frame.value, open_loop)
@@ -85,7 +85,7 @@ def simulate(
 def run(
     file: Path | None, out: Path, samples: int | None, frame: str | None = None, open_loop: bool = False
 ) -> Outcome:
-    """Simulate a closed loop, with `open_loop` also the body without feedback, and write it.
+    """Simulate a closed loop and, if `open_loop` is true, also the body without feedback; write the results.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -142,7 +142,7 @@ def run(
 def _simulated(
     loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch, with_open_loop: bool = False
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
-    """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
+    """Return the closed loop of a scenario, its motion, and its assessment; errors name the file of the scenario."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
@@ -154,7 +154,7 @@ def _simulated(
         task: LoopTask = KINDS["loop"].build(loaded, samples, frame)
         watch.say("simulating")
         times = judging_times(task.times, task.jumps, task.renewals)
-        references_at(task.program, times)  # raises before the simulation if an attitude is missing
+        references_at(task.program, times)  # raises before the simulation if an attitude is undefined
         loop = (task.program, task.law, task.quaternion, task.rate)
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
@@ -171,7 +171,7 @@ def _simulated(
 
 
 def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
-    """The angles of the open loop, if it was simulated; None where its integration did not arrive."""
+    """Return the final and largest angle [rad] without feedback, None if not finite; empty if not simulated."""
     if history.open_loop_angle is None:
         return {}
     angles = np.asarray(history.open_loop_angle)
@@ -185,7 +185,7 @@ def _gains(task: "LoopTask") -> dict[str, Any]:
 
 
 def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
-    """The result in words, and what to do."""
+    """Return the result in words, with advice."""
     code = ResultCode(int(verdict.code))
     text = RESULTS.get(code, code.text)
     if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
@@ -198,7 +198,7 @@ def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
 
 
 def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> None:
-    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
+    """Print scenario, results and files, with angles in degrees, for a terminal with 80 columns."""
     unit = "°/s" if verdict.commands == "rate" else "°/s²"
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Closed loop")
@@ -219,10 +219,9 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
     layout.heading(console, "Motion")
     console.print(layout.facts_table(_motion(content, content["verdict"], unit) + _alone(content)))
     if verdict.agrees is False:
-        text = (
-            f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest that the tolerances "
-        )
-        console.print(Text(text + "explain. Use smaller simulation.rtol and simulation.atol.", style="bold red"))
+        text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest value that the "
+        advice = "tolerances explain. Use smaller simulation.rtol and simulation.atol."
+        console.print(Text(text + advice, style="bold red"))
     _show_columns(console, content["columns"], verdict.applies, unit)
     layout.heading(console, "Result")
     console.print(Text(content["result"]))
@@ -233,7 +232,7 @@ def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list
     settling, drift, least = verdict["settling_time"], verdict["norm_drift"], verdict["least_error"]
     when = "not settled" if settling is None else f"from {settling:.4f} s on"
     drifted = "" if drift is None else f", within {layout.number(drift, 3)} of its exact value"
-    exactly = ", over continuous time, by the closed form" if verdict["least_error_exact"] else ""
+    exactly = " in continuous time, from the closed form" if verdict["least_error_exact"] else ""
     error, lowest, highest = verdict["final_angle"], verdict["least_norm"], verdict["largest_norm"]
     return [
         ("final error", "-" if error is None else f"{layout.degrees(error)}°"),
@@ -243,7 +242,7 @@ def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list
         ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
         ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
         ("smallest |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
-        ("evaluated at", f"{verdict['instants']} instants, not only those of the table"),
+        ("evaluated at", f"{verdict['instants']} instants, more than in the table"),
     ]
 
 
@@ -261,7 +260,7 @@ def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit
     for name in {"angle", "closed_form_angle", "open_loop_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
     values["command"] = np.linalg.norm(values["command"], axis=1)
-    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
+    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], magnitude of the command [{unit}], |λ|")
     layout.print_instants(
         console, values, headers, significant=("angle", "closed_form_angle", "open_loop_angle", "command")
     )
@@ -275,7 +274,7 @@ def _closed(verdict: dict[str, Any]) -> str:
 
 
 def _peak(verdict: dict[str, Any], unit: str, each_axis: bool) -> str:
-    """The largest magnitude of the command; also the largest components if `each_axis` has its own limit."""
+    """Describe the largest magnitude of the command and, if `each_axis` is true, its largest components."""
     if verdict["peak_command"] is None:
         return "-"
     norm = f"{layout.degrees(verdict['peak_command'])} {unit} at {verdict['peak_time']:.6g} s"

@@ -1,4 +1,4 @@
-"""`qtraj slew`: slews from one attitude to another within limits."""
+"""Implement `qtraj slew`, which computes slews between attitudes within limits."""
 
 import math
 from pathlib import Path
@@ -36,11 +36,11 @@ def slew(
     samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, including both ends."),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Slew from one attitude to another, or through several, about fixed axes.
+    """Compute a slew from one attitude to another, or through several attitudes, about fixed axes.
 
-    The duration is the minimum within the limits of rate, acceleration, jerk and torque, unless the scenario sets it.
-    Torques need the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc,
-    table.csv) and a figure (slew.png, slew.svg). Exit code 1 if a limit is violated.
+    The duration is the minimum within the limits of rate, acceleration, jerk and torque, unless the scenario specifies
+    a duration. Torques need the inertia of the body in the table `body`. The command writes the program (program.toml),
+    its table (table.nc, table.csv) and a figure (slew.png, slew.svg). The exit code is 1 if a limit is violated.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples)
@@ -48,7 +48,7 @@ def slew(
 
 
 def run(file: Path | None, out: Path, samples: int) -> Outcome:
-    """Compute the program of a slew and write it.
+    """Compute the program of a slew and write the results.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -72,7 +72,7 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
         verdict = judge_slew(program, limits, inertia, max_torque, end)
         times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
-        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one compilation
+        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once
         table, drawn = both[: len(times)].record(), both[len(times) :]
         content = header("slew", loaded) | {
             "law": scenario.law.kind,
@@ -94,34 +94,34 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
 
 
 def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
-    """Notes on effects that may be unexpected."""
+    """Return notes on effects that a user may not expect."""
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
             slewed = "." if k == 0 else f", {layout.degrees(float(verdict.angles[k - 1]))}°."
             notes.append(
-                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. The slew "
-                f"uses the shorter rotation to the same attitude{slewed}"
+                f"The rotation vector of [{name}] has an angle of {layout.degrees(length)}°, more than a half turn. "
+                f"The slew is the shorter rotation to the same attitude{slewed}"
             )
     scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
     rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
     moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
         notes.append(
-            f"The slew {' and '.join(moving)}, but the body is at rest before and after it: the commanded rate is "
-            "discontinuous there."
+            f"The slew {' and '.join(moving)}, but the program is at rest before and after the slew, so the commanded "
+            "rate is discontinuous."
         )
     return notes
 
 
 def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> None:
-    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
+    """Print scenario, results and files, with angles in degrees, for a terminal with 80 columns."""
     layout.print_scenario(console, content["scenario"])
     for k in range(len(verdict.angles)):
         _show_slew(console, content["verdict"], k)
     if verdict.sign < 0:
-        text = f"The program ends at λ = {_vector(verdict.end)}, the given quaternion with the opposite sign: the same "
-        hint = "attitude, reached by the shorter rotation. Start the next program from the quaternion with this sign."
+        text = f"The program ends at λ = {_vector(verdict.end)}, the specified quaternion with the opposite sign, "
+        hint = "which is the same attitude. Start the next program from the quaternion with this sign."
         console.print(Text(text + hint))
     if np.isfinite(verdict.least_duration):
         console.print(Text(f"The fastest slew within the limits takes {float(verdict.least_duration):.4f} s."))

@@ -1,4 +1,4 @@
-"""Options that the commands share, output streams, and exit codes."""
+"""Define what commands have in common: options, output streams, and exit codes."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
 
 FAILED = 1
-"""Exit code of a run that does not meet its limits or did not converge."""
+"""Exit code of a run that did not converge, or whose limits are not satisfied."""
 
 UNTIL = "the old name works until 1.0"
-"""The end of a warning about an old name."""
+"""The last clause of a warning about an old name."""
 
 
 class FrameName(StrEnum):
-    """The frames along a path."""
+    """The names of the frames along a path."""
 
     upright = "upright"
     natural = "natural"
@@ -32,44 +32,48 @@ class FrameName(StrEnum):
     thrust_aligned = "thrust-aligned"
 
     def frame(self) -> "Frame":
-        """The frame of this name."""
-        from qtraj.scenario.loop import FRAMES  # imported here, so that --help does not wait for it
+        """Return the frame with this name."""
+        from qtraj.scenario.loop import FRAMES  # imported here, because the import would delay --help
 
         return FRAMES[self.value]()
 
 
 ABOUT_FRAMES = (
     "upright (x forward, y left, z up; for wheeled vehicles), natural (tangent, principal normal, binormal; flips "
-    "where the curvature changes sign), rotation-minimizing (zero rate about the tangent), or thrust-aligned (z along "
+    "at inflections of the path), rotation-minimizing (zero rate about the tangent), or thrust-aligned (z along "
     "the thrust, acceleration minus gravity; for multirotors)."
 )
 
 
 def frame_option(otherwise: str = "upright") -> Any:
-    """The option `--frame`; `otherwise` describes its default."""
+    """Return the option `--frame`; `otherwise` describes its default."""
     return typer.Option(
         None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} \\[default: {otherwise}]"
     )
 
 
 def out_option() -> Any:
-    """The option `--out` of commands that always write files."""
+    """Return the option `--out` of commands that always write files."""
     return typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR")
 
 
 def json_option() -> Any:
-    """The option `--json`."""
+    """Return the option `--json`."""
     return typer.Option(False, "--json", help="Print the results as JSON instead of text.")
 
 
 def scenario_argument(kind: str) -> Any:
-    """The argument SCENARIO, of one kind."""
+    """Return the argument SCENARIO for scenarios of one kind."""
     about = f"A scenario of {KINDS[kind].about} (default: the built-in scenario)."
     return typer.Argument(None, metavar="SCENARIO.toml", help=about)
 
 
 class Outcome(NamedTuple):
-    """The result of a command: as JSON, a function that prints it, failure (exit code 1), warnings on renamed keys."""
+    """The result of a command.
+
+    `content`: the result as JSON types. `show`: a function that prints the result. `failed`: whether the exit code is
+    1. `renamed`: warnings about renamed keys.
+    """
 
     content: dict[str, Any]
     show: Callable[[Console], None]
@@ -78,7 +82,7 @@ class Outcome(NamedTuple):
 
 
 def finish(outcome: Outcome, as_json: bool) -> None:
-    """Print the outcome and end the command."""
+    """Print the outcome and exit with its exit code."""
     for text in outcome.renamed:
         warn(f"{text}; {UNTIL}")
     if as_json:
@@ -89,12 +93,12 @@ def finish(outcome: Outcome, as_json: bool) -> None:
 
 
 def stdout() -> Console:
-    """The console for results."""
+    """Return the console for results."""
     return Console(highlight=False)
 
 
 def stderr() -> Console:
-    """The console for progress, warnings and errors."""
+    """Return the console for progress, warnings and errors."""
     return Console(stderr=True, highlight=False)
 
 
@@ -108,14 +112,14 @@ def guarded() -> Iterator[None]:
     """Convert invalid input to one message and exit code 2, and an interrupt to exit code 130."""
     try:
         yield
-    except BrokenPipeError:  # the reader of the output has closed it
+    except BrokenPipeError:  # the reader of the output has closed the pipe
         raise
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
     except ValueError as error:
         _fail(str(error))
     except OverflowError as error:
-        _fail(f"a number is too large to compute with ({error})")
+        _fail(f"a number is too large for the computation ({error})")
     except KeyboardInterrupt:
         stderr().print("interrupted", markup=False)
         raise typer.Exit(INTERRUPTED) from None

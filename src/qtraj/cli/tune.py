@@ -1,4 +1,4 @@
-"""`qtraj tune`: tunes boundary velocities so that a path meets its limits."""
+"""Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,10 @@ else:  # enumerations, for shell completion
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
 SYMBOLS = ("V_ρ", "V_φ", "V_h")
-CAUSES = "A limit may be too small or in the wrong unit; [tune.bounds] keeps the path near the original one."
+CAUSES = (
+    "A limit may be too small or in the wrong unit. To keep the path near the original path, use tune.corridor or "
+    "[tune.bounds]."
+)
 
 
 def tune(
@@ -52,14 +55,15 @@ def tune(
         None,
         min=1,
         metavar="N",
-        help="Number of starts: the given states, and perturbations of them. Overrides the scenario.",
+        help="Number of starting points: the specified states, and perturbations of them. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
 ) -> None:
-    """Tune the boundary velocities of a path so that it meets its limits, and write both paths.
+    """Tune the boundary velocities of a path so that the path satisfies its limits.
 
-    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the complete result (tuning.toml) and a figure
-    (tuning.png, tuning.svg). Exit code 1 if the limits are not met, or if a path does not follow its recording.
+    The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
+    complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
+    or if a path does not fit its recording.
     """
     with terminal.guarded():
         chosen = (motion and motion.value, objective and objective.value, starts)
@@ -68,7 +72,9 @@ def tune(
 
 
 def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune a scenario and write the results; the `chosen` motion, objective and starts override those of the scenario.
+    """Tune the path of a scenario and write the results.
+
+    `chosen`: motion, objective and number of starts, which override the values of the scenario if they are not None.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -86,7 +92,8 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         check_folder(out)
         if file is not None and is_saved(file):
             raise ValueError(
-                f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
+                f"{file}: this is a saved path, which has no limits: write a scenario with path = '{file.name}' and "
+                "[limits]"
             )
         loaded = read_scenario(file, "path")
         task, before, best = _tuned(loaded, chosen, watch)
@@ -143,12 +150,15 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
 def _tuned(
     loaded: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
 ) -> tuple["PathTask", "Certificate", "Tuned"]:
-    """The task of a scenario, the certificate of its path, and the tuned result; a ValueError names the file."""
+    """Return the task of a scenario, the certificate of its path, and the result of the tuning.
+
+    **Raises:** ValueError, which names the file, for bad input.
+    """
     from qtraj.design.proof.certify import certify
     from qtraj.design.tuning.tune import tune
 
     if not loaded.scenario.limits.limits():
-        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: a tuning needs at least one limit")
+        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
     watch.say("fitting the recording" if loaded.scenario.track else "constructing the path")
     task: PathTask = KINDS["path"].build(loaded, *chosen)
     with naming(f"{loaded.file}: "):
@@ -160,7 +170,7 @@ def _tuned(
 
 
 def _ranges(part: "TunePart") -> str:
-    """The bounds of the variables in words; empty without bounds."""
+    """Return the bounds of the variables in words, or an empty string if there are none."""
     texts = []
     for name, (low, high) in part.ranges.items():
         unit = "s" if name == "duration" else "m/s"
@@ -179,7 +189,7 @@ def _show(
     best: "Tuned",
     change: "PathChange",
 ) -> None:
-    """Print the result, from the scenario to the files, readable at 80 columns."""
+    """Print scenario, results and files, for a terminal with 80 columns."""
     layout.print_scenario(console, content["scenario"])
     if content["fit"] is not None:
         show_fit(console, content["fit"])
@@ -198,7 +208,7 @@ def _show(
 
 
 def show_fit(console: Console, fit: Mapping[str, Any]) -> None:
-    """Print how well the fitted spiral-helix follows its recording."""
+    """Print how well the spiral-helix fits its recording."""
     from qtraj.design.fitting.facts import TITLE, fact_rows
 
     layout.heading(console, TITLE)
@@ -241,13 +251,13 @@ def _show_change(console: Console, change: "PathChange") -> None:
     _compare(table, "mean rate", change.mean_rates, "rad/s")
     _compare(table, "length", change.lengths, "m")
     console.print(table)
-    console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
+    console.print(Text("A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."))
     if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
-        console.print(Text(f"The given states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
+        console.print(Text(f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
 
 
 def _compare(table: Table, label: str, values: Any, unit: str) -> None:
     before, after = map(float, values)
-    was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # no -0.0000
+    was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # avoids -0.0000
     table.add_row(Text(label), f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", Text(unit))

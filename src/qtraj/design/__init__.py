@@ -1,1 +1,1 @@
-"""Layer 4: limits on a path, and boundary velocities that satisfy them."""
+"""Layer 4: limits on paths, proofs, tuning, timing, and fits to recordings."""

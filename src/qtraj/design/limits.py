@@ -3,22 +3,35 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float, require_positive
+from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import quantity
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.values import value
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require_vehicle
+from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require, require_vehicle
+from qtraj.path.vehicle_data import batch_of
 
 Limit = ArrayInput | None
 """The value of a limit; None means no limit."""
+
+FACTOR_ROUNDINGS, TINY = 16, 1e-30
+"""Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
+
+The divisor is a difference of moments of inertia. The first is a bound on the rounding error, in machine epsilons, for
+a banked road. The second is a negligible number that keeps the divisor positive. The moment about n is not larger than
+the sum.
+"""
 
 
 @storable
@@ -34,13 +47,24 @@ class Limits(eqx.Module):
 
     With a `vehicle`, on a road that is level across or has the vehicle's bank angle:
 
-    - `friction`: the use of the grip by the friction ellipse, √((F_τ/μ_τ)² + (F_n/μ_n)²)/F_b [-]; 1 is all of it.
-    - `power` [W] of the drive, against inertia, gravity, drag and rolling resistance. Braking power is negative, and no
-      limit on power bounds it.
-    - `longitudinal_force` |F_τ|, `lateral_force` |F_n| and `normal_load` F_b [N], along τ, across it in the plane of
-      the road, and normal to it.
+    - `friction`: the fraction of the available grip that is used, √((F_τ/μ_τ)² + (F_n/μ_n)²)/F_b [-] (friction
+      ellipse); 1 is the maximum grip.
+    - `power` [W] of the drive against inertia, gravity, drag and rolling resistance. Braking power is negative and is
+      not limited.
+    - `longitudinal_force` |F_τ| along the direction of travel τ, `lateral_force` |F_n| across it in the plane of the
+      road, and `normal_load` F_b normal to the road [N].
 
-    **Raises:** ValueError for a limit that is not a positive, finite number, or one of these five without a vehicle.
+    With a `vehicle` whose inertia has the principal axes τ, n and b of the natural trihedral:
+
+    - `tangential_moment` |M_τ|, `normal_moment` |M_n| and `binormal_moment` |M_b| [N m]: the components of the moment
+      that rotates the vehicle with the natural trihedral.
+
+    A bank would roll the axes of inertia, so it must be zero, unless the moments of inertia about n and b are equal.
+    With traced values of inertia or bank this is not checked: if the axes are not principal axes, the certificate is
+    "undecided" and its values are NaN.
+
+    **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
+    moment without a vehicle, and for a limit on a moment without such an inertia.
     """
 
     curvature: Scalar | None
@@ -60,6 +84,9 @@ class Limits(eqx.Module):
     normal_load: Scalar | None
     friction: Scalar | None
     power: Scalar | None
+    tangential_moment: Scalar | None
+    normal_moment: Scalar | None
+    binormal_moment: Scalar | None
     vehicle: Vehicle | None
 
     def __init__(
@@ -81,6 +108,9 @@ class Limits(eqx.Module):
         normal_load: Limit = None,
         friction: Limit = None,
         power: Limit = None,
+        tangential_moment: Limit = None,
+        normal_moment: Limit = None,
+        binormal_moment: Limit = None,
         vehicle: Vehicle | None = None,
     ):
         self.curvature = _limit(curvature, "curvature")
@@ -100,17 +130,22 @@ class Limits(eqx.Module):
         self.normal_load = _limit(normal_load, "normal_load")
         self.friction = _limit(friction, "friction")
         self.power = _limit(power, "power")
+        self.tangential_moment = _limit(tangential_moment, "tangential_moment")
+        self.normal_moment = _limit(normal_moment, "normal_moment")
+        self.binormal_moment = _limit(binormal_moment, "binormal_moment")
         self.vehicle = vehicle
         needing = [name for name in self.given() if quantity(name).needs_vehicle]
         if needing or vehicle is not None:
             require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
+        for name in needing:
+            require(vehicle, quantity(name).needs, f"the limit {name}")
 
     def __repr__(self) -> str:
         return shown(self, **{name: quantity(name).label for name in self.given()})
 
     def given(self) -> dict[str, Float[Array, "*batch"]]:
-        """The limits that are set, by name."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "vehicle"}
+        """Return the limits that are set, by name."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
         return {name: value for name, value in values.items() if value is not None}
 
     @property
@@ -118,19 +153,72 @@ class Limits(eqx.Module):
         """Whether one of the limits that are set depends on a vehicle."""
         return any(quantity(name).needs_vehicle for name in self.given())
 
+    @property
+    def on_road(self) -> bool:
+        """Whether one of the limits that are set bounds a force between the vehicle and the road."""
+        return any(quantity(name).on_road for name in self.given())
+
+    def reduced(self, dtype: Any = None) -> dict[str, Any]:
+        """Return the limits that are set, divided by their `divisors`, as proofs and searches use them.
+
+        The results are NumPy arrays if limits and vehicle have concrete values.
+        """
+        results = {}
+        for name, limit in self.given().items():
+            known = concrete(limit)
+            divisor = divisors([name], self.road(limit.dtype if dtype is None else dtype))[name]
+            results[name] = (limit if known is None else np.asarray(known)) / divisor
+        return results
+
+    def factors(self, dtype: Any = None) -> tuple[Any, ...]:
+        """Return the factors of the quantities whose limits are set, in the order of `given`; 1 if there is none."""
+        return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
+
+    def require_batch(self, batch: tuple[int, ...], what: str) -> None:
+        """Raise a ValueError if limits or vehicle have a batch shape other than `batch`, the shape of `what`.
+
+        Limits and vehicles without a batch dimension are shared.
+        """
+        shapes = {f"the limits have the batch shape {x.shape}": x.shape for x in self.given().values()}
+        shapes[f"the vehicle has the batch shape {batch_of(self.vehicle)}"] = batch_of(self.vehicle)
+        for text, shape in shapes.items():
+            if shape not in ((), batch):
+                raise ValueError(
+                    f"{text}, but the batch shape of {what} is {batch}: pass limits and a vehicle "
+                    "for each path, or one set of limits and one vehicle for all paths; for one path and many limits, "
+                    "use jax.vmap"
+                )
+
     def road(self, dtype: Any = None) -> RoadParameters:
-        """The numbers of the vehicle that the formulas use; without a vehicle, those of any."""
+        """Return the parameters of the vehicle, or default parameters if no vehicle is set."""
         return NO_VEHICLE if self.vehicle is None else self.vehicle.parameters(dtype)
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-        """The limited quantities of `path` at one instant `t` [s], by name, each in its limit's unit."""
+        """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
         road = self.road(path.duration.dtype)
         return {name: value(path, t, name, road) for name in self.given()}
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-        """The limit minus the value at one instant `t` [s], by name: negative where the limit is violated."""
+        """Return each limit minus the value at one instant `t` [s], by name; negative if the limit is violated."""
         limits = self.given()
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
+
+
+def divisors(names: Iterable[str], road: RoadParameters) -> dict[str, Any]:
+    """Return, by name, the positive numbers by which limits are divided.
+
+    The divided limits apply to quantities whose squares are ratios of polynomials. The divisor of a quantity is its
+    factor for this vehicle, or 1 without a factor. Without a bank, a factor is exact up to the rounding error of one
+    difference. With a bank, a bound on the rounding error of the moments of inertia is added, and proofs include it.
+    """
+    return {name: 1.0 if quantity(name).factor is None else _divisor(quantity(name), road) for name in names}
+
+
+def _divisor(entry: PathQuantity, road: RoadParameters) -> Any:
+    total = road.inertia_tangent + road.inertia_binormal
+    eps = float(jnp.finfo(total.dtype).eps)
+    # A divisor of zero would make the quotient infinite.
+    return entry.scale(road) + total * (TINY + FACTOR_ROUNDINGS * eps * (road.sin != 0).astype(total.dtype))
 
 
 def _limit(value: Limit, name: str) -> Scalar | None:

@@ -1,10 +1,10 @@
-"""Maxima of a smooth function of time, cell by cell.
+"""Find the maxima of a smooth function of time, cell by cell.
 
-[0, duration] is divided into cells about equally spaced nodes. In each cell the maximum is refined by Newton's method
-from the node; the node and the borders of the cell are candidates as well. The largest value is the maximum over the
-whole interval, except for peaks narrower than a cell. Each cell's value is a continuous function of the parameters of
-`f`. Differentiation treats the times of the maxima as constants. The gradient of f(t*, x) with respect to x is still
-exact: inside a cell ∂f/∂t = 0 at the maximum (envelope theorem), and on the border of a cell t* is fixed.
+The interval [0, duration] is divided into cells about equally spaced nodes. In each cell, Newton's method starts from
+the node and refines the maximum; the node and the borders of the cell are candidates as well. The largest value is the
+maximum over the whole interval, unless a peak is narrower than a cell. Differentiation treats the times t* of the
+maxima as constants. The gradient of f(t*, x) with respect to parameters x is still exact: inside a cell ∂f/∂t = 0 at
+the maximum (envelope theorem), and on the border of a cell t* is fixed.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -20,33 +20,42 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
-from qtraj.path.vehicle import Vehicle, require_vehicle
+from qtraj.path.vehicle import Vehicle, require
+from qtraj.path.vehicle_data import batch_of
 
 NEWTON_STEPS = 4
 CELLS = 1025
 """Number of cells in which `peak` searches."""
 
 PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
-"""A quantity of a path at one instant."""
+"""A function that returns a quantity of a path at one instant [s]."""
 
 
 @eqx.filter_jit
 def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
-    """Time [s] and value of the maximum of one path quantity (a field of `Limits`) over the whole path.
+    """Return the time [s] and the value of the maximum of one path quantity over the whole path.
 
-    The search refines 1025 cells of time, or four cells of every segment of a route, by Newton's method. The value can
-    be differentiated with respect to the path (envelope theorem).
+    `name` is a field of `Limits`. Newton's method refines the maximum in each of 1025 intervals of time, or in each of
+    four intervals of every segment of a route. The value is differentiable with respect to the path (envelope theorem).
 
-    **Raises:** ValueError for an unknown name, or a quantity that needs a `vehicle` without one.
+    **Raises:** ValueError for an unknown name or a batch, or if the quantity needs a `vehicle` and none is given.
     """
-    road = require_vehicle(vehicle, f"the quantity {name}").parameters() if quantity(name).needs_vehicle else None
+    entry = quantity(name)
+    used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs else None
+    road = None if used is None else used.parameters()
+    if path.duration.ndim or batch_of(used):
+        shapes = f"batch shapes {path.duration.shape} and {batch_of(vehicle)}"
+        raise ValueError(f"peak accepts one path and one vehicle, but {shapes} were given: use jax.vmap")
     return maximum(lambda path, t: value(path, t, name, road), path, CELLS)
 
 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
-    """The maximiser of f(path, t) in each of `cells` cells, as a fraction of the duration, without gradients."""
+    """Return the time of the maximum of f(path, t) in each of `cells` cells, as a fraction of the duration.
+
+    The times are constant in differentiation.
+    """
     nodes, low, high = _cells(path, cells)
-    # The gradients stop before the search: differentiating the search would change nothing but the cost.
+    # Exclude the search from differentiation, because its derivatives would only increase the cost.
     constant = _constant(path)
 
     def g(u: Scalar) -> Scalar:
@@ -58,7 +67,10 @@ def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Ar
 
 
 def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
-    """Midpoints and ends of the cells, as fractions of the duration; the cells of a route end just before a knot."""
+    """Return the midpoints and both ends of the cells, as fractions of the duration.
+
+    A cell of a route ends just before the next knot, so that it does not contain values of the next segment.
+    """
     knots = path.nodes()
     if knots is None:
         half = 0.5 / (cells - 1)
@@ -71,7 +83,7 @@ def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
 
 
 def maximum(f: PathFunction, path: AbstractHodograph, cells: int) -> tuple[Scalar, Scalar]:
-    """Time and value of the maximum of f(path, t) over the path; the value is differentiable (envelope theorem)."""
+    """Return the time and the value of the maximum of f(path, t); the value is differentiable (envelope theorem)."""
     times = cell_peaks(f, path, cells) * path.duration
     values = jax.vmap(lambda t: f(path, t))(times)
     highest = jnp.argmax(values)
@@ -89,7 +101,10 @@ def newton_max(
     high: Float[Array, " n"],
     steps: int = NEWTON_STEPS,
 ) -> Float[Array, " n"]:
-    """Newton's method for a maximum of g in all cells; if g is not concave, step uphill to the border of the cell."""
+    """Find a maximum of g in each cell [low, high] by Newton's method from u.
+
+    Where g is not concave, step uphill to the border of the cell.
+    """
 
     def slope(u: Scalar) -> Scalar:
         return jax.jvp(g, (u,), (jnp.ones_like(u),))[1]

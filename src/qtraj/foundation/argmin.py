@@ -1,4 +1,4 @@
-"""Minimum and its index together, in a form that XLA compiles to fast code."""
+"""Compute a minimum and its index together, in a form that XLA compiles to fast code."""
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +6,12 @@ from jaxtyping import Array, Float, Int
 
 
 def min_and_argmin(values: Float[Array, "..."], axis: int = 0) -> tuple[Float[Array, "..."], Int[Array, "..."]]:
-    """The minimum of one or more values along an axis, and its index.
+    """Return the minimum of `values` along an axis, and the index of the minimum.
 
-    If several values are equal, any of their indices may be returned; if all are infinite, the index is 0. NaN counts
-    as infinite. The result has no derivatives. It is several times faster than `jnp.argmin`, whose exact rules for NaN
-    and ties prevent XLA from compiling plain comparisons.
+    If several values are minimal, the index of any of them may be returned. NaN counts as positive infinity. If all
+    values are NaN or positive infinity, the index is 0. The result is treated as constant in differentiation. The
+    function is several times faster than `jnp.argmin`, whose exact rules for NaN and ties prevent XLA from compiling
+    plain comparisons.
     """
     finite = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
     indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, axis)

@@ -12,21 +12,21 @@ from jaxtyping import Array
 from qtraj.foundation.types import ArrayInput, ScalarLike
 
 COARSE_METRES = 1e-3
-"""Positions in float32 with a coarser resolution than this [m] cause a warning."""
+"""Resolution [m] of positions in float32 above which a warning is issued."""
 
 MAX_SHOWN = 12
-"""Error messages show arrays up to this size; for larger arrays they show only the first invalid row."""
+"""Maximum size of an array that an error message shows in full; for a larger array, the first invalid row is shown."""
 
 MIN_BUCKET = 64
-"""Arrays are padded to at least this number of rows."""
+"""Minimum number of rows to which arrays are padded."""
 
 _warned: set[str] = set()
 
 
 def as_float(x: ArrayInput) -> Array:
-    """`x` as a float array: float dtypes are kept, others become JAX's default float.
+    """Convert `x` to a float array; float dtypes are kept, and other dtypes become JAX's default float.
 
-    **Raises:** ValueError for complex numbers, objects and strings.
+    **Raises:** ValueError for complex numbers, objects, strings and dates.
     """
     x = x if isinstance(x, jax.Array) else np.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
@@ -37,33 +37,36 @@ def as_float(x: ArrayInput) -> Array:
 
 
 def as_array(x: ArrayInput, dtype: Any) -> Array:
-    """`x` as an array of `dtype`, reduced to JAX's precision; compiles nothing for concrete input."""
+    """Convert `x` to a JAX array of `dtype`; unless `x` is a JAX array, nothing is compiled.
+
+    If JAX's 64-bit mode is not enabled, the array has the 32-bit form of `dtype`.
+    """
     if isinstance(x, jax.Array):
         return jnp.asarray(x, dtype)
-    # A copy: JAX may keep a reference to the memory, which the caller may overwrite.
+    # Copy the values, because JAX may keep a reference to the memory, and the caller may overwrite it.
     return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
 def concrete(x: Any) -> np.ndarray | None:
-    """The value of `x` as a NumPy array, or None if it is traced."""
+    """Return the value of `x` as a NumPy array, or None if it is traced."""
     return None if isinstance(x, Tracer) else np.asarray(x)
 
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
-    """`x[index]`, computed by NumPy if both are concrete, because a small JAX gather takes longer."""
+    """Return `x[index]`, computed by NumPy if both are concrete, because JAX is slower for a small array."""
     return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
 def bucket(count: int) -> int:
-    """The size to which `count` rows are padded, a power of two, so that similar sizes share one executable."""
+    """Return the size to which `count` rows are padded, a power of two, so that similar sizes share one executable."""
     return max(MIN_BUCKET, 1 << (count - 1).bit_length())
 
 
 def real_vector(x: ArrayInput, name: str, size: int) -> Array:
-    """`x` as a finite float vector of `size` components.
+    """Convert `x` to a finite float vector of `size` components.
 
-    **Raises:** ValueError naming `name`, what was given and what was expected. A traced value is not checked for NaN
-    and infinity.
+    **Raises:** ValueError if `x` is not finite or has another shape; the message contains `name`. Traced values are
+    not checked for NaN and infinity.
     """
     try:
         vector = as_float(x)
@@ -76,9 +79,9 @@ def real_vector(x: ArrayInput, name: str, size: int) -> Array:
 
 
 def real_scalar(x: ArrayInput, name: str) -> Array:
-    """`x` as one float.
+    """Convert `x` to one float.
 
-    **Raises:** ValueError naming `name` unless `x` is one number.
+    **Raises:** ValueError if `x` is not one number; the message contains `name`.
     """
     try:
         scalar = as_float(x)
@@ -90,9 +93,9 @@ def real_scalar(x: ArrayInput, name: str) -> Array:
 
 
 def one_instant(t: ScalarLike) -> Array:
-    """`t` as a 0-d float array.
+    """Convert `t` to a 0-d float array.
 
-    **Raises:** ValueError for an array of instants.
+    **Raises:** ValueError if `t` is an array of instants.
     """
     t = as_float(t)
     if t.ndim != 0:
@@ -104,32 +107,32 @@ def one_instant(t: ScalarLike) -> Array:
 
 
 def require_finite(x: Array, name: str) -> None:
-    """Raise a ValueError if a concrete value is NaN or infinite."""
+    """Raise a ValueError if `x` is concrete and contains NaN or infinity."""
     value = concrete(x)
     if value is not None and not np.all(np.isfinite(value)):
         raise ValueError(f"{name} must be finite, but {_first_not_finite(value)}")
 
 
 def _first_not_finite(value: np.ndarray) -> str:
-    """A small array as a string, or the first row of a larger array that is not finite."""
+    """Describe a small array completely, and a larger array by its first row that contains NaN or infinity."""
     if value.ndim == 0 or value.size <= MAX_SHOWN:
         return f"{value.tolist()} was given"
     bad = ~np.isfinite(value).reshape(len(value), -1).all(axis=1)
     row, count = int(bad.argmax()), int(bad.sum())
     shown = value[row].tolist() if value[row].size <= MAX_SHOWN else "not"
-    others = f", the first of {count} that are not finite" if count > 1 else ""
-    return f"sample {row} (of 0 to {len(value) - 1}) is {shown}{others}"
+    others = f"; it is the first of {count} samples that are not finite" if count > 1 else ""
+    return f"sample {row} (samples are numbered from 0 to {len(value) - 1}) is {shown}{others}"
 
 
 def require_positive(x: Array, name: str, unit: str) -> None:
-    """Raise a ValueError if a concrete scalar is not positive and finite."""
+    """Raise a ValueError if `x` is concrete and not all its elements are positive and finite."""
     value = concrete(x)
     if value is not None and not (np.all(np.isfinite(value)) and np.all(value > 0)):
         raise ValueError(f"{name} must be positive and finite [{unit}], but {value.tolist()} was given")
 
 
 def require_element(index: Any, count: int, what: str) -> None:
-    """Raise an IndexError if `index` is a concrete integer of Python, NumPy or JAX outside −count … count−1."""
+    """Raise an IndexError if `index` is a concrete integer (Python, NumPy or JAX) outside −count … count−1."""
     value = concrete(index) if isinstance(index, int | np.integer | np.ndarray | jax.Array) else None
     if value is None or value.ndim > 0 or value.dtype.kind not in "iu":
         return
@@ -138,7 +141,7 @@ def require_element(index: Any, count: int, what: str) -> None:
 
 
 def warn_if_coarse(x: Array, name: str) -> None:
-    """Warn, once per name, if positions in float32 have a resolution coarser than a millimetre."""
+    """Warn if positions in float32 have a resolution coarser than a millimetre, once for each `name`."""
     value = concrete(x)
     if value is None or value.dtype != np.float32 or value.size == 0:
         return
@@ -147,6 +150,6 @@ def warn_if_coarse(x: Array, name: str) -> None:
         _warned.add(name)
         warnings.warn(
             f"{name} in float32 has a resolution of only {resolution:.2g} m at this distance from the origin. "
-            "Call jax.config.update('jax_enable_x64', True) first, or move the origin near the path.",
+            "Call jax.config.update('jax_enable_x64', True) first, or move the origin closer to the path.",
             stacklevel=2,
         )

@@ -1,4 +1,4 @@
-"""Switch on JAX's persistent compilation cache, so that later processes load what one process compiled."""
+"""Switch on JAX's persistent compilation cache, so that a process loads functions that another process compiled."""
 
 import os
 import sys
@@ -6,18 +6,19 @@ from pathlib import Path
 
 
 def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Make JAX store compiled functions in `folder`, which is created if missing and returned.
+    """Make JAX store compiled functions in `folder`, which is created if it does not exist, and return the folder.
 
-    Later processes load them instead of compiling; they still trace. The default is `qtraj/jax` in the user's cache
-    folder, as for the command line: `XDG_CACHE_HOME` or `LOCALAPPDATA` if set, else `~/Library/Caches` on
-    macOS and `~/.cache` elsewhere. The folder may be deleted at any time. JAX runs the code it finds there, so only
-    trusted users should have write access.
+    Later processes load these functions instead of compiling them, but still trace them. The default folder, which the
+    command line also uses, is `qtraj/jax` in the user's cache folder. The cache folder is `XDG_CACHE_HOME` or
+    `LOCALAPPDATA` if one of these environment variables is set to an absolute path, otherwise `~/Library/Caches` on
+    macOS and `~/.cache` on other systems. You may delete the folder `qtraj/jax` at any time. JAX runs the code that is
+    stored in it, so only trusted users should have write access.
 
-    Call it at the start, since functions that are already compiled are not stored. All others are
-    stored, however quickly they compile. `JAX_ENABLE_COMPILATION_CACHE=0` in the environment still switches the cache
-    off.
+    Call this function at the start of the process, because functions that are already compiled are not stored. All
+    functions that are compiled later are stored, even if they compile quickly. The environment variable
+    `JAX_ENABLE_COMPILATION_CACHE=0` switches the cache off.
 
-    **Raises:** ValueError if the folder cannot be created or written to, or is a file.
+    **Raises:** ValueError if the folder cannot be created, is not writable, or is a file.
     """
     import jax  # imported here, so that importing this module is fast
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
@@ -36,18 +37,18 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    reset_cache()  # otherwise JAX keeps using its first folder
+    reset_cache()  # otherwise JAX would continue to use the folder of the first compilation
     return path
 
 
 def default_folder() -> Path:
-    """The folder for compiled code in the user's cache folder.
+    """Return the folder for compiled code in the user's cache folder.
 
-    **Raises:** ValueError if the user has no home folder.
+    **Raises:** ValueError if no environment variable names the cache folder, and the user has no home folder.
     """
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         base = os.environ.get(name)
-        if base and Path(base).is_absolute():  # the XDG specification says to ignore relative paths
+        if base and Path(base).is_absolute():  # according to the XDG specification, relative paths are ignored
             return Path(base) / "qtraj" / "jax"
     try:
         home = Path.home()

@@ -1,6 +1,7 @@
-"""Distribute a batch over the CPU cores, in blocks of one size, as independent calls of one compiled function.
+"""Distribute a batch over the CPU cores in blocks of one size, which is smaller for a small batch.
 
-One executable serves batches of any size, and a block is small enough to stay in the cache.
+Each block is an independent call of one compiled function. With two block sizes, two executables are enough for batches
+of any size. The arrays of a block are small enough for the CPU cache.
 """
 
 import os
@@ -14,41 +15,44 @@ import numpy as np
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 SIZES = (8, 64)
-"""Batch elements in a block, for small and for large batches; the arrays of 64 still fit into the cache."""
+"""Block sizes for a small batch and for a large batch; arrays of 64 elements still fit into the CPU cache."""
 
 MAX_SMALL_BATCH = 32
-"""Batches of up to this many elements for each core are small."""
+"""Maximum number of elements per core in a small batch."""
 
 
 def block_size(elements: int) -> int:
-    """The number of elements in a block, for a batch with this number of `elements`."""
+    """Return the block size for a batch with this number of `elements`."""
     return SIZES[0] if elements <= MAX_SMALL_BATCH * CORES else SIZES[1]
 
 
 def split(indices: np.ndarray, size: int) -> list[np.ndarray]:
-    """The indices of the batch elements in blocks of `size`; the last block may be smaller."""
+    """Divide the indices of the batch elements into blocks of `size`; the last block may be smaller."""
     return [indices[k : k + size] for k in range(0, indices.size, size)]
 
 
 def take(tree: Any, block: np.ndarray, size: int) -> Any:
-    """The elements of a block from all arrays, padded to the compiled size with copies of the first element."""
+    """Select the elements of a block from all arrays, and pad the block to `size` with copies of its first element."""
     padded = np.concatenate([block, np.full(size - block.size, block[0])])
     return jax.tree.map(lambda x: x[padded], tree)
 
 
 def put(tree: Any, block: np.ndarray, result: Any) -> None:
-    """Write the result for a block into the arrays of the whole batch."""
+    """Write the result for a block, without the padding, into the arrays of the whole batch."""
     for whole, part in zip(jax.tree.leaves(tree), jax.tree.leaves(result), strict=True):
         whole[block] = part[: block.size]
 
 
 def allocate(elements: int, result: Any) -> Any:
-    """Arrays for the whole batch with the structure and dtypes of the result for one block."""
+    """Allocate arrays of zeros for the whole batch, with the structure and dtypes of the result for one block."""
     return jax.tree.map(lambda x: np.zeros((elements, *x.shape[1:]), x.dtype), result)
 
 
 def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device: Any = None) -> Iterator[Any]:
-    """The results of `call` for each tuple of arguments, in order, as NumPy arrays; runs on one `jax.Device`."""
+    """Yield the results of `call` for each tuple of arguments, in order, as NumPy arrays.
+
+    Every call uses `device`, or JAX's default device if `device` is None.
+    """
     x64 = bool(jax.config.read("jax_enable_x64"))
     used_device = device or jax.config.jax_default_device  # type: ignore[attr-defined]
 
@@ -59,21 +63,21 @@ def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], d
     if not arguments:
         return
     signature = hash((call, x64, used_device, _signature(arguments[0])))
-    n_first = 0 if signature in _compiled else 1  # otherwise several threads would compile the same function
+    n_first = 0 if signature in _compiled else 1  # the first call compiles, which only one thread should do
     yield from map(one, arguments[:n_first])
     _compiled.add(signature)
     rest = arguments[n_first:]
     if len(rest) < 2:
         yield from map(one, rest)
         return
-    # A new pool for each call: threads that persist are lost in a forked process, which would then wait forever.
-    # Starting a pool takes 0.1 ms.
+    # Create a new pool for each call, which takes only 0.1 ms. The threads of a persistent pool do not exist in a
+    # forked process, which would wait for them forever.
     with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
         yield from pool.map(one, rest)
 
 
 _compiled: set[int] = set()
-"""Hashes of the calls made so far, with the structure and shapes of their arguments."""
+"""Hashes of the function, the settings, and the structure and shapes of the arguments, for all calls made so far."""
 
 
 def _signature(arguments: tuple[Any, ...]) -> Any:

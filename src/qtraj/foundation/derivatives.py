@@ -1,4 +1,4 @@
-"""A function with its first two derivatives from one trace, and values with substituted derivatives."""
+"""Compute a function and its first two derivatives in one trace, and replace the derivatives of a value."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,10 @@ from jaxtyping import Array, Float
 
 
 def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[Any, Any, Any]:
-    """f(x), ∂f/∂x and ∂²f/∂x² by forward mode; the derivatives have one and two more axes of length n."""
+    """Return f(x), ∂f/∂x and ∂²f/∂x² by forward mode.
+
+    For x (n,), the first derivatives have one additional axis of length n, and the second derivatives have two.
+    """
 
     def value(x: Array) -> tuple[Any, Any]:
         y = f(x)
@@ -24,7 +27,7 @@ def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[
 
 @jax.custom_jvp
 def with_tangent_of(value: Array, derivatives: Array) -> Array:
-    """`value` with the derivatives of the array `derivatives`, whose own value is not used."""
+    """Return `value`, with the derivatives of the array `derivatives`; the value of `derivatives` is not used."""
     return value
 
 

@@ -1,7 +1,8 @@
-"""Save and load Modules as TOML or JSON documents, exact in float64, without pickle.
+"""Save and load Modules as TOML or JSON documents, without loss of precision in float64 and without pickle.
 
-A document is a table of the Module's fields, with its class name under `type`; fields that are None are omitted.
-`@storable` registers a class, whose fields must be arguments of its `__init__`.
+A document is a table with the fields of the Module, and the name of its class under the key `type`. Fields that are
+None are omitted. `@storable` registers a class. The fields of the class must be arguments of its `__init__`, unless
+`@stored_as` defines other fields.
 """
 
 import dataclasses
@@ -26,7 +27,7 @@ FORMAT = "qtraj/1"
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-"""A function that maps the fields of an older document to the present ones, before they are decoded."""
+"""A function that converts the fields of an older document, before decoding, to the present fields."""
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
@@ -37,13 +38,13 @@ T = TypeVar("T")
 
 
 def storable(cls: type[T]) -> type[T]:
-    """Register a Module class, so that `save` and `load` accept its instances."""
+    """Register a Module class, so that `save` and `load` support its instances."""
     _classes[cls.__name__] = cls
     return cls
 
 
 def formerly(name: str) -> Callable[[type[T]], type[T]]:
-    """Let `load` accept documents in which the class has its former name."""
+    """Return a class decorator that lets `load` read documents with `name`, a former name of the class."""
 
     def register(cls: type[T]) -> type[T]:
         _former[name] = cls.__name__
@@ -53,7 +54,7 @@ def formerly(name: str) -> Callable[[type[T]], type[T]]:
 
 
 def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
-    """Let `load` accept documents of older versions, whose fields `change` updates."""
+    """Return a class decorator that lets `load` read documents of older versions; `change` converts their fields."""
 
     def register(cls: type[T]) -> type[T]:
         _changes[cls.__name__] = change
@@ -63,7 +64,7 @@ def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
 
 
 def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]) -> Callable[[type[T]], type[T]]:
-    """Store objects of this class as the fields that `fields` returns, and load them with `build`."""
+    """Return a class decorator: `save` stores the fields that `fields` returns, and `load` passes them to `build`."""
 
     def register(cls: type[T]) -> type[T]:
         _forms[cls.__name__] = (fields, build)
@@ -73,11 +74,12 @@ def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]
 
 
 def save(obj: Any, file: str | os.PathLike[str]) -> None:
-    """Write `obj` to `file` as TOML or JSON, by its suffix; a failure leaves no partial file.
+    """Write `obj` to `file`, as TOML or JSON according to the suffix; a failure leaves no incomplete file.
 
-    JSON has no NaN and no infinity; they are written as the strings "NaN", "Infinity" and "-Infinity".
+    JSON has no NaN and no infinity, so these values are written as the strings "NaN", "Infinity" and "-Infinity".
 
-    **Raises:** ValueError for another suffix; OSError if the file cannot be written.
+    **Raises:** ValueError for any other suffix, or if the object contains a type that cannot be stored; OSError if the
+    file cannot be written.
     """
     path = Path(file)
     write = _by_suffix(path, {".toml": tomli_w.dumps, ".json": _to_json})
@@ -85,9 +87,12 @@ def save(obj: Any, file: str | os.PathLike[str]) -> None:
 
 
 def load(file: str | os.PathLike[str]) -> Any:
-    """The object that `save` wrote to `file`.
+    """Load the object that `save` wrote to `file`.
 
-    **Raises:** OSError if the file cannot be read; ValueError, naming the file, if it is not a valid document.
+    If JAX's 64-bit mode is not enabled, a warning states that numbers are rounded to float32.
+
+    **Raises:** OSError if the file cannot be read; ValueError with the name of the file if the suffix is neither .toml
+    nor .json, or the content is not a valid document.
     """
     path = Path(file)
     read = _by_suffix(path, {".toml": parse_toml, ".json": parse_json})
@@ -115,7 +120,7 @@ def _to_json(data: dict[str, Any]) -> str:
 
 
 def _as_strings(value: Any) -> Any:
-    """`value` with NaN and infinities as strings."""
+    """Replace NaN and infinities in `value`, also inside dicts and lists, by strings."""
     if isinstance(value, dict):
         return {k: _as_strings(v) for k, v in value.items()}
     if isinstance(value, list):
@@ -145,7 +150,9 @@ def _encode(value: Any) -> Any:
         return [_encode(v) for v in value]
     if isinstance(value, bool | int | float | str):
         return value
-    raise ValueError(f"a {type(value).__name__} cannot be stored; these types can: {', '.join(sorted(_classes))}")
+    raise ValueError(
+        f"type {type(value).__name__} cannot be stored; the types that can be stored are {', '.join(sorted(_classes))}"
+    )
 
 
 def _decode(value: Any) -> Any:
@@ -173,5 +180,5 @@ def _construct(name: Any, fields: dict[str, Any]) -> Any:
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(names)}")
     required = [p.name for p in parameters.values() if p.default is p.empty]
     if missing := [field for field in required if field not in fields]:
-        raise ValueError(f"{name} lacks the field {missing[0]!r}; it needs {', '.join(required)}")
+        raise ValueError(f"{name} lacks the field {missing[0]!r}; its required fields are {', '.join(required)}")
     return build(**fields)

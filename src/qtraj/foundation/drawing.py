@@ -1,7 +1,7 @@
-"""Let lower layers call the plotting functions: every `plot()` method calls `draw`.
+"""Give lower layers access to the plotting functions: every `plot()` method calls `draw`.
 
-Results are in lower layers than the figures and must not import upwards. The root package, which may import all layers,
-registers the plotting module by its name.
+Results are in lower layers than the plotting functions and must not import them. The root package may import all
+layers, so it registers the module of these functions by name.
 """
 
 import importlib
@@ -16,14 +16,14 @@ _plot_modules: list[str] = []
 
 
 def set_plot_module(module: str) -> None:
-    """Register the module with the plotting functions, by its name."""
+    """Register the name of the module that contains the plotting functions."""
     _plot_modules[:] = [module]
 
 
 def draw(function: str, *arguments: Any, **options: Any) -> "Figure":
     """Draw a figure with the named function of the registered plotting module.
 
-    **Raises:** ModuleNotFoundError, naming the extra, if matplotlib or xarray is missing.
+    **Raises:** ModuleNotFoundError with the extra to install, if matplotlib or xarray is missing.
     """
     require_package("matplotlib", "a plot", "viz")
     require_package("xarray", "a plot")

@@ -1,10 +1,13 @@
-"""Check for optional packages, and name the extra that installs a missing one."""
+"""Check whether optional packages are installed, and name the extra that installs a missing one."""
 
 import importlib.util
 
 
 def require_package(package: str, purpose: str, extra: str | None = "io") -> None:
-    """Raise ModuleNotFoundError if `package` is missing, naming the `extra`, or the package if no extra has it."""
+    """Raise a ModuleNotFoundError with installation advice if `package` is missing.
+
+    `extra` is the extra of qtraj that contains the package, or None if no extra does.
+    """
     if importlib.util.find_spec(package) is None:
         requirement = package if extra is None else f"'qtraj[{extra}]'"
         raise ModuleNotFoundError(f"{purpose} needs {package}: pip install {requirement}", name=package)

@@ -18,7 +18,7 @@ _REPLACED = ".replaced"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either complete or absent, even if the process is interrupted or killed."""
+    """Write a file so that it is either complete or absent, even if the process is interrupted or killed."""
     with staging(path.parent) as stage:
         staged = stage / "content"
         staged.write_bytes(content)
@@ -28,13 +28,13 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def staging(folder: Path) -> Iterator[Path]:
-    """A new hidden folder in `folder`, for files that `move` puts in place once they are complete.
+    """Create a hidden folder in `folder`, for files that `move` moves to their targets once they are complete.
 
-    It is removed at the end. Since a killed process cannot do that, each call first removes the staging folders of
-    killed processes in `folder` (see `sweep`). A process owns its staging folder by a lock on a file in it, which the
-    operating system releases when the process ends.
+    This staging folder is removed at the end of the `with` block. A process that is killed cannot remove it, so each
+    call first removes the staging folders of killed processes in `folder` (see `sweep`). A process owns a staging
+    folder while the process locks a file in the folder. The operating system releases the lock when the process ends.
 
-    **Raises:** OSError if `folder` cannot be written to.
+    **Raises:** OSError if `folder` is not writable.
     """
     sweep(folder)
     stage, lock = _new_stage(folder)
@@ -47,13 +47,14 @@ def staging(folder: Path) -> Iterator[Path]:
 
 
 def move(staged: Path, target: Path) -> None:
-    """Move a complete file or folder out of its staging folder to `target`, replacing an existing one.
+    """Move a complete file or folder from its staging folder to `target`, replacing an existing target.
 
-    A folder cannot be replaced in one step, so the old one is first moved into the staging folder. If the process fails
-    before the new one is in place, the old one is restored. If the process is killed, the next `sweep` of this folder
-    restores it. After a restart of the machine, or without file locks, it stays in the staging folder, as `.replaced`.
+    A folder cannot be replaced in one step, so an existing target folder is first moved into the staging folder. If the
+    replacement then fails, the old folder is restored at the end of `staging`. If the process is killed, the next
+    `sweep` restores the old folder. If the machine restarts before this `sweep`, or if file locks are not supported,
+    the old folder remains in the subfolder `.replaced` of the staging folder.
 
-    **Raises:** OSError if the move fails, for example of a file to the name of a folder.
+    **Raises:** OSError if the move fails, for example if `staged` is a file and `target` is a folder.
     """
     if not (staged.is_dir() and target.is_dir()):
         os.replace(staged, target)
@@ -66,11 +67,11 @@ def move(staged: Path, target: Path) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Remove the staging folders in `folder` whose process was killed.
+    """Remove the staging folders of killed processes in `folder`.
 
-    Only this user's folders are removed, and only folders created since this machine started (their names contain the
-    boot ID), because a lock is reliable only within one running kernel. Folders from other machines on a shared file
-    system stay. Without file locks (Windows, some network file systems) nothing is removed.
+    Only folders of this user are removed, and only folders created since this machine started (their names contain the
+    boot ID), because a lock is reliable only within one running kernel. Folders of other machines on a shared file
+    system are kept. Without file locks (Windows, some network file systems) nothing is removed.
     """
     prefix = _prefix()
     if prefix is None:
@@ -85,14 +86,14 @@ def sweep(folder: Path) -> None:
 
 
 def _new_stage(folder: Path) -> tuple[Path, int | None]:
-    """A staging folder and its acquired lock, or None in place of the lock if locks are not supported."""
+    """Create a staging folder and acquire its lock; the lock is None if locks are not supported."""
     prefix = _prefix()
     for _ in range(0 if prefix is None else 10):
         stage = Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
         try:
             lock = os.open(stage / _LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         except FileNotFoundError:
-            continue  # another process removed it while it was empty
+            continue  # another process removed the folder while it was empty
         try:
             if _acquire(lock, stage):
                 return stage, lock
@@ -100,7 +101,7 @@ def _new_stage(folder: Path) -> tuple[Path, int | None]:
             os.close(lock)
             shutil.rmtree(stage, ignore_errors=True)
             break
-        os.close(lock)  # another process took the lock first and removes the folder
+        os.close(lock)  # another process acquired the lock first and removes the folder
     return Path(tempfile.mkdtemp(prefix=_NAME, dir=folder)), None
 
 
@@ -108,7 +109,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # fails unless it is empty; a process that was about to lock it creates another
+        os.rmdir(stage)  # fails unless the folder is empty; a process about to lock it then makes a new one
         return
     try:
         if _acquire(lock, stage):
@@ -118,7 +119,7 @@ def _remove_unowned(stage: Path) -> None:
 
 
 def _acquire(lock: int, stage: Path) -> bool:
-    """Acquire the lock; False if another process has it, or if the folder has been removed.
+    """Acquire the lock; return False if another process owns the lock, or if the folder has been removed.
 
     **Raises:** OSError if the file system does not support locks.
     """
@@ -134,7 +135,10 @@ def _acquire(lock: int, stage: Path) -> bool:
 
 
 def _discard(stage: Path) -> None:
-    """Remove a staging folder; its lock is removed last, so that no other process considers the folder abandoned."""
+    """Remove a staging folder; the lock file is removed last, so that no other process considers the folder abandoned.
+
+    A replaced folder is first moved back to its target if the target does not exist.
+    """
     with suppress(OSError):
         for old in stage.glob(f"{_REPLACED}/*"):
             if not os.path.lexists(stage.parent / old.name):
@@ -149,10 +153,10 @@ def _discard(stage: Path) -> None:
 
 
 def _prefix() -> str | None:
-    """The prefix of this kernel's staging folders; None if locks do not show whether a process is alive.
+    """Return the prefix for names of staging folders; None if locks do not show whether a process is still running.
 
-    Locks are reliable between processes of one running kernel, but not between machines that share a file system. So
-    the prefix contains the boot ID, which Linux assigns at every start.
+    Locks are reliable between processes of one running kernel, but not between machines that share a file system.
+    Therefore the prefix contains the boot ID, which Linux changes at every start.
     """
     if fcntl is None:
         return None

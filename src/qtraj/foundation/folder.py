@@ -1,4 +1,4 @@
-"""Write several files into a folder: all of them completely, or none."""
+"""Write several files into a folder: either all of them, each complete, or none."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ Writer = Callable[[Path], None]
 
 
 def check_folder(out: Path) -> None:
-    """Raise an OSError if `write_all` cannot write into this folder."""
+    """Raise an OSError if `write_all` cannot write into the folder `out`."""
     root = _existing(out)
     if not root.is_dir():
         raise NotADirectoryError(f"{root}: a folder to write into was expected, but this is a file")
@@ -23,11 +23,11 @@ def check_folder(out: Path) -> None:
 
 
 def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Write all files into the folder `out`; `writers` write one file each, by name.
+    """Write one file for each item of `writers` (name, function that writes the file) into the folder `out`.
 
-    The files are written into a hidden folder of the same file system and moved when all are complete. So an error or
-    an interrupt leaves no files behind, and the next run removes the hidden folder of a killed process. Files with
-    other names in `out` are not changed.
+    The files are written into a hidden folder on the same file system, and moved to `out` when all of them are
+    complete. Therefore an error in a writer or an interrupt leaves no files behind. If the process is killed, the next
+    run removes the hidden folder. Files with other names in `out` are not changed.
 
     **Raises:** OSError if a file cannot be written.
     """
@@ -35,16 +35,16 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
     targets = [out / name for name in writers]
     if blocked := [target for target in targets if target.is_dir()]:
         raise IsADirectoryError(
-            f"{blocked[0]}: a file cannot be written here, because there is a folder with this name"
+            f"{blocked[0]}: this file cannot be written, because there is a folder with the same name"
         )
     root = _existing(out)
     if root == out.absolute():
-        sweep(root.parent)  # an interrupted run left its temporary folders here if `out` did not exist yet
+        sweep(root.parent)  # an interrupted run staged its files in the parent if `out` did not exist yet
     with ExitStack() as stack:
         try:
             stage = stack.enter_context(staging(root))
         except OSError as error:
-            raise OSError(f"{out}: this folder cannot be written to ({error.strerror})") from error
+            raise OSError(f"{out}: this folder is not writable ({error.strerror})") from error
         for name, write in writers.items():
             write(stage / name)
         with _uninterrupted():
@@ -55,14 +55,14 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
 
 
 def _existing(folder: Path) -> Path:
-    """The folder, or its nearest parent that exists."""
+    """Return the folder as an absolute path, or its nearest existing parent."""
     folder = folder.absolute()
     return next(f for f in (folder, *folder.parents) if f.exists())
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C until the end of the block."""
+    """Delay Ctrl-C until the end of the `with` block; in a thread other than the main thread, do nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

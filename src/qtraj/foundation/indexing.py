@@ -1,6 +1,6 @@
 """Select and replace array elements at a traced index or under a traced condition.
 
-The notation of NumPy, `x[index]`, compiles to several times as many operations for a traced index.
+For a traced index, the notation `x[index]` generates several times as many operations as these functions.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Int
 
 
 def element(tree: Any, index: Int[Array, ""], axis: int = 0) -> Any:
-    """The elements of every array in `tree` at `index` ≥ 0 along an axis."""
+    """Return the elements at `index` ≥ 0 along an axis, for every array of `tree`."""
 
     def of_array(x: Any) -> Array:
         return jax.lax.dynamic_index_in_dim(jnp.asarray(x), index, axis, keepdims=False, allow_negative_indices=False)
@@ -20,7 +20,7 @@ def element(tree: Any, index: Int[Array, ""], axis: int = 0) -> Any:
 
 
 def with_element(tree: Any, index: Int[Array, ""], value: Any, axis: int = 0) -> Any:
-    """The arrays of `tree` with their elements at `index` ≥ 0 along an axis replaced by the arrays of `value`."""
+    """Return the arrays of `tree` with the elements at `index` ≥ 0 along an axis replaced by the arrays of `value`."""
 
     def of_array(x: Array, value: Array) -> Array:
         return jax.lax.dynamic_update_index_in_dim(x, value, index, axis, allow_negative_indices=False)
@@ -29,5 +29,5 @@ def with_element(tree: Any, index: Int[Array, ""], value: Any, axis: int = 0) ->
 
 
 def choose(condition: Bool[Array, " batch"], new: Any, old: Any) -> Any:
-    """For each batch element, the arrays of `new` if the condition is true, otherwise those of `old`."""
+    """Return the values of `new` for batch elements where `condition` is true, and the values of `old` elsewhere."""
     return jax.tree.map(lambda x, y: jnp.where(jnp.expand_dims(condition, range(1, x.ndim)), x, y), new, old)

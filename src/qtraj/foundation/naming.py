@@ -1,4 +1,4 @@
-"""Add the place in the input to error messages."""
+"""Add the location of an invalid input, such as a file or a key, to the error message."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Prepend `where`, such as a file or a key, to the message of a ValueError."""
+    """Prepend `where`, such as the name of a file or a key, to the message of a ValueError from the `with` block."""
     try:
         yield
     except ValueError as error:

@@ -6,12 +6,18 @@ import numpy as np
 
 
 def digits(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """A column with four significant digits; a dash where `known` is false."""
+    """Format a column of numbers with four significant digits.
+
+    Values that are not finite, or for which `known` is false, are replaced by a dash.
+    """
     return [f"{v:.4g}" if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
 
 
 def decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """A column with enough decimals to distinguish its values, at most six; a dash where `known` is false."""
+    """Format a column of numbers with at most six decimals, as many as the range of the values requires.
+
+    Values that are not finite, or for which `known` is false, are replaced by a dash.
+    """
     finite = values[known & np.isfinite(values)]
     size = float(np.abs(finite).max(initial=0.0))
     spread = float(np.ptp(finite)) if finite.size else 0.0

@@ -1,8 +1,8 @@
-"""Result codes of all solves, their texts, and the base class of results that have them.
+"""Define the result codes of all solves, their texts, and the base class of results that have a code.
 
-A failure is a value: the result of a solve has a `code` for each element of its batch, and a text that says what to do.
-`throw=True` raises instead. Codes below `NOTES` are full successes, codes from `FAILURES` on are failures, and codes in
-between are successes with a note.
+A failure does not raise an error unless `throw=True` is passed. The result of a solve has a `code` for each element of
+its batch, and a text that says what to do. Codes below `NOTES` are full successes, codes from `FAILURES` on are
+failures, and codes in between are successes with a note.
 """
 
 import abc
@@ -22,17 +22,17 @@ from qtraj.foundation.texts import Texts
 T = TypeVar("T", bound="AbstractOutcome")
 
 NOTES, FAILURES, ILL_POSED = 10, 20, 60
-"""The first codes of successes with a note, of failures, and of problems that cannot be solved as posed."""
+"""First codes of three groups: successes with a note, failures, and problems that have no solution as posed."""
 
 
-@enum.unique  # two codes with one number would share the first one's text
+@enum.unique  # without this check, a repeated number would become an alias with the text of the first code
 class ResultCode(enum.IntEnum):
-    """The outcome of a solve; `.text` describes it and gives advice."""
+    """The outcome of a solve; `.text` describes the outcome and contains advice."""
 
     text: str
 
     def __new__(cls, value: int, text: str = "") -> "ResultCode":
-        """A code with its text."""
+        """Create a code with its text."""
         code = int.__new__(cls, value)
         code._value_ = value
         code.text = text
@@ -42,9 +42,9 @@ class ResultCode(enum.IntEnum):
 
     near_zero_error = (
         NOTES + 0,
-        "finished, but the error quaternion came near zero, where the command grows as 1/|μ|²: look at peak_command. "
-        "The other sign of λ may avoid this: start from choose_sign(law, program(t0), quaternion, rate) with "
-        "sign='as given'.",
+        "finished, but the error quaternion came near zero, where the command grows without bound: look at "
+        "peak_command. The other sign of λ may avoid this: start from choose_sign(law, program(t0), quaternion, rate) "
+        "with sign='as given'.",
     )
     held_by_bounds = (
         NOTES + 1,
@@ -53,13 +53,13 @@ class ResultCode(enum.IntEnum):
     )
     loose_fit = (
         NOTES + 3,
-        "the path follows its recording only roughly. Choose a window with one clear bend in which the vehicle keeps "
-        "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
+        "the path follows its recording only approximately. Choose a window with one clear bend in which the vehicle "
+        "keeps moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is satisfied, but for some this was checked only by sampling and is not proved. For a proof, "
-        "relax these limits a little, or describe the path by polynomials.",
+        "every limit is satisfied, but for some this was checked only by sampling and is not proved. A proof "
+        "needs a polynomial path (not a Curve) and, for quantities that depend on the vertical, a vertical axis.",
     )
     undefined_at_stops = (
         NOTES + 4,
@@ -68,19 +68,19 @@ class ResultCode(enum.IntEnum):
     )
     not_optimal = (
         NOTES + 5,
-        "every limit is proved on the segments that may change, but the search stopped before the optimum. Try a "
-        "larger max_steps for a better value of the objective.",
+        "every limit is proved to be satisfied on the segments that may change, but the search stopped before the "
+        "optimum. Try a larger max_steps for a better value of the objective.",
     )
 
     max_steps_reached = (
         FAILURES + 0,
         "stopped: the maximum number of steps was reached. Try a larger max_steps, larger rtol and atol, or a shorter "
-        "time span. If the acceleration is discontinuous, pass the instants as jumps.",
+        "time span. If the acceleration is discontinuous, pass the instants of its discontinuities as jumps.",
     )
     step_too_small = (
         FAILURES + 1,
-        "stopped: the step size became too small for floating point. The acceleration has a pole there or is not "
-        "finite: check its values near the last instant reached. If the tolerance is below round-off, raise rtol.",
+        "stopped: the step size became too small for floating point. The acceleration may have a pole or not be finite "
+        "near the last instant reached: check its values there. If the tolerance is below round-off, raise rtol.",
     )
     wrong_sign = (
         FAILURES + 2,
@@ -102,7 +102,7 @@ class ResultCode(enum.IntEnum):
     infeasible = (
         FAILURES + 6,
         "no boundary velocities were found that satisfy the limits. Try more starts, raise the violated limits, or "
-        "move the ends.",
+        "change the boundary positions.",
     )
     poor_fit = (
         FAILURES + 11,
@@ -117,53 +117,53 @@ class ResultCode(enum.IntEnum):
     )
     limits_undefined = (
         FAILURES + 10,
-        "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
-        "or change the path.",
+        "a limited quantity is undefined somewhere on the path, at a stop or where the path is straight or vertical. "
+        "Limit another quantity, or change the path.",
     )
     route_not_found = (
         FAILURES + 12,
-        "no route was found within the tube that satisfies the limits; a local search cannot show that there is none. "
-        "Widen the tube, raise the limits without a proof, or fix fewer states; with the objective 'smoothest', which "
-        "keeps the duration, take 'nearest'.",
+        "no route that stays within the tube and satisfies the limits was found; a local search cannot prove that "
+        "there is none. Widen the tube, raise the limits that are not proved to be satisfied, or fix fewer states. If "
+        "the objective is 'smoothest', which keeps the duration, try 'nearest'.",
     )
     broken_at_stops = (
         FAILURES + 13,
-        "a limit is violated or undecided on a segment that touches a stop. Such segments are not changed. Raise that "
-        "limit, or give the route other states there.",
+        "a limit is violated or undecided on a segment that starts or ends at a stop. Such segments are not changed. "
+        "Raise that limit, or change the states of the route at the ends of that segment.",
     )
 
     route_not_converged = (
         FAILURES + 15,
-        "the search for a route stopped before it converged. Try a larger max_steps; if it stops again, widen the "
-        "tube, raise the limits without a proof, or fix fewer states.",
+        "the search for a route stopped before it converged. Try a larger max_steps. If the search stops again, widen "
+        "the tube, raise the limits that are not proved to be satisfied, or fix fewer states.",
     )
     end_speed_not_reached = (
         FAILURES + 14,
-        "a given speed at an end cannot be reached within the limits. Give a lower speed there, or raise the limits.",
+        "start_speed or end_speed cannot be reached within the limits. Pass a lower speed, or raise the limits.",
     )
     rest_unknown = (
         FAILURES + 16,
-        "a speed at an end is zero or negative, but not known before the function is traced. Pass start_speed=0 or "
-        "end_speed=0 as a plain number for rest; a speed inside jit, vmap or grad must be positive.",
+        "start_speed or end_speed is zero or negative, but its value is traced. Pass the number 0 for an end at rest; "
+        "a speed inside jit, vmap or grad must be positive.",
     )
     speed_unbounded = (
         FAILURES + 17,
-        "no limit bounds the speed somewhere, for example on a straight part of the path: the duration is not "
+        "no limit bounds the speed on some part of the path, for example a straight one, so the duration is not "
         "meaningful. Add a limit on speed.",
     )
 
     velocity_vanishes = (
         ILL_POSED + 0,
-        "the given velocities must be finite and not all zero, because they set the scale of the search.",
+        "the initial velocities must be finite and not all zero, because they set the scale of the search.",
     )
     position_on_axis = (
         ILL_POSED + 1,
-        "a boundary position lies on the axis (radius 0). Give a placement whose axis lies elsewhere.",
+        "a boundary position lies on the axis (radius 0). Pass a placement whose axis does not contain it.",
     )
     sense_unknown = (
         ILL_POSED + 2,
-        "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, or a "
-        "placement whose axis lies elsewhere.",
+        "V_phi at the start is 0, so the sense of rotation is unknown. Pass a start with a velocity about the axis, or "
+        "a placement with another axis.",
     )
     azimuths_equal = (
         ILL_POSED + 3,
@@ -171,38 +171,38 @@ class ResultCode(enum.IntEnum):
     )
     senses_opposite = (
         ILL_POSED + 4,
-        "the given states rotate in opposite senses, so they have no common duration. Give the end a velocity with "
-        "the same sense of rotation as the start, or use motion='hermite' with a duration.",
+        "the boundary velocities have opposite senses about the axis, so no rotation at a constant rate joins the "
+        "states. Pass an end whose velocity has the same sense as the start, or use motion='hermite' with a duration.",
     )
     turn_against_sense = (
         ILL_POSED + 5,
-        "the given turn is opposite to the sense of V_phi, so the states do not determine a duration. Pass a duration "
-        "with motion='hermite', or a turn with the same sense as V_phi.",
+        "the turn is opposite to the sense of V_phi, so the states do not determine a duration. Pass a duration with "
+        "motion='hermite', or a turn with the same sense as V_phi.",
     )
     duration_not_positive = ILL_POSED + 6, "the duration must be positive and finite [s]."
     objective_not_finite = (
         ILL_POSED + 7,
-        "the objective is not finite at the given boundary states. Give other states, or another objective.",
+        "the objective is not finite at the initial boundary states. Pass other states, or another objective.",
     )
     turn_mismatch = (
         ILL_POSED + 8,
-        "the given turn does not lead from the azimuth of the start to the azimuth of the end. Pass the difference of "
-        "the azimuths plus whole turns.",
+        "the turn does not lead from the azimuth of the start to the azimuth of the end. Pass the difference of the "
+        "azimuths plus whole turns.",
     )
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
     axis_far_away = (
         ILL_POSED + 11,
         "no placement was given, and the default axis (world z) is very far from the states: more than a hundred times "
-        "the distance between them. Give a placement, such as axis_between(start, end).",
+        "the distance between them. Pass a placement, such as axis_between(start, end).",
     )
     heading_unknown = (
         ILL_POSED + 12,
-        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove it from fixed, or give "
-        "a placement whose axis lies elsewhere.",
+        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove it from fixed, or pass "
+        "a placement with another axis.",
     )
     state_not_finite = (
         ILL_POSED + 10,
-        "a boundary position, a velocity or the placement is NaN or infinite. Give finite numbers.",
+        "a boundary position, a velocity or the placement is NaN or infinite. Pass finite numbers.",
     )
 
 
@@ -212,22 +212,22 @@ _MESSAGE_INDEX[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
 
 
 class AbstractOutcome(AbstractResult):
-    """The result of a solve: `code`, a `ResultCode` for each element of the batch, and its text on demand."""
+    """Result of a solve, with a `code` for each element of the batch (see `ResultCode`) and the text of each code."""
 
     code: eqx.AbstractVar[Int[Array, "*batch"]]
 
     @abc.abstractmethod
     def explain(self, at: tuple[int, ...]) -> str:
-        """The text for one element of the batch: what happened and what to do. A single problem has `at = ()`."""
+        """Describe the result of the batch element with index `at`, with advice; `at` is () for a single problem."""
 
     @property
     def successful(self) -> Bool[Array, "*batch"]:
-        """Whether the solve succeeded; available inside a trace too."""
+        """Whether the solve succeeded, for each element of the batch; also available inside a trace."""
         return self.code < FAILURES
 
     @property
     def result(self) -> Any:
-        """What happened and what to do: a string, or for a batch a sequence of strings, composed on access.
+        """The result in words, with advice: a string, or for a batch a sequence of strings, composed on access.
 
         **Raises:** ValueError inside a trace, where only `code` and `successful` are available.
         """
@@ -235,10 +235,10 @@ class AbstractOutcome(AbstractResult):
         return Texts(self.explain, shape) if shape else self.explain(())
 
     def check(self: T) -> T:
-        """Return this result if every element of the batch succeeded; otherwise raise an error, like `throw=True`.
+        """Return this result if every element of the batch succeeded, otherwise raise an error, like `throw=True`.
 
-        **Raises:** RuntimeError with the text of the first element that failed. Inside a trace the error is raised when
-        the compiled function runs, with the text of the code.
+        **Raises:** RuntimeError with the text of the first element that failed. Inside a trace, the error is raised
+        when the compiled function runs, and its message is the text of the code.
         """
         codes = concrete(self.code)
         if codes is None:
@@ -252,7 +252,7 @@ class AbstractOutcome(AbstractResult):
 
 
 def concrete_codes(outcome: AbstractOutcome) -> np.ndarray:
-    """The codes of a result as a NumPy array.
+    """Return the codes of a result as a NumPy array.
 
     **Raises:** ValueError inside a trace.
     """
@@ -263,14 +263,14 @@ def concrete_codes(outcome: AbstractOutcome) -> np.ndarray:
 
 
 def names_of(codes: np.ndarray, names: Mapping[ResultCode, str], other: str) -> np.ndarray:
-    """The names of an array of codes; `other` for codes without a name."""
+    """Return the name of each code in an array, or `other` for codes without a name."""
     table = np.full(max(ResultCode) + 1, other, dtype=object)
     table[[int(code) for code in names]] = list(names.values())
     return np.asarray(table.astype(str)[codes])
 
 
 def renumbered(codes: Any, numbers: Mapping[int, ResultCode]) -> Any:
-    """The codes of an older document, a number or nested lists, converted to the present numbers."""
+    """Convert `codes` of an older document, one number or nested lists of numbers, to the present codes."""
     if isinstance(codes, list):
         return [renumbered(code, numbers) for code in codes]
     return int(numbers.get(codes, codes))

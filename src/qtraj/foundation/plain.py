@@ -9,9 +9,11 @@ from qtraj.foundation.record import Record
 
 
 def plain(record: Record) -> dict[str, Any]:
-    """The `summary`, all coordinates and variables by name as (nested) lists, and their `units`.
+    """Convert a record to a dict with its `summary`, all quantities by name, and their `units`.
 
-    Numbers that are not finite become None, because JSON has no NaN. So
+    The quantities are numbers, strings or (nested) lists.
+
+    Numbers that are not finite become None, because JSON has no NaN. Therefore
     `json.dumps(plain(result.record()))` works for every result.
     """
     everything = record.everything()
@@ -21,7 +23,7 @@ def plain(record: Record) -> dict[str, Any]:
 
 
 def finite(value: Any) -> Any:
-    """The same data with None in place of NaN and infinities."""
+    """Replace NaN and infinities in `value`, also inside dicts and lists, by None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

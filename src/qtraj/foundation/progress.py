@@ -1,4 +1,4 @@
-"""Progress reports of long computations, a few per second."""
+"""Report the progress of long computations, a few times per second."""
 
 import time
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from typing import NamedTuple
 from typing_extensions import TypeAliasType
 
 INTERVAL = 0.25
-"""[s] Minimum time between two reports."""
+"""Minimum time [s] between two reports."""
 
 
 class Progress(NamedTuple):
-    """One report: what is being done (`text`), and `done` of `total` steps; `total` is None if unknown."""
+    """One report: activity `text`, number of completed steps `done`, and number of steps `total`, None if unknown."""
 
     text: str
     done: int = 0
@@ -27,13 +27,13 @@ class Progress(NamedTuple):
 
 
 Report = TypeAliasType("Report", Callable[[Progress], None])
-"""A function that receives progress reports."""
+"""A function that is called with progress reports."""
 
 
 def throttled(report: Report | None, interval: float = INTERVAL, clock: Callable[[], float] = time.monotonic) -> Report:
-    """`report`, called at once and then at most every `interval` [s]; reports in between are dropped.
+    """Return a function that calls `report` at most once per `interval` [s].
 
-    If `report` is None, nothing is reported.
+    Reports in between are dropped. If `report` is None, all reports are dropped.
     """
     last = -float("inf")
 

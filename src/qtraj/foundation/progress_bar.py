@@ -1,4 +1,4 @@
-"""Progress on a terminal (extra `cli`), for the command line and for scripts."""
+"""Show progress on a terminal (extra `cli`), for the command line and for scripts."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from qtraj.foundation.progress import Progress
 
 
 class Watch:
-    """Progress on a terminal; without a terminal it prints nothing."""
+    """A progress display on a terminal; it prints nothing if there is no terminal."""
 
     def __init__(self, shown: Bars | None):
         self._shown = shown
@@ -31,7 +31,10 @@ class Watch:
 
 @contextmanager
 def watching() -> Iterator[Watch]:
-    """A `Watch` on stderr, which is erased at the end; it prints nothing if stderr is not a terminal."""
+    """Display progress on stderr with a `Watch`, and erase the display at the end.
+
+    If stderr is not a terminal, nothing is printed.
+    """
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
         yield Watch(None)

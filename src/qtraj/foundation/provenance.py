@@ -1,4 +1,4 @@
-"""The versions that computed a result, as attributes of its dataset."""
+"""Collect the versions of the packages that computed a result, as attributes of its dataset."""
 
 import platform
 
@@ -9,6 +9,6 @@ from qtraj._version import __version__
 
 
 def provenance_attributes(dtype: np.dtype) -> dict[str, str]:
-    """The attributes `source`, `versions` and `dtype` of a dataset whose numbers were computed in `dtype`."""
+    """Return the attributes `source`, `versions` and `dtype` of a dataset with numbers computed in `dtype`."""
     versions = f"qtraj {__version__}, jax {jax.__version__}, numpy {np.__version__}, Python {platform.python_version()}"
     return {"source": f"qtraj {__version__}", "versions": versions, "dtype": str(dtype)}

@@ -1,4 +1,4 @@
-"""Results as labelled arrays with units, from which xarray datasets, HTML and summaries are made."""
+"""Represent results as labelled arrays with units, from which datasets, HTML tables and summaries are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,20 +18,22 @@ LABELS: dict[str, list[str]] = {
     "world": ["x", "y", "z"],
     "body": ["x", "y", "z"],
     "component": ["w", "x", "y", "z"],
+    "friction_axis": ["along", "across"],
 }
-"""The labels of the component axes, unless a record has its own."""
+"""Labels of the component axes; the `labels` of a record override them."""
 
 CONVENTIONS = {
     "quaternion_convention": "scalar first, Hamilton product, body to world",
     "frame_convention": "right-handed; world axes x, y, z with z up; rates and accelerations of attitudes in body axes",
 }
-"""Attributes of every dataset, unless its record overrides them."""
+"""Attributes of every dataset; the `attributes` of a record override them."""
 
 
 class Quantity(NamedTuple):
-    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the names of the axes after the batch axes.
+    """A labelled array: values, unit, meaning, and the names of its axes after the batch axes.
 
-    The unit of a dimensionless number is "1". It is "" for strings, and for numbers whose `meaning` states the unit.
+    The unit is in netCDF notation ("m s-2"). It is "1" for dimensionless numbers, and empty for strings and for
+    numbers whose `meaning` states the unit.
     """
 
     values: Any
@@ -42,11 +44,11 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class Record:
-    """The contents of a result as labelled quantities.
+    """Contents of a result as labelled quantities.
 
-    `summary` is one line of text, `attributes` describe the whole record, and `labels` name the entries along axes of
-    components. A quantity with more dimensions than axes has batch axes in front, which are the same for all
-    quantities.
+    `summary` is one line of text, `attributes` describe the whole record, and `labels` name the entries along the
+    component axes. If a quantity has more dimensions than names in `axes`, the first dimensions are batch axes. A
+    quantity may have fewer batch axes than the record; they are then the last batch axes of the record.
     """
 
     summary: str
@@ -56,20 +58,26 @@ class Record:
     labels: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def everything(self) -> dict[str, Quantity]:
-        """Coordinates and variables together."""
+        """Return coordinates and variables in one dict."""
         return {**self.coordinates, **self.variables}
 
     def dims(self, quantity: Quantity) -> tuple[str, ...]:
-        """The names of the dimensions: `batch` (or `batch_1`, `batch_2` … if there are several), then the axes."""
+        """Return the names of the dimensions of `quantity`: the batch axes, then `quantity.axes`.
+
+        The name of a batch axis is `batch`, or `batch_1`, `batch_2`, … if the record has several batch axes.
+        """
         n_batch = max(_batch_axes(each) for each in self.everything().values())
         names = ("batch",) if n_batch == 1 else tuple(f"batch_{k + 1}" for k in range(n_batch))
         return (*names[n_batch - _batch_axes(quantity) :], *quantity.axes)
 
 
 def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
-    """The record as an `xarray.Dataset`; its attributes are conventions, provenance and the given `attributes`.
+    """Convert the record to an `xarray.Dataset`.
 
-    **Raises:** ModuleNotFoundError, naming the extra `io`, if xarray is missing.
+    The attributes of the dataset are the conventions, the provenance, the attributes of the record, and `attributes`.
+    If several attributes have the same name, the last value is used.
+
+    **Raises:** ModuleNotFoundError with the extra `io` to install, if xarray is missing.
     """
     require_package("xarray", "a labelled dataset")
     import xarray
@@ -91,7 +99,7 @@ def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "
 
 
 def variable_attributes(unit: str, meaning: str) -> dict[str, Any]:
-    """The attributes of a variable; an empty unit is omitted."""
+    """Return the attributes of a variable; an empty unit is omitted."""
     return {**({"units": unit} if unit else {}), "long_name": meaning}
 
 

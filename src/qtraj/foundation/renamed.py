@@ -1,4 +1,4 @@
-"""Former names of arguments, which are accepted with a warning until 1.0."""
+"""Accept former names of arguments, with a warning, until version 1.0."""
 
 import functools
 import warnings
@@ -10,9 +10,10 @@ R = TypeVar("R")
 
 
 def renamed_arguments(**former: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a function accept former keywords: `@renamed_arguments(old="new")`.
+    """Return a decorator that lets a function accept former keywords, for example `@renamed_arguments(old="new")`.
 
-    A former keyword issues a DeprecationWarning. Passing both names raises a TypeError.
+    The use of a former keyword issues a DeprecationWarning. A call with both the former and the new keyword raises a
+    TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:

@@ -1,4 +1,4 @@
-"""Base class of all results: conversion to xarray, one-line summary, HTML for notebooks."""
+"""Define the base class of all results, with conversion to xarray, a summary in one line, and HTML for notebooks."""
 
 import abc
 from collections.abc import Mapping
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     import xarray
 
 MAX_VALUES = 10_000_000
-"""The displayed range is not computed for larger arrays."""
+"""Maximum size of an array whose range is displayed."""
 MAX_TEXTS = 4
-"""Maximum number of different strings of a variable that are displayed."""
+"""Maximum number of different strings that are displayed for one variable."""
 
 
 class AbstractResult(eqx.Module):
-    """The result of a call as labelled arrays, for one problem or a batch (batch axes first in every array)."""
+    """Result of a call as labelled arrays, for one problem or a batch (batch axes first in every array)."""
 
     @abc.abstractmethod
     def record(self) -> Record:
-        """The contents of the result, with units and meanings."""
+        """Return the contents of the result, with units and meanings."""
 
     def to_xarray(self, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
-        """The result as an `xarray.Dataset` (extra `io`), which `qtraj.save_dataset` writes.
+        """Convert the result to an `xarray.Dataset` (extra `io`), which `qtraj.save_dataset` writes to a file.
 
-        The attributes of the variables are units and meanings. The attributes of the dataset are the conventions of
-        frames and quaternions, versions, dtype, and the given `attributes`, such as the hash of a scenario.
+        The attributes of each variable are its unit and its meaning. The attributes of the dataset are the conventions
+        for frames and quaternions, the versions, the dtype, and the given `attributes`, such as the hash of a scenario.
 
-        **Raises:** ModuleNotFoundError, naming the extra, if xarray is missing; ValueError inside a trace.
+        **Raises:** ModuleNotFoundError with the extra to install, if xarray is missing; ValueError inside a trace.
         """
         require_concrete(self)
         return to_dataset(self.record(), {"type": type(self).__name__, **(attributes or {})})
@@ -55,7 +55,7 @@ class AbstractResult(eqx.Module):
 
 
 def counts_text(texts: Any) -> str:
-    """The counts of the strings, such as "3 converged, 1 infeasible" or "all proved"; a single string is unchanged."""
+    """Count equal strings, for example as "3 converged, 1 infeasible" or "all proved"; a single string is unchanged."""
     if np.ndim(texts) == 0:
         return str(texts)
     if np.unique(texts).size == 1:
@@ -67,15 +67,16 @@ def counts_text(texts: Any) -> str:
 
 
 def batch_prefix(shape: tuple[int, ...], what: str = "") -> str:
-    """The beginning of a summary: "3 paths, ", "batch of 2 × 3, ", or nothing for a single problem."""
+    """Return the beginning of a summary: "3 paths, ", "batch of 2 × 3, ", or "" for a single problem."""
     count = " × ".join(map(str, shape))
     return "" if not shape else f"{count} {what}, " if what else f"batch of {count}, "
 
 
 def extent(values: Any, unit: str = "") -> str:
-    """The range of the values, such as "0 … 12 s", or one number; says so if some are not finite.
+    """Format the range of the values, such as "0 … 12 s", or one number if all are equal.
 
-    `unit` is in netCDF notation, "m s-1".
+    NaN and infinities are not part of the range, but the text mentions that there are some. `unit` is in netCDF
+    notation, such as "m s-1".
     """
     values = np.asarray(values)
     finite = values[np.isfinite(values)]
@@ -87,17 +88,17 @@ def extent(values: Any, unit: str = "") -> str:
 
 
 def vector_text(vector: Any) -> str:
-    """A few numbers as text, such as "(0.707107, 0, 0, 0.707107)"."""
+    """Format a vector, for example as "(0.707107, 0, 0, 0.707107)"."""
     return f"({', '.join(f'{x:.6g}' for x in np.asarray(vector).tolist())})"
 
 
 def times_text(times: Any) -> str:
-    """The number of instants and their range, such as "101 instants, 0 … 12 s"."""
+    """Format the number of instants and their range, for example as "101 instants, 0 … 12 s"."""
     return f"{np.shape(times)[-1]} instants, {extent(times, 's')}"
 
 
 def _record(result: AbstractResult) -> Record | None:
-    """The record of a result, or None if it is traced or was left incomplete by a JAX transformation."""
+    """Return the record of a result, or None if the result is traced, or incomplete after a JAX transformation."""
     leaves = jax.tree.leaves(result)
     if not leaves or not all(isinstance(x, jax.Array | np.ndarray) and not isinstance(x, Tracer) for x in leaves):
         return None

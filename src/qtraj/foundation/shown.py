@@ -1,4 +1,4 @@
-"""Readable `repr` of Modules: the fields that are set, with values and units."""
+"""Format the `repr` of Modules, which contains the fields that are not None, with values and units."""
 
 import dataclasses
 from typing import Any
@@ -11,13 +11,13 @@ from jax.core import Tracer
 from qtraj.foundation.result import extent
 
 MAX_SHOWN = 9
-"""Arrays with more numbers than a matrix (3, 3) are shown by shape and range."""
+"""Maximum size of an array that is shown in full; for larger arrays the shape and the range are shown."""
 
 
 def shown(module: Any, **units: str) -> str:
-    """A string such as "Limits(curvature=0.1 1/m, speed=5 m/s)", without fields that are None.
+    """Format a Module, for example as "Limits(curvature=0.1 1/m, speed=5 m/s)", without fields that are None.
 
-    `units` are the units of fields, as they are displayed.
+    `units` are the units of the fields in display form, by the names of the fields.
     """
     if dataclasses.is_dataclass(module):
         names = [f.name for f in dataclasses.fields(module) if f.repr]

@@ -1,4 +1,4 @@
-"""Texts of the elements of a batch."""
+"""Provide the messages of a batch as a sequence of strings."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, overload
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Texts(Sequence[str]):
-    """The messages of a batch, composed on access; several batch axes are indexed like a nested list."""
+    """Messages of the elements of a batch, composed on access; several batch axes are indexed like an array."""
 
     def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
         self._make, self._shape = make, shape

@@ -1,21 +1,24 @@
-"""Explain syntax errors in TOML: the position, the line itself, and the probable cause."""
+"""Explain syntax errors in TOML with the position, the line and the probable cause."""
 
 import re
 import tomllib
 
 LONGEST = 60
-"""Longer values are truncated to this number of characters."""
+"""Maximum number of characters of a quoted value; a longer value is truncated."""
 PLACE = re.compile(r"at line (\d+), column (\d+)")
 BARE = re.compile(r"""([\w.-]+)\s*=\s*((?:[A-Za-z_~/]|[^\s"'\[\]{}#]*\.[A-Za-z])[^"'\[\]{}#]*?)\s*(?:\#.*)?""")
-"""A key whose value is a string without quotes, such as a file name."""
+"""Pattern of a key whose value is a string without quotes, such as a file name."""
 
 
 def syntax_fault(text: str, error: tomllib.TOMLDecodeError) -> str:
-    """The message of the parser with line and column, the line there, and advice if a string has no quotes."""
+    """Return the parser's message with the position, followed by the line and, if a string lacks quotes, by advice.
+
+    If the file ends too early, the message contains only the position of the end.
+    """
     lines = text.split("\n")
     message = str(error)
     place = PLACE.search(message)
-    if place is None:  # the file ends too early
+    if place is None:  # the parser states no position if the file ends too early
         last = text.splitlines() or [""]
         end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the file"
         return message.replace("at end of document", end)
@@ -30,6 +33,6 @@ def syntax_fault(text: str, error: tomllib.TOMLDecodeError) -> str:
 
 
 def quoted(value: object) -> str:
-    """The `repr` of a value, truncated if it is long."""
+    """Return the `repr` of a value, truncated to `LONGEST` characters."""
     text = repr(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

@@ -1,6 +1,7 @@
-"""Array types with shapes. Components are on the last axis; core functions accept one instant (use `jax.vmap`).
+"""Define array types with their shapes.
 
-The types are named aliases, so `help` and signatures show their names.
+The last axis contains components. Core functions accept one instant; use `jax.vmap` for several instants. The types are
+named aliases, so that `help` and signatures show their names.
 """
 
 from collections.abc import Sequence
@@ -20,4 +21,4 @@ Mat4 = TypeAliasType("Mat4", Float[Array, "4 4"])
 ScalarLike = TypeAliasType("ScalarLike", Real[ArrayLike, ""])
 
 ArrayInput = TypeAliasType("ArrayInput", ArrayLike | Sequence[Any])
-"""Input of constructors: JAX and NumPy arrays, numbers, and (nested) lists of numbers."""
+"""Input of constructors: JAX arrays, NumPy arrays, numbers, or (nested) lists of numbers."""

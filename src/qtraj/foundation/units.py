@@ -1,6 +1,7 @@
-"""Units in netCDF notation ("m s-2"), and their display form ("m/s²").
+"""Parse units in netCDF notation ("m s-2"), and convert them to their display form ("m/s²").
 
-A unit is a string of factors, separated by spaces, each followed by its exponent. "1" is the dimensionless unit.
+A unit is a string of factors, separated by spaces. Each factor is followed by its exponent, unless the exponent is 1.
+"1" is the dimensionless unit.
 """
 
 import re
@@ -10,12 +11,12 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 FACTOR = re.compile(r"([^\W\d_]+)(-?\d+)?")
 
 DERIVED = {"N": {"kg": 1, "m": 1, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3}}
-"""Units that have a name of their own, in base units."""
+"""Derived units that have a symbol, as exponents of base units."""
 
 
 @cache
 def powers(unit: str) -> dict[str, int]:
-    """The exponent of each factor: "m s-2" is {"m": 1, "s": -2}.
+    """Return the exponent of each factor, for example {"m": 1, "s": -2} for "m s-2".
 
     **Raises:** ValueError if the string is not a unit.
     """
@@ -30,7 +31,7 @@ def powers(unit: str) -> dict[str, int]:
 
 @cache
 def base_powers(unit: str) -> dict[str, int]:
-    """The exponent of each base unit: "N" is {"kg": 1, "m": 1, "s": -2}."""
+    """Return the exponent of each base unit, for example {"kg": 1, "m": 1, "s": -2} for "N"."""
     exponents: dict[str, int] = {}
     for name, power in powers(unit).items():
         for base, k in DERIVED.get(name, {name: 1}).items():
@@ -40,31 +41,34 @@ def base_powers(unit: str) -> dict[str, int]:
 
 @cache
 def symbol(unit: str) -> str:
-    """The unit as it is displayed: "m s-2" as "m/s²", "1" as an empty string."""
+    """Return the display form of a unit: "m/s²" for "m s-2", and an empty string for "1"."""
     numerator = "·".join(_factor(name, power) for name, power in powers(unit).items() if power > 0)
     denominator = "".join("/" + _factor(name, -power) for name, power in powers(unit).items() if power < 0)
     return f"{numerator or '1'}{denominator}" if denominator else numerator
 
 
 def spelled(exponents: dict[str, int]) -> str:
-    """The unit with these exponents, in netCDF notation; the inverse of `powers`."""
+    """Return the unit with these exponents, in netCDF notation; the inverse of `powers`."""
     return " ".join(name + ("" if power == 1 else str(power)) for name, power in exponents.items() if power) or "1"
 
 
 def per_time(unit: str) -> int:
-    """The exponent k of 1/s: a path driven in half the time has 2^k times the value."""
+    """Return the exponent of 1/s in the base units of `unit`.
+
+    With the exponent k, a kinematic quantity is multiplied by 2^k if the path is traversed in half the time.
+    """
     return -base_powers(unit).get("s", 0)
 
 
 def integrated(unit: str) -> str:
-    """The unit of an integral over time."""
+    """Return the unit of the integral over time of a quantity in `unit`."""
     exponents = dict(powers(unit))
     exponents["s"] = exponents.get("s", 0) + 1
     return spelled(exponents)
 
 
 def with_unit(value: float, unit: str) -> str:
-    """A value and its unit: "0.05 1/m"."""
+    """Format a value with its unit, for example as "0.05 1/m"."""
     return f"{value:.6g} {symbol(unit)}".rstrip()
 
 

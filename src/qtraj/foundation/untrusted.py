@@ -1,4 +1,4 @@
-"""Read untrusted files safely: content that is too large or too deeply nested is an error, never a crash."""
+"""Read untrusted files safely: too large or too deeply nested content raises a ValueError instead of a crash."""
 
 import gzip
 import json
@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 MAX_SIZE = 2**30
-"""[bytes] Maximum size of a file."""
+"""Maximum size of a file [bytes]."""
 
 MAX_DEPTH = 64
-"""Maximum depth of nested tables and arrays."""
+"""Maximum nesting depth of tables and arrays."""
 
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH},}}", re.MULTILINE)
-"""A dotted key at the beginning of a line: the parser takes minutes for very long ones."""
+"""Pattern of a dotted key with more than `MAX_DEPTH` components at the beginning of a line.
+
+The parser needs minutes for very long dotted keys, so these keys are rejected before parsing.
+"""
 
 TOO_LONG = "it contains an integer with several thousand digits"
 
@@ -25,9 +28,10 @@ TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file, decompressed if its name ends with .gz.
+    """Read the content of a file, and decompress the content if the name of the file ends with .gz.
 
-    **Raises:** OSError if it cannot be read; ValueError, naming it, if it exceeds `MAX_SIZE`, or is not a gzip file.
+    **Raises:** OSError if the file cannot be read; ValueError with the name of the file if the content is larger than
+    `MAX_SIZE`, or if the name ends with .gz but the file is not a complete gzip file.
     """
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
@@ -40,17 +44,17 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The content of a file in UTF-8, without a byte order mark.
+    """Read a text file in UTF-8, without its byte order mark.
 
-    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is too large or has another encoding.
+    **Raises:** The errors of `read_bytes`; ValueError with the name of the file if the content is not in UTF-8.
     """
     return decoded(path, read_bytes(path))
 
 
 def decoded(path: Path, content: bytes) -> str:
-    """The text of a file in UTF-8, without a byte order mark.
+    """Decode the `content` of a text file in UTF-8, without its byte order mark.
 
-    **Raises:** ValueError, naming the file, for another encoding.
+    **Raises:** ValueError with the name of the file if the content is not in UTF-8.
     """
     try:
         return content.decode("utf-8-sig")
@@ -59,18 +63,19 @@ def decoded(path: Path, content: bytes) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """The content of a JSON document.
+    """Parse a JSON document.
 
-    **Raises:** ValueError if it is not valid JSON, or is nested deeper than `MAX_DEPTH`.
+    **Raises:** ValueError if the document is not valid JSON, is nested deeper than `MAX_DEPTH`, or contains an integer
+    with several thousand digits.
     """
     return _parsed(json.loads, text)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The content of a TOML document.
+    """Parse a TOML document.
 
-    **Raises:** tomllib.TOMLDecodeError, a ValueError, if it is not valid TOML; ValueError if it is nested deeper than
-    `MAX_DEPTH`.
+    **Raises:** tomllib.TOMLDecodeError, a subclass of ValueError, if the document is not valid TOML; ValueError if it
+    is nested deeper than `MAX_DEPTH` or contains an integer with several thousand digits.
     """
     if _DOTTED.search(text):
         raise ValueError(TOO_DEEP)
@@ -83,7 +88,8 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
     except ValueError as error:
-        if type(error) is ValueError:  # a syntax error raises a subclass; `int` raises ValueError itself
+        # For a syntax error the parsers raise a subclass of ValueError; `int` raises ValueError for too many digits.
+        if type(error) is ValueError:
             raise ValueError(TOO_LONG) from None
         raise
     if _is_deep(data):

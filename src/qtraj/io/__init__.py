@@ -1,1 +1,1 @@
-"""Floor 6: files that other tools read and write."""
+"""Layer 6: files for the exchange of data with other tools."""

@@ -1,4 +1,4 @@
-"""Convert roll, pitch and heading of a recording to quaternions, by an explicit convention."""
+"""Convert recorded roll, pitch and heading to quaternions by an explicit convention."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ UNITS = {"deg": np.pi / 180, "rad": 1.0}
 BODIES = ("forward-right-down", "forward-left-up")
 
 OPTIONS = (
-    "sequence: three letters, x for roll, y for pitch and z for heading, upper case about the moving axes ('ZYX': "
-    "heading, then pitch, then roll), lower case about the fixed ones; heading: 'north-clockwise' or "
+    "sequence: three letters, x for roll, y for pitch and z for heading, in upper case for rotations about the moving "
+    "axes ('ZYX': heading, then pitch, then roll), in lower case about the fixed axes; heading: 'north-clockwise' or "
     "'x-anticlockwise'; unit: 'deg' or 'rad'; body: 'forward-right-down' or 'forward-left-up'"
 )
-"""The parts of a convention, for error messages."""
+"""The fields of a convention and their allowed values, for error messages."""
 
 Quaternions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -24,16 +24,17 @@ _ONE, _ROLLED_OVER, _NORTH = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (np.sqr
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeAngles:
-    """The convention of roll, pitch and heading of a recording. There are no defaults, because any guess may be wrong.
+    """The convention of recorded roll, pitch and heading. There are no defaults, because any guess may be wrong.
 
-    `sequence`: three letters for the order of the rotations, x for roll, y for pitch, z for heading. Upper case means
-    rotations about the moving body axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is the order of
-    aircraft and equals "xyz". `heading`: "north-clockwise", from world y towards world x, with x east and y north, or
-    "x-anticlockwise", from world x towards world y. `unit`: "deg" or "rad". `body`: "forward-right-down" or
-    "forward-left-up", the body axes x, y, z. Roll and pitch are right-handed about x and y, so a positive pitch raises
-    the nose with the former body axes and lowers it with the latter.
+    `sequence` consists of three letters for the order of the rotations: x for roll, y for pitch, z for heading. Upper
+    case means rotations about the moving body axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is
+    the usual order for aircraft and equals "xyz". `heading` is "north-clockwise", from world y towards world x, with x
+    east and y north, or "x-anticlockwise", from world x towards world y. `unit` is "deg" or "rad". `body` names the
+    directions of the body axes x, y, z, "forward-right-down" or "forward-left-up". Roll and pitch are right-handed
+    about x and y, so a positive pitch raises the nose with "forward-right-down" and lowers the nose with
+    "forward-left-up".
 
-    **Raises:** ValueError for any other value; the message names the options.
+    **Raises:** ValueError for any other value; the message contains the allowed values.
     """
 
     sequence: str
@@ -46,18 +47,20 @@ class AttitudeAngles:
         if sorted(self.sequence.lower()) != ["x", "y", "z"] or not ordered:
             raise ValueError(
                 f"the sequence of attitude angles must be x, y and z in any order, all in one case, such as 'ZYX', but "
-                f"got {self.sequence!r}"
+                f"{self.sequence!r} was given"
             )
         for name, choices in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
             if getattr(self, name) not in choices:
                 options = " or ".join(map(repr, choices))
-                raise ValueError(f"the {name} of attitude angles must be {options}, but got {getattr(self, name)!r}")
+                raise ValueError(
+                    f"the {name} of attitude angles must be {options}, but {getattr(self, name)!r} was given"
+                )
 
     def quaternions(self, angles: np.ndarray) -> np.ndarray:
-        """Unit quaternions (n, 4) of `angles` (n, 3): roll, pitch, heading, in `unit`.
+        """Convert `angles` (n, 3), roll, pitch and heading in `unit`, to unit quaternions (n, 4).
 
-        They are scalar first, body to world, for body axes forward, left, up, with any `body` of the angles; the world
-        has z up and, if the heading is measured from north, x east and y north.
+        The quaternions are scalar first, body to world. Their body axes are forward, left, up for either value of
+        `body`. World z is up; if the heading is measured from north, x is east and y is north.
         """
         roll, pitch, heading = (UNITS[self.unit] * np.asarray(angles, float)).T
         down, clockwise = self.body == BODIES[0], self.heading == HEADINGS[0]

@@ -1,8 +1,8 @@
-"""Labelled datasets of paths: xarray, and netCDF files through h5netcdf.
+"""Create labelled datasets of paths with xarray, and write them as netCDF files with h5netcdf.
 
 Paths of different durations share the dimension `path`. Their samples share the dimension `sample`, whose coordinate
-`progress` is time over duration, from 0 to 1; the time of each sample is the two-dimensional coordinate
-`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are computed at equal
+`progress` is time divided by duration, from 0 to 1. The time of each sample is the two-dimensional coordinate
+`time(path, sample)`. `dataset.sel(path="after")` selects one path, and differences between paths are computed at equal
 progress.
 """
 
@@ -21,7 +21,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import provenance_attributes
-from qtraj.foundation.record import variable_attributes
+from qtraj.foundation.record import LABELS, variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.driving import default_frame
@@ -32,18 +32,22 @@ from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.path.vehicle import Vehicle
+from qtraj.path.vehicle_data import vehicle_quantities
 
 SAMPLES = 513
 """Default number of samples of each path."""
 
 LIMIT_VARIABLES = {name: entry.variable for name, entry in QUANTITIES.items()}
-"""The variable of each limited quantity, by the name of its limit."""
+"""For each limit, by name, the name of the variable that it bounds."""
+
+SIGNED_VARIABLES = frozenset(entry.variable for entry in QUANTITIES.values() if entry.signed)
+"""The variables that a limit bounds only from above; a limit on any other variable bounds the magnitude."""
 
 LAYOUT = "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1"
 
 
 def conventions(frame: str) -> dict[str, str]:
-    """The attributes of a dataset of attitudes along a path, in the frame of this name."""
+    """Return the attributes of a dataset of attitudes along a path, for the frame named `frame`."""
     about = framed(frame)
     return about | {
         "quaternion_convention": f"{about['quaternion_convention']}, sign continuous in time",
@@ -62,20 +66,26 @@ def path_dataset(
     frame: Frame | None = None,
     findings: Mapping[str, Certificate] | None = None,
 ) -> xarray.Dataset:
-    """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
+    """Combine paths, given by name, into one dataset with units, meanings and conventions (extra `io`).
 
-    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those
-    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, the default frame of a
-    route, and otherwise `Natural()`. A limited variable has its limit as attribute `limit`. A recorded track is added
-    as `recorded_position` over `recorded_time`, from its first sample, and the facts of a `fitted` path as variables
-    and attributes whose names begin with `fit_`. `findings`, the certificates of some of the paths, become
-    `largest_curvature` (path), `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole
-    path, not only at samples.
+    The dataset contains all outputs of `qtraj.evaluate` at `samples` instants of each path. Attitudes and rates refer
+    to `frame`. For a route, the default is the default frame of the route. For other paths, the default is `Upright()`
+    if there is a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A limited variable has the
+    attribute `limit`. The positions of a recorded track are added as `recorded_position`, and the times from its first
+    sample as `recorded_time`. The properties of a `fitted` path become variables and attributes whose names begin with
+    `fit_`. `findings` contains the certificates of some of the paths, by name. They become the variables
+    `largest_curvature`, `largest_curvature_time` and `finding_curvature` for a limit on curvature, and similarly for
+    other limits; these variables refer to the whole path, not only to its samples. If the limits have a vehicle, the
+    dataset also contains forces and power; the parameters of the vehicle are variables whose names begin with
+    `vehicle_`.
 
-    **Raises:** ValueError if there is no path, or fewer than 2 samples.
+    **Raises:** ValueError if there is no path, or fewer than 2 samples are requested.
     """
     if not paths or samples < 2:
-        raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
+        raise ValueError(
+            "expected at least one path and at least 2 samples, but "
+            f"{len(paths)} paths and {samples} samples were given"
+        )
     progress = np.linspace(0.0, 1.0, samples)
     vehicle = None if limits is None else limits.vehicle
     frames = [_frame(path, track) if frame is None else frame for path in paths.values()]
@@ -89,17 +99,20 @@ def path_dataset(
     for name, limit in ({} if limits is None else limits.given()).items():
         variables[LIMIT_VARIABLES[name]][2]["limit"] = float(limit)
     variables |= _findings(list(paths), findings or {})
+    for name, fact in vehicle_quantities(vehicle).items():
+        variables[name] = (fact.axes, np.asarray(fact.values), variable_attributes(fact.unit, fact.meaning))
     coordinates: dict[str, Any] = {
         "path": ("path", list(paths), {"long_name": "path"}),
-        "progress": ("sample", progress, {"units": "1", "long_name": "time over duration"}),
+        "progress": ("sample", progress, {"units": "1", "long_name": "time divided by duration"}),
         "time": variables.pop("time"),
         **{axis: (axis, labels) for axis, labels in labels_of(name_of_frame).items()},
+        **({} if vehicle is None else {"friction_axis": LABELS["friction_axis"]}),
     }
     if track is not None:
         coordinates["recorded_time"] = (
             "record",
             elapsed_times(track),
-            variable_attributes("s", "time from the first record"),
+            variable_attributes("s", "time from the first recorded sample"),
         )
         dims = ("record", "world")
         variables["recorded_position"] = (
@@ -113,8 +126,13 @@ def path_dataset(
     return xarray.Dataset(variables, coordinates, whole)
 
 
+def bounded_values(name: str, values: Any) -> np.ndarray:
+    """Return the values that the limit of a variable bounds: signed values for `SIGNED_VARIABLES`, else magnitudes."""
+    return np.asarray(values, float) if name in SIGNED_VARIABLES else np.abs(np.asarray(values, float))
+
+
 def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
-    """Add the facts of a fit to the variables of a dataset, and return its attributes."""
+    """Add the results of a fit to the `variables` of a dataset, and return further attributes for the dataset."""
     facts, attributes = fit_variables(fitted)
     for name, fact in facts.items():
         variables[name] = (fact.axes, fact.values, variable_attributes(fact.unit, fact.meaning))
@@ -122,7 +140,7 @@ def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
 
 
 def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
-    """The largest value of each limited quantity on each path, its time, and the status of the limit."""
+    """Return the largest value of each limited quantity on each path, when it occurs, and the status of the limit."""
     variables: dict[str, Any] = {}
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
         entry = quantity(name)
@@ -152,25 +170,25 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
-    """Write a dataset as netCDF-4, every float exactly; `xarray.open_dataset` reads it."""
+    """Write a dataset as netCDF-4 without loss of precision; `xarray.open_dataset` reads it."""
     exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
     dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
 
 
 def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:
-    """The default frame of a path: the path's own, but upright along a recorded turn."""
+    """Return the default frame of a path; with a recorded track, return `Upright()` for all paths except routes."""
     return default_frame(path) if track is None or isinstance(path, Route) else Upright()
 
 
 def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None) -> Table:
-    """All outputs of one path; forces only with a vehicle."""
+    """Evaluate all outputs of one path, and the forces if there is a vehicle."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
     return evaluate(path, times, outputs_with(vehicle), frame, continuous=True, vehicle=vehicle)
 
 
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
-    """Every variable of one path: dimensions, values and attributes."""
+    """Return every variable of one path as (dimensions, values, attributes)."""
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(table.time), variable_attributes("s", "time from the start of the path")),
         "duration": ((), np.asarray(path.duration), variable_attributes("s", "duration of the path")),

@@ -1,8 +1,9 @@
-"""Save and load labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, with exact floats.
+"""Save and load labelled datasets as netCDF, Zarr, Parquet or CSV, according to the suffix of the file.
 
-netCDF and Zarr store any dataset unchanged. Parquet and CSV store one table: a row for each instant (of each path), a
-column for each component, and a header with everything else (see `qtraj.io.flat`), so that pandas reads the table and
-`load_dataset` restores the dataset. All four need the extra `io`, which is imported only on use.
+All formats preserve floats exactly. netCDF and Zarr store any dataset unchanged. Parquet and CSV store one table: a row
+for each instant of each path, a column for each component, and a header with all other data (see `qtraj.io.flat`).
+pandas reads the table, and `load_dataset` restores the dataset. All four formats need the extra `io`, whose packages
+are imported only when used.
 """
 
 import os
@@ -18,21 +19,21 @@ if TYPE_CHECKING:
 
 
 class Labelled(Protocol):
-    """A result that converts to a dataset, such as the table of `qtraj.evaluate`."""
+    """A result that can be converted to a dataset, such as the table of `qtraj.evaluate`."""
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The result as an `xarray.Dataset`."""
+        """Convert the result to an `xarray.Dataset`."""
         ...
 
 
 def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[str]) -> None:
-    """Write a dataset, or a result that has `to_xarray()`, to a .nc, .zarr, .parquet or .csv file.
+    """Write a dataset, or a result with a method `to_xarray`, to a .nc, .zarr, .parquet or .csv file.
 
-    `load_dataset` restores values, types, labels, units and all other attributes; floats are exact. The file (for
-    Zarr: the folder) is written completely or not at all, and replaces one of the same name.
+    `load_dataset` restores values, types, labels, units and all other attributes; floats are exact. The file (for Zarr,
+    the folder) is written completely or not at all, and replaces an existing dataset with this name.
 
-    **Raises:** ValueError for another suffix, or values that the format cannot store; OSError if the file cannot be
-    written; ModuleNotFoundError, naming the extra, if a package is missing.
+    **Raises:** ValueError for any other suffix, or values that the format cannot store; OSError if the file cannot be
+    written; ModuleNotFoundError with the extra to install, if a package is missing.
     """
     path = Path(file)
     write = _by_suffix(path, _WRITERS)
@@ -41,23 +42,23 @@ def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[s
 
     content = dataset if isinstance(dataset, xarray.Dataset) else dataset.to_xarray()
     if path.is_dir() and not _is_store(path):
-        raise IsADirectoryError(f"{path}: this folder is not a Zarr store and is not replaced; choose another name")
+        raise IsADirectoryError(f"{path}: this folder is not a Zarr store and is not replaced. Choose another name.")
     with staging(path.absolute().parent) as stage:
         write(content.drop_encoding(), stage / path.name)
         move(stage / path.name, path)
 
 
 def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
-    """The dataset in a .nc, .zarr, .parquet or .csv file, loaded into memory.
+    """Load the dataset in a .nc, .zarr, .parquet or .csv file into memory.
 
-    **Raises:** OSError if the file does not exist; ValueError, naming the file, for another suffix or a file without a
-    dataset; ModuleNotFoundError, naming the extra, if a package is missing.
+    **Raises:** OSError if the file does not exist; ValueError with the name of the file for any other suffix, or if the
+    file does not contain a dataset; ModuleNotFoundError with the extra to install, if a package is missing.
     """
     path = Path(file)
     read = _by_suffix(path, _READERS)
     require_package("xarray", "loading a dataset")
     if not path.exists():
-        sweep(path.absolute().parent)  # restores a store whose replacement was killed
+        sweep(path.absolute().parent)  # restores a store if a process was killed while replacing it
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     return read(path)

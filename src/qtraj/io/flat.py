@@ -1,10 +1,12 @@
-"""Convert a dataset to one table with a header, as in Parquet and CSV files.
+"""Convert a dataset to one table with a header, the form of Parquet and CSV files, and back.
 
-The rows are the instants, path by path or element by element of a batch: the dimensions of `time`, `path`, and `batch`,
-or `batch_1`, `batch_2` … Paths and elements without names have a column with their indices, from 0. A variable with
-more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one with fewer is repeated (`duration`
-in each row of its path). A dataset of scalars has one row. Data that do not depend on the rows (the names of axes, a
-recording) are in the header, together with all dimensions, types, units and other attributes.
+The table has one row for each combination of indices along the dimensions of `time` and the batch dimensions (`path`,
+`batch`, `batch_1`, `batch_2`, …), in the order of the dimensions of the dataset. Paths and batch elements without names
+have a column with their indices, starting from 0. A variable with more dimensions has one column for each component
+(`position_x`, `dcm_tangent_x`). A variable with fewer dimensions is repeated (`duration` in each row of its path). A
+dataset without these dimensions has one row for each index of its first dimension, and a dataset of scalars has one
+row. Data that do not depend on the rows (the names of axes, a recording) are stored in the header, together with all
+dimensions, types, units and other attributes.
 """
 
 import itertools
@@ -22,19 +24,19 @@ FORMAT = "qtraj-dataset/1"
 TEXT, NUMBERS = "str", "int64"
 KINDS = "fiub"
 BATCH = re.compile(r"(?:batch|lane)(_\d+)?")
-"""The batch dimensions of results; earlier versions called them `lane`."""
+"""Names of the batch dimensions of results; earlier versions called them `lane`."""
 
 
 @dataclass(frozen=True)
 class Flat:
-    """Columns (n,) by name, and a header of JSON types."""
+    """Columns (n,) by name, and a header that consists of JSON types."""
 
     columns: dict[str, np.ndarray]
     header: dict[str, Any]
 
 
 def flatten(dataset: xarray.Dataset) -> Flat:
-    """The table and the header of a dataset.
+    """Convert a dataset to a table and a header.
 
     **Raises:** ValueError for an empty dataset, values that are neither numbers nor strings, and attributes that JSON
     cannot represent.
@@ -64,9 +66,9 @@ def flatten(dataset: xarray.Dataset) -> Flat:
 
 
 def unflatten(flat: Flat) -> xarray.Dataset:
-    """The dataset of a table and its header.
+    """Restore the dataset from a table and its header.
 
-    **Raises:** KeyError or ValueError if they do not match.
+    **Raises:** KeyError or ValueError if table and header do not match.
     """
     rows, sizes = flat.header["rows"], flat.header["dimensions"]
     variables, coordinates = {}, {}
@@ -80,27 +82,27 @@ def unflatten(flat: Flat) -> xarray.Dataset:
 
 
 def require_header(header: Any) -> None:
-    """Raise a ValueError if an entry that `unflatten` reads is missing or has another type."""
+    """Raise a ValueError if an entry that `unflatten` reads is missing or has the wrong type."""
     expected = {"rows": list, "dimensions": dict, "variables": dict, "attributes": dict}
     complete = isinstance(header, dict) and all(isinstance(header.get(key), kind) for key, kind in expected.items())
     if not complete or not isinstance(header.get("numbers", {}), dict):
-        raise ValueError(f"the header must be a JSON object with {', '.join(expected)}")
+        raise ValueError(f"the header must be a JSON object with the keys {', '.join(expected)}")
     for name, about in header["variables"].items():
         parts = {"dims": list, "dtype": str, "coordinate": bool, "attributes": dict}
         if not isinstance(about, dict) or not all(isinstance(about.get(key), kind) for key, kind in parts.items()):
-            raise ValueError(f"the header entry of {name!r} must have {', '.join(parts)}")
+            raise ValueError(f"the header entry of {name!r} must contain {', '.join(parts)}")
         if not isinstance(about.get("columns", about.get("values")), list):
-            raise ValueError(f"the header entry of {name!r} must list its columns or values")
+            raise ValueError(f"the header entry of {name!r} must contain a list of its columns or values")
 
 
 def kinds(header: dict[str, Any]) -> dict[str, str]:
-    """The type of the values of each column, from the header of a table."""
+    """Return the type of the values of each column, as stated in the header of a table."""
     types = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
     return dict.fromkeys(header.get("numbers", {}), NUMBERS) | types
 
 
 def _rows(dataset: xarray.Dataset) -> list[Any]:
-    """The dimensions of the rows."""
+    """Return the dimensions over which the rows of the table extend."""
     if not dataset.variables:
         raise ValueError("an empty dataset cannot be written as a table: save it as .nc or .zarr")
     batch_dims = [dim for dim in dataset.sizes if _is_batch(dim)]
@@ -110,7 +112,7 @@ def _rows(dataset: xarray.Dataset) -> list[Any]:
 
 
 def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Columns with the indices of unnamed paths and batch elements, and their dimensions."""
+    """Return the index columns of unnamed paths and batch elements, and the dimension of each of these columns."""
     shape = [dataset.sizes[dim] for dim in rows]
     columns, numbers = {}, {}
     for k, dim in enumerate(rows):
@@ -127,7 +129,7 @@ def _is_batch(dim: Any) -> bool:
 def _spread(
     variable: xarray.Variable, rows: list[Any], sizes: Mapping[Any, int], others: list[Any]
 ) -> list[np.ndarray]:
-    """One array over all rows for each component."""
+    """Repeat a variable over all rows of the table, and return one array for each of its components."""
     own = [dim for dim in rows if dim in variable.dims]
     count = math.prod(sizes[dim] for dim in others)
     values = variable.transpose(*own, *others).values
@@ -139,7 +141,7 @@ def _spread(
 def _gathered(
     about: dict[str, Any], columns: dict[str, np.ndarray], rows: list[str], sizes: dict[str, int]
 ) -> np.ndarray:
-    """The values of one variable from its columns, with its dimensions in their original order."""
+    """Return the values of one variable from its columns, with the dimensions in their original order."""
     dims: list[str] = about["dims"]
     own, others = [dim for dim in rows if dim in dims], [dim for dim in dims if dim not in rows]
     wide = [columns[name].reshape([sizes[dim] for dim in rows]) for name in about["columns"]]
@@ -149,8 +151,9 @@ def _gathered(
 
 
 def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[str, Any]) -> list[str]:
-    """The columns of one variable, different from all others."""
-    labels = [[str(label) for label in dataset[dim].values] for dim in others]  # indices if there are no labels
+    """Return column names for the components of one variable, all different from the names in `taken`."""
+    # For a dimension without labels, xarray returns indices.
+    labels = [[str(label) for label in dataset[dim].values] for dim in others]
     names = []
     for parts in itertools.product(*labels):
         column = "_".join([name, *parts])
@@ -161,21 +164,21 @@ def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[st
 
 
 def _kind(variable: xarray.Variable, name: str) -> str:
-    """The type of the values: a NumPy number type, or text."""
+    """Return the type of the values, a NumPy number type or `TEXT`."""
     if variable.dtype.kind in KINDS and variable.dtype.itemsize <= 8:
         return str(variable.dtype.newbyteorder("="))
     texts = variable.dtype.kind in "UT" or all(isinstance(value, str) for value in variable.values.ravel().tolist())
     if variable.dtype.kind in "UTO" and texts:
         return TEXT
-    raise ValueError(f"'{name}' has {variable.dtype} values, which a table cannot store: save it as .nc or .zarr")
+    raise ValueError(f"{name!r} has {variable.dtype} values, which a table cannot store: save it as .nc or .zarr")
 
 
 def _plain(attributes: Any, name: str) -> dict[str, Any]:
-    """Attributes as JSON types; NumPy numbers and arrays become plain numbers and lists."""
+    """Convert attributes to JSON types; NumPy numbers and arrays become plain numbers and lists."""
     try:
         return json.loads(json.dumps({str(key): value for key, value in attributes.items()}, default=_item))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"an attribute of {name} cannot be written as text: {error}") from error
+        raise ValueError(f"an attribute of {name} cannot be written as JSON: {error}") from error
 
 
 def _item(value: Any) -> Any:

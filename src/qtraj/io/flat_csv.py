@@ -1,7 +1,7 @@
-"""Flat datasets as CSV: the header in comment lines, the column names, and rows with the shortest exact numbers.
+"""Write and read flat datasets as CSV: the header in comment lines, a row of column names, and exact numbers.
 
-`pandas.read_csv(file, comment="#")` reads the table; before pandas 3.1 add `float_precision="round_trip"` to read it
-exactly.
+`pandas.read_csv(file, comment="#")` reads the table. With a pandas version before 3.1, add
+`float_precision="round_trip"` for exact numbers.
 """
 
 import csv
@@ -20,7 +20,7 @@ TRUTH = {"True": True, "False": False}
 
 
 def write_csv(flat: Flat, file: Path) -> None:
-    """Write header, column names and rows."""
+    """Write the header, the column names and the rows."""
     lines = [MARK + line for line in _written(flat.header)]
     lines.append(",".join(_quoted(name) for name in flat.columns))
     columns = [_texts(values) for values in flat.columns.values()]
@@ -29,9 +29,9 @@ def write_csv(flat: Flat, file: Path) -> None:
 
 
 def read_csv(file: Path) -> Flat:
-    """Columns and header of a file.
+    """Read the columns and the header of a file.
 
-    **Raises:** ValueError, naming the file, if there is no header, or a row does not match it.
+    **Raises:** ValueError with the name of the file if the header is missing, or if a row does not match the header.
     """
     lines = read_text(file).split("\n")
     count = next((k for k, line in enumerate(lines) if not line.startswith(MARK)), len(lines))
@@ -50,7 +50,7 @@ def read_csv(file: Path) -> Flat:
     except csv.Error as error:
         raise ValueError(f"{file}: the table cannot be read ({error})") from error
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
-        raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, expected {len(names)}")
+        raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but {len(names)} were expected")
     try:
         require_header(header)
         types = kinds(header)
@@ -61,7 +61,7 @@ def read_csv(file: Path) -> Flat:
 
 
 def _written(header: dict[str, Any]) -> list[str]:
-    """The header as readable JSON with a line for each variable."""
+    """Format the header as readable JSON with one line for each variable."""
     variables = header["variables"].items()
     lines = [f"{json.dumps(name)}: {json.dumps(about, ensure_ascii=False)}" for name, about in variables]
     first = {key: value for key, value in header.items() if key != "variables"}
@@ -77,7 +77,7 @@ def _texts(values: np.ndarray) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """A string, in quotes if it contains characters that are special in CSV or in comments."""
+    """Quote a string if it contains characters with a special meaning in CSV or in comments."""
     plain = all(c.isalnum() or c in "_-." for c in text) and text != ""
     return text if plain else '"' + text.replace('"', '""') + '"'
 

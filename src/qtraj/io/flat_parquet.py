@@ -1,4 +1,4 @@
-"""Flat datasets as Parquet: the header in the metadata of the schema, units in the metadata of the columns."""
+"""Write and read flat datasets as Parquet; the schema metadata contain the header, the column metadata the units."""
 
 import json
 from pathlib import Path
@@ -12,11 +12,11 @@ from qtraj.io.flat import FORMAT, Flat, require_header
 
 KEY = b"qtraj"
 NUMBER = {"attributes": {"units": "1", "long_name": "index, from 0"}}
-"""Metadata of a column with the indices of paths or batch elements."""
+"""Metadata of a column that contains the indices of paths or batch elements."""
 
 
 def write_parquet(flat: Flat, file: Path) -> None:
-    """Write columns and header; pandas and other readers of Parquet read the columns."""
+    """Write columns and header; pandas and other Parquet readers can read the columns."""
     fields, arrays = [], []
     about = {column: v for v in flat.header["variables"].values() for column in v.get("columns", [])}
     for name, values in flat.columns.items():
@@ -29,9 +29,9 @@ def write_parquet(flat: Flat, file: Path) -> None:
 
 
 def read_parquet(file: Path) -> Flat:
-    """Columns and header of a file.
+    """Read the columns and the header of a file.
 
-    **Raises:** ValueError, naming the file, if it is not Parquet or has no header.
+    **Raises:** ValueError with the name of the file if the file is not Parquet or has no header.
     """
     try:
         table = pq.read_table(file)

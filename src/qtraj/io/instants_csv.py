@@ -1,4 +1,4 @@
-"""Write a dataset over instants as CSV for spreadsheets, with names and units in its header."""
+"""Write a dataset over instants as CSV for spreadsheets, with names and units in the header row."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -19,13 +19,13 @@ PATH_HEADERS = {
     "torsion": ["torsion [1/m]"],
     "quaternion": ["qw", "qx", "qy", "qz"],
 }
-"""Columns of a path, without the rate of its frame.
+"""Column headers of a path, except for the angular rate; its headers depend on the frame.
 
 `qtraj.read_track` recognises the columns of time, position, velocity and attitude by these names."""
 
 
 def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
-    """The columns that `headers` names, (n,) or (n, m) with a header for each component, floats exactly."""
+    """Write the columns named in `headers` as exact floats; an array (n, m) needs m headers, (n,) needs one."""
     parts = [np.asarray(columns[name], dtype=float) for name in headers]
     table = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
     header = ",".join(name for names in headers.values() for name in names)
@@ -34,7 +34,7 @@ def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[
 
 
 def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
-    """The columns of a dataset over instants: name_component [unit], such as rate_x [rad/s]."""
+    """Return the column headers of a dataset over instants: name_component [unit], such as rate_x [rad/s]."""
     headers = {"time": ["time [s]"]}
     for name, variable in dataset.data_vars.items():
         unit = symbol(variable.attrs["units"])

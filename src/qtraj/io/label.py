@@ -1,4 +1,4 @@
-"""Convert plain arrays over time to labelled data."""
+"""Convert plain arrays over time to labelled datasets."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -27,39 +27,39 @@ PREDEFINED = {
 """Unit, meaning and possible numbers of components of the arrays that attitude functions return."""
 
 COMPONENTS = {3: "body", 4: "component"}
-"""The name of the axis, by the number of components."""
+"""Name of the component axis, by the number of components."""
 
 ANY = (0, *COMPONENTS)
-"""Possible numbers of components of any other array; 0 for one number at each instant."""
+"""Possible numbers of components of any other array; 0 means one number at each instant."""
 
 TAKEN = ("time", *COMPONENTS.values())
-"""Names that the dataset needs for its coordinates."""
+"""Names of the coordinates of the dataset, which no array may have."""
 
 
 def label(
     times: ArrayInput, attributes: Mapping[str, Any] | None = None, **arrays: ArrayInput | tuple[ArrayInput, str, str]
 ) -> xarray.Dataset:
-    """Arrays over `times` (n,) [s] as an `xarray.Dataset` with units, conventions and provenance (extra `io`).
+    """Combine arrays over `times` (n,) [s] into an `xarray.Dataset` with units and conventions (extra `io`).
 
-    Use it for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`:
-    `label(times, quaternion=qs)`. These names have predefined units: quaternion, error and command (*batch, n, 4), rate
-    and acceleration (*batch, n, 3) or with the virtual component in front (*batch, n, 4), torque and force
-    (*batch, n, 3), and angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit, meaning),
-    with the unit in netCDF notation ("m s-2"); three components are in body axes. `attributes` are added to those of
-    the dataset.
+    Use this function for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`, for
+    example `label(times, quaternion=qs)`. The following names have predefined units: quaternion, error and command
+    (*batch, n, 4), rate and acceleration (*batch, n, 3) or with the virtual component in front (*batch, n, 4), torque
+    and force (*batch, n, 3), and angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit,
+    meaning), with the unit in netCDF notation ("m s-2"); three components are in body axes. `attributes` are added to
+    the attributes of the dataset, which include provenance.
 
-    **Raises:** ValueError for other shapes, an unknown name or the name of a coordinate, times that are NaN, no array,
-    or inside a trace; ModuleNotFoundError, naming the extra, if xarray is missing.
+    **Raises:** ValueError for arrays of other shapes, an unknown name, the name of a coordinate, or times that are NaN;
+    also if no array is passed, or inside a trace. ModuleNotFoundError with the extra to install, if xarray is missing.
     """
     require_concrete((times, arrays))
     instants = as_float(times)
     if instants.ndim != 1 or not arrays:
         raise ValueError(
-            f"expected times (n,) and at least one array with a value for each time, but got times of shape "
-            f"{instants.shape} and {len(arrays)} arrays"
+            f"expected times (n,) and at least one array with a value for each time, but times of shape "
+            f"{instants.shape} and {len(arrays)} arrays were given"
         )
     if np.isnan(instants).any():
-        raise ValueError("times must be numbers, but some are NaN")
+        raise ValueError("times must be numbers, but some of them are NaN")
     variables = {name: _quantity(name, array, instants.shape[0]) for name, array in arrays.items()}
     time = Quantity(instants, "s", "time", ("time",))
     return to_dataset(Record(", ".join(variables), variables, {"time": time}, {"frame": "body"}), attributes)
@@ -76,10 +76,11 @@ def _quantity(name: str, entry: Any, count: int) -> Quantity:
     array, unit, meaning = entry if described else (entry, *PREDEFINED[name][:2])
     sizes = ANY if described else PREDEFINED[name][2]
     values = np.asarray(as_float(array))
-    # Components are tried first: otherwise 3 or 4 instants could be mistaken for components of a batch.
+    # Check for a component axis first: with 3 or 4 instants, the components could be mistaken for instants, and the
+    # instants for a batch.
     if values.shape[-2:-1] == (count,) and values.shape[-1] in sizes and values.shape[-1] in COMPONENTS:
         return Quantity(values, unit, meaning, ("time", COMPONENTS[values.shape[-1]]))
     if values.shape[-1:] == (count,) and 0 in sizes:
         return Quantity(values, unit, meaning, ("time",))
     forms = [f"(*batch, {count}, {size})" if size else f"(*batch, {count})" for size in sizes]
-    raise ValueError(f"{name} must have the shape {' or '.join(forms)}, but got {values.shape}")
+    raise ValueError(f"{name} must have the shape {' or '.join(forms)}, but shape {values.shape} was given")

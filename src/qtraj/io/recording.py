@@ -1,4 +1,4 @@
-"""Recognise recordings by their name or their contents."""
+"""Recognise recordings by their file names or contents."""
 
 import re
 from pathlib import Path
@@ -6,12 +6,12 @@ from pathlib import Path
 RECORDINGS = (".csv", ".tsv", ".tum")
 """Suffixes of recordings; files with other suffixes, such as .txt, are recognised by their contents."""
 MIN_COLUMNS = 4
-"""A recording has at least a time and three coordinates."""
+"""Minimum number of columns of a recording: time and three coordinates."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def is_recording(file: Path, text: str = "") -> bool:
-    """Whether a file is a recording by its suffix, or by its text: rows of numbers, with or without a header."""
+    """Return whether a file is a recording, judging by its suffix, or by rows of numbers at the start of its `text`."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     rows = bool(lines) and "=" not in lines[0] and any(map(_is_row, lines[:2]))
     plain = file.with_suffix("") if file.suffix == ".gz" else file

@@ -1,4 +1,4 @@
-"""Load saved documents that must contain a path or a program."""
+"""Load saved documents that must contain a path or an attitude program."""
 
 from pathlib import Path
 
@@ -9,36 +9,40 @@ from qtraj.path.spiral_helix import SpiralHelix
 
 
 def is_saved(file: Path) -> bool:
-    """Whether a file is a stored document, of any kind, and not a scenario."""
+    """Return whether a file is a stored document of any class, and not a scenario."""
     if file.suffix == ".json":
         return True
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     first = next((k for k, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
-    return any(line.split("=")[0].strip() == "format" for line in lines[:first])  # before the first table
+    return any(line.split("=")[0].strip() == "format" for line in lines[:first])  # keys before the first table
 
 
 def saved_path(file: Path) -> SpiralHelix:
-    """The path in a saved document, or the path of a saved result of `tune` or `fit`.
+    """Load a saved path, or the path in a saved result of `tune` or `fit`.
 
-    **Raises:** OSError, or ValueError naming the file if it does not contain a spiral-helix.
+    **Raises:** OSError if the file cannot be read; ValueError with the name of the file if it does not contain a
+    spiral-helix.
     """
-    from qtraj.io.stored import load  # imported here, because it imports every class that can be stored
+    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
 
     stored = load(file)
     path = stored.path if isinstance(stored, Tuned | Fitted) else stored
     if not isinstance(path, SpiralHelix):
-        raise ValueError(f"{file}: a saved path was expected, but the file contains a {type(stored).__name__}")
+        name = type(stored).__name__
+        raise ValueError(f"{file}: a saved path was expected, but the file contains an object of type {name}")
     return path
 
 
 def saved_program(file: Path) -> AbstractProgram:
-    """The attitude program in a saved document.
+    """Load a saved attitude program.
 
-    **Raises:** OSError, or ValueError naming the file if it does not contain a program.
+    **Raises:** OSError if the file cannot be read; ValueError with the name of the file if it does not contain an
+    attitude program.
     """
-    from qtraj.io.stored import load  # imported here, because it imports every class that can be stored
+    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
 
     stored = load(file)
     if not isinstance(stored, AbstractProgram):
-        raise ValueError(f"{file}: a saved program was expected, but the file contains a {type(stored).__name__}")
+        name = type(stored).__name__
+        raise ValueError(f"{file}: a saved program was expected, but the file contains an object of type {name}")
     return stored

@@ -1,6 +1,6 @@
-"""Load stored documents of any class of the library.
+"""Load stored documents of any class in the library.
 
-`foundation.document` reads only classes that have been imported; this module imports all that can be stored.
+`foundation.document` reads only classes that have been imported. This module imports all classes that can be stored.
 """
 
 import importlib
@@ -38,6 +38,7 @@ HOMES = (
     "qtraj.motion.programs.frame_program",
     "qtraj.motion.programs.rotation_minimizing",
     "qtraj.motion.programs.table_program",
+    "qtraj.motion.rate_residual",
     "qtraj.motion.simulation.actuator",
     "qtraj.motion.simulation.body",
     "qtraj.motion.simulation.body_motion",
@@ -55,7 +56,7 @@ HOMES = (
     "qtraj.path.trihedral",
     "qtraj.path.vehicle",
 )
-"""The modules with classes that can be stored."""
+"""Modules that define the classes of stored documents."""
 
 for _home in HOMES:
     importlib.import_module(_home)

@@ -1,7 +1,8 @@
-"""Convert latitude, longitude and height to metres east, north and up of a reference point, without approximation.
+"""Convert latitude, longitude and height to east, north and up [m] relative to a point, without approximation.
 
-The ellipsoid is WGS 84 (NGA.STND.0036). Earth-fixed coordinates have a closed form; a translation and a rotation
-transform them to the tangent plane. So lengths and angles in space are exact, while a map projection distorts them.
+The ellipsoid is WGS 84 (NGA.STND.0036). Earth-fixed coordinates are computed in closed form; a translation and a
+rotation transform them to the tangent plane. Therefore lengths and angles in space are exact, whereas a map projection
+distorts them.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,23 @@ FLATTENING = 1 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 
 OPTIONS = (
-    "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): metres east, north and up of the first "
-    "sample, on the tangent plane of WGS 84 there; or qtraj.TangentPlane(origin) (in a scenario origin = [latitude, "
-    "longitude, height]) for another origin"
+    "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): east, north and up coordinates in metres "
+    "relative to the first sample, with the tangent plane of WGS 84 at this sample as the horizontal plane; or "
+    "qtraj.TangentPlane(origin) (in a scenario origin = [latitude, longitude, height]) for another origin"
 )
-"""The options for latitudes and longitudes, for error messages."""
+"""The options for latitude and longitude, for error messages."""
 
 
 @dataclass(frozen=True)
 class TangentPlane:
-    """The axes east, north and up of the plane that touches the Earth at `origin`, which has the position (0, 0, 0).
+    """Axes east, north and up at `origin`; in these axes, `origin` has the position (0, 0, 0).
 
-    `origin`: latitude and longitude [°] and height above the ellipsoid [m] on WGS 84; None for the first sample of the
-    recording. Distances and angles are exact. Because the Earth is curved, z is not the height: at 10 km from the
-    origin level ground is 7.8 m below the plane.
+    `origin` is (latitude [°], longitude [°], height above the ellipsoid [m]) on WGS 84, or None for the first sample of
+    the recording. Distances and angles are exact. Because the Earth is curved, z is not the height: at 10 km from the
+    origin, level ground is 7.8 m below the plane.
 
-    **Raises:** ValueError for an origin that is not three finite numbers, or a latitude beyond ±90°.
+    **Raises:** ValueError if the origin is not three finite numbers, or for a latitude beyond ±90° or a longitude
+    beyond ±360°.
     """
 
     origin: tuple[float, float, float] | None = None
@@ -40,18 +42,21 @@ class TangentPlane:
         origin = np.asarray(self.origin, float)
         if origin.shape != (3,) or not np.isfinite(origin).all():
             raise ValueError(
-                f"the origin of a tangent plane must be [latitude °, longitude °, height m], but got {self.origin!r}"
+                "the origin of a tangent plane must be [latitude °, longitude °, height m], but "
+                f"{self.origin!r} was given"
             )
         _require_angles(origin[None], "the origin of a tangent plane")
         object.__setattr__(self, "origin", tuple(map(float, origin)))
 
     def project(self, geodetic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (n, 3) [m], and rotations (n, 3, 3) from the local axes at each sample, of `geodetic` (n, 3).
+        """Return the positions (n, 3) [m] of samples, and the rotations (n, 3, 3) from their local axes to the plane.
 
-        The columns of `geodetic` are latitude [°], longitude [°] and height above the ellipsoid [m]. A rotation maps
-        components east, north and up at the sample, to which its velocity and attitude refer, to those at the origin.
+        The columns of `geodetic` (n, 3) are latitude [°], longitude [°] and height above the ellipsoid [m]. Each
+        rotation maps components along east, north and up at the sample to components along east, north and up at the
+        origin. The velocity and the attitude of a sample are recorded in the components at the sample.
 
-        **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°; the message names the sample.
+        **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°; the message contains the number
+        of the sample.
         """
         geodetic = np.asarray(geodetic, float)
         _require_angles(geodetic, "the recording")
@@ -62,7 +67,7 @@ class TangentPlane:
 
 
 def earth_fixed(geodetic: np.ndarray) -> np.ndarray:
-    """Earth-centred, Earth-fixed positions (n, 3) [m] of latitude [°], longitude [°] and height [m]."""
+    """Convert latitude [°], longitude [°] and height [m] to Earth-centred, Earth-fixed positions (n, 3) [m]."""
     latitude, longitude, height = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1]), geodetic[:, 2]
     normal = SEMI_MAJOR_AXIS / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
     level = (normal + height) * np.cos(latitude)
@@ -71,7 +76,7 @@ def earth_fixed(geodetic: np.ndarray) -> np.ndarray:
 
 
 def local_axes(geodetic: np.ndarray) -> np.ndarray:
-    """Rows east, north and up (n, 3, 3) in Earth-fixed components."""
+    """Return the unit vectors east, north and up in Earth-fixed components, as the rows of matrices (n, 3, 3)."""
     latitude, longitude = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1])
     (s, c), (sl, cl) = (np.sin(latitude), np.cos(latitude)), (np.sin(longitude), np.cos(longitude))
     rows = [[-sl, cl, 0 * s], [-s * cl, -s * sl, c], [c * cl, c * sl, s]]

@@ -1,4 +1,4 @@
-"""Choose the columns of a recording by the user's names, otherwise by common names, and explain missing columns."""
+"""Select the columns of a recording by the user's names, otherwise by common names, and explain missing columns."""
 
 import difflib
 import re
@@ -27,6 +27,18 @@ COMMON = {
         "ve,vn,vu",
     ),
     "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
+    "rate": (
+        "angvel_x,angvel_y,angvel_z",
+        "wx,wy,wz",
+        "gyro_x,gyro_y,gyro_z",
+        "omega_x,omega_y,omega_z",
+        "rate_x,rate_y,rate_z",
+        "angvel_z",
+        "wz",
+        "gyro_z",
+        "omega_z",
+        "vertical_rate",
+    ),
 }
 """Column names that are recognised automatically, in lower case and without units in brackets."""
 
@@ -39,37 +51,41 @@ GLOBAL = (
     "lat,lon,alt",
     "lat,lng,alt",
 )
-"""The same for attitudes as angles, and for geographic positions, if the caller selects these."""
+"""Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`).
 
-UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": ""}
+Each form is recognised only if the caller selects it.
+"""
+
+UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": "", "rate": "rad/s"}
 OTHERS = {
     "time": ("ms", "msec", "milliseconds", "us", "µs", "μs", "ns", "min", "h"),
     "position": ("mm", "cm", "km", "ft", "feet", "in", "mi", "deg", "°", "rad"),
     "velocity": ("mm/s", "cm/s", "km/h", "kmh", "kph", "mph", "ft/s", "kn", "kt", "knots", "deg/s", "rad/s"),
     "attitude": ("deg", "°", "rad"),
+    "rate": ("deg/s", "°/s", "dps", "mrad/s", "rpm", "m/s"),
 }
-"""The unit of each part, and other units that a column name may have in brackets."""
+"""For each quantity, other units than in `UNITS`; a column whose name states such a unit in brackets is rejected."""
 
 ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
-"""The units of angles that a column name may have in brackets."""
+"""Spellings of angle units in the brackets of a column name, and the unit that each spelling denotes."""
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
 """Words in column names that indicate latitude or longitude instead of positions in metres."""
 
-COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
+COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rate": 3}
 REQUIRED = ("time", "position")
 
 ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
 """Words in the column names of roll, pitch and heading."""
 
 MIN_SIMILARITY = 0.7
-"""A column name is considered a misspelt common name if its similarity, from 0 to 1, is at least this."""
+"""Minimum similarity, from 0 to 1, at which a column name is considered a misspelling of a common name."""
 
 Columns = Mapping[str, str | Sequence[str] | None]
 
 
 def _require_latitude_first(names: list[str]) -> None:
-    """Raise a ValueError if the names indicate that the longitude comes first."""
+    """Raise a ValueError if the column names indicate that the longitude comes first."""
     if "lon" in names[0].lower() or "lat" in names[1].lower():
         raise ValueError(
             f"columns['position'] names {names[0]!r} before {names[1]!r}, but latitude comes before longitude: name "
@@ -78,28 +94,29 @@ def _require_latitude_first(names: list[str]) -> None:
 
 
 def _require_heading_last(names: list[str]) -> None:
-    """Raise a ValueError if the names indicate another order than roll, pitch, heading."""
+    """Raise a ValueError if the column names indicate an order other than roll, pitch, heading."""
     for k, name in enumerate(names):
         indicated = [place for place, words in enumerate(ANGLE_WORDS) if any(word in name.lower() for word in words)]
         if indicated and k not in indicated:
             raise ValueError(
-                f"columns['attitude'] names {', '.join(names)}, but the order is roll, pitch, heading: name them in "
-                "this order, for any sequence of the rotations"
+                f"columns['attitude'] names {', '.join(names)}, but the order must be roll, pitch, heading: name "
+                "them in this order, whatever the sequence of the rotations"
             )
 
 
 def choose(
     path: Path, header: list[str], columns: Columns, angles: AttitudeAngles | None = None, globe: bool = False
 ) -> dict[str, tuple[str, ...]]:
-    """The columns of each part in the file: those in `columns`, otherwise those with common names.
+    """Return the column names of each quantity: the names in `columns` or, if it has no such key, common names.
 
-    With `angles` the attitude is roll, pitch and heading; on the `globe` the position is latitude, longitude, height.
+    With `angles`, the attitude is given by roll, pitch and heading. With `globe`, the position is given by latitude,
+    longitude and height.
 
-    **Raises:** ValueError, naming the file, for columns that do not exist, a required part that is missing, a part of
-    which only some columns have common names, and columns whose names indicate other units.
+    **Raises:** ValueError with the name of the file for columns that do not exist, a missing required quantity, a
+    quantity of which only some columns have common names, and columns whose names indicate other units.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
-        raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but got {unknown[0]!r}")
+        raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
     listed = ", ".join(header)
     chosen: dict[str, tuple[str, ...]] = {}
     angled = angles is not None
@@ -112,7 +129,7 @@ def choose(
                 raise ValueError(f"{path}: {_no_angles(listed)}")
             if part == "position" and globe:
                 raise ValueError(f"{path}: {_no_globe(listed)}")
-            if part in REQUIRED or (part not in columns and _begun(part, header)):
+            if part in REQUIRED or (part not in columns and part != "rate" and _begun(part, header)):
                 raise ValueError(f"{path}: {_not_found(part, header)}")
             continue
         if part == "attitude" and not angled and len(names) == 3:
@@ -121,8 +138,9 @@ def choose(
                 f"angles=qtraj.AttitudeAngles(sequence=…, heading=…, unit=…, body=…), or write a table [track.angles] "
                 f"in the scenario. {ANGLE_OPTIONS}."
             )
-        if len(names) != count:
-            raise ValueError(f"columns[{part!r}] must name {count} column(s), but got {list(names)!r}")
+        if len(names) != count and not (part == "rate" and len(names) == 1):
+            counts = f"{count} column(s)" if part != "rate" else "3 columns, or the column of the yaw rate"
+            raise ValueError(f"columns[{part!r}] must name {counts}, but {list(names)!r} was given")
         if missing := [name for name in names if name not in header]:
             raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
         if part == "position" and globe:
@@ -136,7 +154,7 @@ def choose(
 
 
 def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | None, globe: bool) -> str | None:
-    """The message about columns whose names indicate another unit or meaning, or None."""
+    """Return a message if a column name indicates another unit or meaning, otherwise None."""
     for k, name in enumerate(names):
         for unit in re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", name):
             if (part == "attitude" and angles is not None) or (part == "position" and globe and k < 2):
@@ -156,17 +174,17 @@ def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | No
 
 def _no_angles(listed: str) -> str:
     return (
-        f"no columns for roll, pitch and heading were found. The columns are {listed}; name them, in this order: in a "
-        'scenario with attitude = ["...", "...", "..."] under [track.columns], in Python with '
-        'columns={"attitude": [...]}.'
+        f"no columns for roll, pitch and heading were found. The file has the columns {listed}. Name those of roll, "
+        'pitch and heading, in this order: in a scenario with attitude = ["...", "...", "..."] under [track.columns], '
+        'in Python with columns={"attitude": [...]}.'
     )
 
 
 def _no_globe(listed: str) -> str:
     return (
-        f"no columns for latitude, longitude and height were found. The columns are {listed}; name them, in this "
-        'order: in a scenario with position = ["...", "...", "..."] under [track.columns], in Python with '
-        'columns={"position": [...]}.'
+        f"no columns for latitude, longitude and height were found. The file has the columns {listed}. Name those of "
+        'latitude, longitude and height, in this order: in a scenario with position = ["...", "...", "..."] under '
+        '[track.columns], in Python with columns={"position": [...]}.'
     )
 
 
@@ -180,18 +198,18 @@ def _common(choices: Sequence[str], header: list[str]) -> tuple[str, ...] | None
 
 
 def _begun(part: str, header: list[str]) -> bool:
-    """Whether the file has any column with a common name of a part."""
+    """Return whether the file has any column with a common name of this quantity."""
     plain = _plain(header)
     return any(name in plain for choice in COMMON[part] for name in choice.split(","))
 
 
 def _plain(header: list[str]) -> dict[str, str]:
-    """The columns by their names in lower case, without units."""
+    """Map column names in lower case and without units to the original names."""
     return {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
 
 
 def _not_found(part: str, header: list[str]) -> str:
-    """The message about a missing or incomplete part, and how to name its columns in Python and in a scenario."""
+    """Return the message about a missing or incomplete quantity, with advice for Python and for scenarios."""
     plain = _plain(header)
     common = [choice.split(",") for choice in COMMON[part]]
     best = max(common, key=lambda names: sum(name in plain for name in names))
@@ -211,13 +229,13 @@ def _not_found(part: str, header: list[str]) -> str:
 
 
 def _on_the_globe(part: str, header: list[str]) -> str:
-    """Advice if the file has latitudes and longitudes instead of positions."""
+    """Return advice if the file contains latitudes or longitudes instead of positions, otherwise an empty string."""
     words = {word for name in header for word in re.split(r"[^a-z]+", name.lower())}
     return f" Latitude and longitude are read with {PROJECTIONS}." if part == "position" and words & GEOGRAPHIC else ""
 
 
 def _likely(part: str, k: int, plain: Mapping[str, str]) -> str:
-    """The column whose name is similar to a common name of the k-th component, or dots."""
+    """Return a column whose name resembles a common name of the k-th component, or "..." if there is none."""
     names = [choice.split(",")[k] for choice in COMMON[part]]
     common = {name for choices in COMMON.values() for choice in choices for name in choice.split(",")}
     others = [name for name in plain if name not in common]

@@ -30,31 +30,33 @@ def read_track(
     angles: AttitudeAngles | None = None,
     projection: TangentPlane | str | None = None,
 ) -> Track:
-    """The recorded track in a text file, with velocities and attitudes if the file has them.
+    """Read a recorded track from a text file, with velocities, attitudes and rates if the file contains them.
 
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
-    names its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}, with the
-    attitude as a quaternion, body to world, scalar first; None omits a part. Other parts are recognised by common names
-    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), if all columns of the part
-    have one.
+    names its columns, for example {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}. The
+    attitude is a quaternion, body to world, scalar first. "rate" names three angular rates, or only the yaw rate.
+    A quantity whose entry is None is omitted. Quantities that `columns` does not contain are recognised by common names
+    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz; angvel_x, …; wx, wy, wz),
+    if all columns of the quantity have common names. A rate about z without the other two rates is read as the yaw
+    rate.
 
-    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content;
-    its quaternions, scalar last, are reordered. Files whose names end with .gz are decompressed. Units are those of
-    `Track`: s, m, m/s.
+    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content.
+    The quaternions of a TUM trajectory, scalar last, are reordered. Files whose names end with .gz are decompressed.
+    The units are the units of `Track`: s, m, m/s, rad/s.
 
-    With `angles`, an `AttitudeAngles`, the attitude is read from the three columns roll, pitch and heading, in that
-    convention. With `projection`, "tangent-plane" or a `TangentPlane`, the position is read from latitude [°],
-    longitude [°] and height above the ellipsoid [m], and converted to metres east, north and up; velocities and
-    attitudes refer to the axes east, north, up at each sample and are rotated accordingly.
+    If `angles` is an `AttitudeAngles`, the attitude is read from the three columns roll, pitch and heading in this
+    convention. If `projection` is "tangent-plane" or a `TangentPlane`, the position is read from latitude [°],
+    longitude [°] and height above the ellipsoid [m], and converted to metres east, north and up. Velocities and
+    attitudes then refer to the axes east, north and up at each sample, and are rotated accordingly.
 
-    **Raises:** FileNotFoundError for a missing file; ValueError, naming file, line, column and value, for a cell that
-    is missing or not a finite number, times that do not increase strictly, unknown columns, or too few rows; and for
-    angles or latitudes without a convention, naming the options.
+    **Raises:** FileNotFoundError for a missing file; ValueError with file, line, column and value for a cell that is
+    missing or not a finite number, times that do not increase strictly, unknown columns, or too few rows; ValueError
+    with the options for angles or latitudes without a convention.
     """
     path = Path(file)
     plane = _plane(projection)
     if angles is not None and not isinstance(angles, AttitudeAngles):
-        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but got {angles!r}")
+        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
     lines = _content(path)
     if _is_tum(path, lines):
         if columns is not None or angles is not None or plane is not None:
@@ -70,14 +72,14 @@ def read_track(
 
 
 def _content(path: Path) -> Lines:
-    """Numbered lines without comments and blank lines."""
+    """Return the lines with their numbers, without comments and blank lines."""
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: there is no such file to read a track from") from None
+        raise FileNotFoundError(f"{path}: there is no such file, so no track can be read") from None
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
-        raise ValueError(f"{path}: the file is empty: a track needs rows of times and positions")
+        raise ValueError(f"{path}: the file is empty, but a track needs rows of times and positions")
     return lines
 
 
@@ -97,7 +99,7 @@ def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
     if projection is None or isinstance(projection, TangentPlane):
         return projection
     if projection != "tangent-plane":
-        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but got {projection!r}")
+        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but {projection!r} was given")
     return TangentPlane()
 
 
@@ -116,7 +118,7 @@ def _read_csv(
 
     header = [cell.strip() for cell in next(parse(lines))]
     if all(_is_number(cell) for cell in header):
-        raise ValueError(f"{path}, line {line}: expected a header row with column names, but it has numbers")
+        raise ValueError(f"{path}, line {line}: expected a header row with column names, but the row contains numbers")
     chosen = choose(path, header, {} if columns is None else columns, angles, plane is not None)
     used = [name for part in chosen.values() for name in part]
     table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
@@ -128,13 +130,16 @@ def _read_csv(
         attitude = angles.quaternions(attitude)
     if plane is not None:
         position, velocity, attitude = _projected(path, plane, position, velocity, attitude)
-    return _track(path, table[:, 0], position, velocity, attitude)
+    return _track(path, table[:, 0], position, velocity, attitude, parts.get("rate"))
 
 
 def _projected(
     path: Path, plane: TangentPlane, geodetic: np.ndarray, velocity: np.ndarray | None, attitude: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Positions in the plane, and velocities and attitudes rotated from the local axes of each sample to the plane."""
+    """Return positions in the tangent plane, and velocities and attitudes rotated to its axes.
+
+    The recorded velocities and attitudes refer to the local axes of each sample.
+    """
     try:
         position, rotations = plane.project(geodetic)
     except ValueError as error:
@@ -154,7 +159,7 @@ def _split(lines: Lines) -> Iterator[list[str]]:
 def _numbers(
     path: Path, lines: Lines, parse: Callable[[Lines], Iterator[list[str]]], places: Sequence[int], names: Sequence[str]
 ) -> np.ndarray:
-    """The chosen cells as float64, (rows, columns); ValueError for a cell that is not a finite number."""
+    """Return the selected cells (rows, columns) in float64; raise a ValueError if a cell is not a finite number."""
     if len(lines) < MIN_SAMPLES:
         raise ValueError(f"{path}: a track needs at least {MIN_SAMPLES} rows of numbers, but there are {len(lines)}")
     try:
@@ -166,7 +171,7 @@ def _numbers(
             row = next(parse([(number, line)]))
             for k, name in zip(places, names, strict=True):
                 _require_number(path, number, name, row[k].strip() if k < len(row) else "")
-        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must be one line")
+        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must be on one line")
     return table
 
 
@@ -174,7 +179,7 @@ def _require_number(path: Path, line: int, name: str, cell: str) -> None:
     if not cell:
         raise ValueError(f"{path}, line {line}: the cell of column {name!r} is missing")
     if not _is_number(cell) or not np.isfinite(float(cell)):
-        raise ValueError(f"{path}, line {line}: column {name!r} must have finite numbers, but has {cell!r}")
+        raise ValueError(f"{path}, line {line}: column {name!r} must have finite numbers, but contains {cell!r}")
 
 
 def _is_number(cell: str) -> bool:
@@ -201,8 +206,9 @@ def _track(
     position: np.ndarray,
     velocity: np.ndarray | None,
     attitude: np.ndarray | None,
+    rate: np.ndarray | None = None,
 ) -> Track:
     try:
-        return Track(time, position, velocity, attitude)
+        return Track(time, position, velocity, attitude, rate)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error

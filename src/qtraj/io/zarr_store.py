@@ -1,7 +1,7 @@
 """Read and write datasets as Zarr stores.
 
-The stores use Zarr format 2, because format 3 does not yet specify fixed-length texts and consolidated metadata, while
-every reader opens format 2 without a warning.
+The stores use Zarr format 2, because format 3 does not yet specify fixed-length strings or consolidated metadata.
+Every reader opens format 2 without a warning.
 """
 
 from pathlib import Path
@@ -15,15 +15,15 @@ METADATA = (".zarray", ".zmetadata", "zarr.json")
 
 
 def write_zarr(dataset: xarray.Dataset, folder: Path) -> None:
-    """Write a dataset as a new Zarr store, every float exactly; `xarray.open_zarr` reads it."""
+    """Write a dataset as a new Zarr store without loss of precision; `xarray.open_zarr` reads it."""
     exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
     dataset.to_zarr(folder, mode="w-", zarr_format=2, consolidated=True, encoding=exact)
 
 
 def read_zarr(folder: Path) -> xarray.Dataset:
-    """The dataset in a Zarr store.
+    """Read the dataset in a Zarr store.
 
-    **Raises:** ValueError, naming the folder, if it is not a store, or contains pickled objects.
+    **Raises:** ValueError with the name of the folder if it is not a Zarr store, or contains pickled objects.
     """
     if any(map(_pickles, _metadata(folder))):
         raise ValueError(
@@ -32,7 +32,7 @@ def read_zarr(folder: Path) -> xarray.Dataset:
     try:
         return xarray.load_dataset(folder, engine="zarr", chunks=None)
     except (OSError, KeyError, ValueError) as error:
-        raise ValueError(f"{folder}: not a Zarr store of a dataset ({error})") from error
+        raise ValueError(f"{folder}: not a Zarr store with a dataset ({error})") from error
 
 
 def _metadata(folder: Path) -> list[Any]:
@@ -42,12 +42,12 @@ def _metadata(folder: Path) -> list[Any]:
         try:
             documents.append(parse_json(text))
         except ValueError as error:
-            raise ValueError(f"{file}: cannot be read: {error}") from error
+            raise ValueError(f"{file}: this metadata file cannot be read ({error})") from error
     return documents
 
 
 def _pickles(value: Any) -> bool:
-    """Whether metadata names a codec that unpickles."""
+    """Return whether the metadata contain the name of a codec that unpickles objects."""
     if isinstance(value, dict):
         codec = any("pickle" in str(value.get(key, "")) for key in ("id", "name"))
         return codec or any(map(_pickles, value.values()))

@@ -1,1 +1,1 @@
-"""Layer 3, attitude motion: profiles, programs, propagation, kinematics, control, dynamics."""
+"""Layer 3: the motion of bodies: profiles, programs, propagation, simulation, control, poses, arms and dynamics."""

@@ -1,4 +1,4 @@
-"""Attitude with its first two derivatives, and the abstract program: attitude as a function of time."""
+"""Define an attitude with its rate and acceleration, and the base class of programs, which are attitudes over time."""
 
 import abc
 import os
@@ -15,11 +15,11 @@ from qtraj.path.rate_axes import BODY, INERTIAL, require_axes
 
 
 class Attitude(AbstractResult):
-    """Attitude, angular rate and angular acceleration at one instant.
+    """The attitude, angular rate and angular acceleration at one instant.
 
-    `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in `axes`,
-    "body" (the default) or "inertial". Laws and torques need body axes. A program's quaternion has norm 1; the
-    quaternion of a simulated body need not be normalised.
+    `quaternion` (4,), scalar first, transforms from body to inertial axes. `rate` (3,) [rad/s] and `acceleration` (3,)
+    [rad/s²] are in `axes`, "body" (the default) or "inertial". Feedback laws and `dynamics.torque` accept only body
+    axes. The quaternion of a program has norm 1; the quaternion of a simulated body need not be normalised.
     """
 
     quaternion: Quat
@@ -28,11 +28,12 @@ class Attitude(AbstractResult):
     axes: str = eqx.field(static=True, default=BODY)
 
     def in_axes(self, axes: str) -> "Attitude":
-        """The same attitude with rate and acceleration in these `axes`: ω_ξ = λ∘ω_x∘λ⁻¹, ε_ξ = λ∘ε_x∘λ⁻¹.
+        """Return the same attitude with rate and acceleration in `axes`, "body" or "inertial".
 
-        `axes`: "body" or "inertial". The attitude must not be batched: use `jax.vmap` for a batch.
+        With the components ω_x and ε_x in body axes, the inertial components are ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹.
+        The attitude must not be batched: use `jax.vmap` for a batch.
 
-        **Raises:** ValueError for other axes.
+        **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         require_axes(axes)
         if axes == self.axes:
@@ -41,7 +42,7 @@ class Attitude(AbstractResult):
         return Attitude(self.quaternion, rotate(turn, self.rate), rotate(turn, self.acceleration), axes)
 
     def record(self) -> Record:
-        """The fields. A batch, such as `jax.vmap(program)(times)`, adds its dimensions in front."""
+        """Return the fields with units; in a batch, such as a result of `jax.vmap(program)`, batch axes come first."""
         along = ("body",) if self.axes == BODY else ("world",)
         variables = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
@@ -60,30 +61,33 @@ def require_body_axes(attitude: Attitude) -> None:
     """Raise a ValueError if rate and acceleration are in inertial axes."""
     if attitude.axes != BODY:
         raise ValueError(
-            "an attitude with rate and acceleration in body axes was expected, but they are in inertial axes: "
+            "rate and acceleration of the attitude must be in body axes, but they are in inertial axes: "
             "pass attitude.in_axes('body')"
         )
 
 
 class AbstractProgram(eqx.Module):
-    """An attitude program λ⁰(t), ω⁰(t), ε⁰(t) on [0, duration] (paper C, (1.5)), with t [s] from its start."""
+    """An attitude program λ⁰(t), ω⁰(t), ε⁰(t) on [0, duration] (paper C, (1.5)).
+
+    The time t [s] is measured from the start of the program.
+    """
 
     duration: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod
     def __call__(self, t: ScalarLike) -> Attitude:
-        """The program's attitude at one instant; its quaternion is continuous in t on [0, duration]."""
+        """Return the program's attitude at time `t` [s]; its quaternion is continuous on [0, duration]."""
 
     def at(self, t: ScalarLike, axes: str = BODY) -> Attitude:
-        """The program's attitude at one instant, with rate and acceleration in `axes`, "body" or "inertial" (1.6).
+        """Return the program's attitude at time `t` [s], with rate and acceleration in `axes` (paper C, (1.6)).
 
-        **Raises:** ValueError for other axes.
+        **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         return self(t).in_axes(axes)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the program exactly to a TOML or JSON file; `qtraj.load` reads it.
+        """Write the program without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix, or for a program that contains a user's function.
+        **Raises:** ValueError for a suffix other than .toml or .json, or for a program that contains a user's function.
         """
         document.save(self, file)

@@ -1,4 +1,4 @@
-"""Difference between recorded attitudes and a program, after removing the constant mounting of the recorder."""
+"""Compare recorded attitudes with a program, after removing the constant mounting of the recorder."""
 
 import equinox as eqx
 import jax
@@ -18,18 +18,19 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
-"""A track may last longer than the program by this fraction: the difference counts as round-off."""
+"""A track may be longer than the program by this fraction of the program's duration, to allow for rounding errors."""
 
 
 @storable
 class AttitudeResidual(AbstractResult):
-    """Residual of recorded attitudes relative to a program, over all samples at which its frame is defined.
+    """The residual of recorded attitudes relative to a program, at all samples at which the program's frame is defined.
 
-    The recorded attitude is λ⁰(t)∘m∘δ(t) with a constant mounting m and a residual rotation δ. `mounting` (4,): the
-    unit quaternion m, from the recorder's axes to those of the program. `rms` and `maximum` [rad]: root mean square and
-    maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of the components of its rotation vector,
-    recorder's axes. `time` [s]: the time of the largest angle, from the first sample. `samples`: the number of samples
-    compared.
+    The recorded attitude is λ⁰(t)∘m∘δ(t) with the attitude λ⁰ of the program, a constant mounting m and a residual
+    rotation δ. `mounting` (4,): the unit quaternion m, which transforms from the axes of the recorder to the axes of
+    the program. `rms` and `maximum` [rad]: root mean
+    square and maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of each component of the rotation
+    vector of δ, in the axes of the recorder. `time` [s]: the time of the largest angle, measured from the first
+    sample. `samples`: the number of samples that were compared.
     """
 
     mounting: Quat
@@ -53,19 +54,21 @@ class AttitudeResidual(AbstractResult):
         self.samples = as_array(samples, int)
 
     def record(self) -> Record:
-        """The fields."""
+        """Return the fields with units and meanings."""
         variables = {
             "mounting": Quantity(
                 self.mounting,
                 "1",
-                "constant attitude of the recorder in the program's axes, scalar first",
+                "constant attitude of the recorder relative to the program's axes, scalar first",
                 ("component",),
             ),
             "rms": Quantity(self.rms, "rad", "root mean square of the angle between recorded and mounted attitude"),
             "maximum": Quantity(self.maximum, "rad", "largest angle between recorded and mounted attitude"),
-            "axis_rms": Quantity(self.axis_rms, "rad", "root mean square about each axis of the recorder", ("body",)),
-            "time": Quantity(self.time, "s", "time of the largest angle since the first sample"),
-            "samples": Quantity(self.samples, "1", "samples compared"),
+            "axis_rms": Quantity(
+                self.axis_rms, "rad", "root mean square of the angle about each axis of the recorder", ("body",)
+            ),
+            "time": Quantity(self.time, "s", "time of the largest angle, from the first sample"),
+            "samples": Quantity(self.samples, "1", "number of samples compared"),
         }
         summary = (
             f"RMS {extent(self.rms, 'rad')}, largest {extent(self.maximum, 'rad')}, {extent(self.samples)} samples"
@@ -76,27 +79,27 @@ class AttitudeResidual(AbstractResult):
 def compare_attitude(
     program: "AbstractProgram", track: "Track", mounting: ArrayInput | None = None
 ) -> "AttitudeResidual":
-    """Compare the recorded attitudes of `track` with `program`; the first sample is at program time 0.
+    """Compare the recorded attitudes of `track` with `program`, which starts at the first sample of the track.
 
-    `mounting` (4,): the attitude of the recorder in the program's axes, not necessarily normalised. If None, it is
-    estimated as the constant mounting that minimises the sum of squared chordal distances: the mean of λ̄⁰(t)∘λ(t) by
-    quaternion outer products (Markley, Cheng, Crassidis and Oshman, "Averaging quaternions", JGCD 30, 2007). The signs
-    and norms of the recorded quaternions have no effect. A frame that flips, such as the natural frame at an inflection
-    point, causes a large residual: use `FrameProgram(path, Upright())` for vehicles.
+    `mounting` (4,): the attitude of the recorder relative to the program's axes, not necessarily normalised. With None,
+    the mounting is estimated as the average of λ̄⁰∘λ, where λ are the recorded attitudes and λ⁰ the attitudes of the
+    program; the average minimises the sum of squared chordal distances (Markley, Cheng, Crassidis and Oshman,
+    "Averaging quaternions", JGCD 30, 2007). The signs and norms of the recorded quaternions have no effect. A frame
+    that flips, such as the natural frame at an inflection point, causes a large residual: use `FrameProgram(path,
+    Upright())` for vehicles.
 
-    Samples at which the frame of the program is not defined, such as those at a stop, are not compared.
+    Samples at which the frame of the program is not defined, for example at a stop, are not compared.
 
-    **Raises:** ValueError for a track without attitudes or one that lasts longer than the program; if the program's
-    frame is not defined at any sample; for a mounting that is zero, not finite or of another shape; and inside a trace
-    with a traced track.
+    **Raises:** ValueError for a track that has no attitudes, lasts longer than the program or is traced; if the
+    program's frame is undefined at all samples; and for a mounting that is zero, not finite or of another shape.
     """
     if track.attitudes is None:
         raise ValueError(
-            "this track has no attitudes to compare. Read them with qtraj.read_track: as quaternions qw, qx, qy, qz, "
-            "or as roll, pitch and heading with angles=qtraj.AttitudeAngles(…)."
+            "this track has no attitudes to compare: read attitudes with qtraj.read_track, as quaternions qw, qx, qy, "
+            "qz or as roll, pitch and heading with angles=qtraj.AttitudeAngles(…)"
         )
     times = elapsed_times(track)
-    _require_covered(program, float(times[-1]))
+    require_covered(program, float(times[-1]))
     user_mounting = None if mounting is None else real_vector(mounting, "the mounting", 4)
     value = None if user_mounting is None else concrete(user_mounting)
     if value is not None and not value.any():
@@ -122,12 +125,15 @@ def _require_any(defined: np.ndarray | None) -> None:
     if defined is not None and not defined.any():
         raise ValueError(
             "the frame of this program is not defined at any sample of the track, so there is nothing to compare. "
-            "Use a part of the track on which the vehicle moves: track.window(t0, t1)."
+            "Select an interval in which the vehicle moves: track.window(t0, t1)."
         )
 
 
 def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
-    """The average rotation: the eigenvector of Σwqqᵀ with the largest eigenvalue, scalar part ≥ 0."""
+    """Return the average rotation, the unit eigenvector of Σwqqᵀ for the largest eigenvalue, with scalar part ≥ 0.
+
+    The sum is over the normalised `quaternions` q and the `weights` w.
+    """
     unit = weights[:, None] ** 0.5 * jax.vmap(quaternion.unit)(quaternions)
     return quaternion.canonical(jnp.linalg.eigh(jnp.matmul(unit.T, unit, precision="highest"))[1][:, -1])
 
@@ -136,7 +142,10 @@ def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
 def _compare(
     program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], user_mounting: Quat | None
 ) -> tuple[Quat, Float[Array, "n 3"], Bool[Array, " n"]]:
-    """The mounting, the rotation vectors of the residual in the recorder's axes, and whether the program is defined."""
+    """Return the mounting, the rotation vectors of the residuals, and whether the program's frame is defined.
+
+    The rotation vectors [rad] are in the axes of the recorder.
+    """
     defined = _defined(program, times)
     reference = jax.vmap(lambda t: program(t).quaternion)(times)
     mounted = jax.vmap(lambda p, q: quaternion.product(quaternion.conjugate(p), quaternion.unit(q)))(
@@ -152,7 +161,7 @@ def _compare(
 
 
 def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Whether the frame of a path is defined at each time; always true for other programs."""
+    """Return, for each time, whether the program's frame is defined; true for a program without a frame."""
     if not isinstance(program, FrameProgram) or not isinstance(program.frame, AbstractFrame):
         return jnp.ones(times.shape, bool)
     path, frame = program.path, program.frame
@@ -160,19 +169,20 @@ def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array,
 
 
 def _root(square: Array) -> Array:
-    """√square, with a zero derivative at zero."""
+    """Return √square, with a zero derivative at zero."""
     return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
-def _require_covered(program: AbstractProgram, duration: float) -> None:
+def require_covered(program: AbstractProgram, duration: float) -> None:
+    """Raise a ValueError if a track of this duration [s] is longer than the program."""
     available = concrete(program.duration)
     if available is not None and duration > float(available) * (1 + OVERHANG):
         raise ValueError(
-            f"the track lasts {duration:.9g} s, but the program lasts {float(available):.9g} s. Compare a "
-            "window of the track that the program covers: track.window(t0, t1)."
+            f"the track lasts {duration:.9g} s, but the program lasts only {float(available):.9g} s. Select an "
+            "interval of the track that is not longer than the program: track.window(t0, t1)."
         )
 
 
 def mounting_angles(residual: AttitudeResidual) -> np.ndarray:
-    """Yaw, pitch and roll (3,) [rad] of the mounting: rotations about z, y and x, in this order (Z-Y-X)."""
+    """Return yaw, pitch and roll (3,) [rad] of the mounting, for rotations about z, y and x in this order (Z-Y-X)."""
     return np.asarray(rotation.to_euler(residual.mounting, "ZYX"))

@@ -1,4 +1,4 @@
-"""Input checks shared by the propagation and the integration of attitudes."""
+"""Check the inputs for the propagation and the integration of attitudes."""
 
 import contextlib
 import functools
@@ -14,25 +14,29 @@ from qtraj.path.rate_axes import require_axes as require_axes
 
 
 def output_times(times: ArrayInput) -> Float[Array, " n"]:
-    """Instants (n,) [s], n ≥ 1, as a float vector.
+    """Return the instants (n,) [s], n ≥ 1, as a float vector.
 
     **Raises:** ValueError for another shape, and for concrete values that are not finite or not strictly increasing.
     """
     times = as_float(times)
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"times must be a non-empty vector of instants [s], but the shape is {times.shape}")
+        raise ValueError(f"times must be a non-empty vector of instants [s], but shape {times.shape} was given")
     require_finite(times, "times")
     values = concrete(times)
     if values is not None and np.any(late := np.diff(values) <= 0):
         i = int(np.argmax(late))
         raise ValueError(
-            f"times must increase strictly, but times[{i}] = {values[i]:.9g} s is followed by {values[i + 1]:.9g} s"
+            f"times must increase strictly, but times[{i + 1}] = {values[i + 1]:.9g} s follows "
+            f"times[{i}] = {values[i]:.9g} s"
         )
     return times
 
 
 def initial_quaternion(quaternion: ArrayInput) -> Quat:
-    """The initial λ (4,), not necessarily of norm 1; ValueError for zero, non-finite values or another shape."""
+    """Return the initial quaternion λ (4,) as a float array, without normalising λ.
+
+    **Raises:** ValueError if λ is zero or not finite, or has another shape.
+    """
     quaternion = real_vector(quaternion, "the initial quaternion", 4)
     values = concrete(quaternion)
     if values is not None and not values.any():
@@ -41,11 +45,11 @@ def initial_quaternion(quaternion: ArrayInput) -> Quat:
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:
-    """The widest float dtype of the arrays, computed here because JAX does not mix dtypes under strict promotion."""
+    """Return the widest float dtype of the arrays; with strict promotion, JAX rejects mixed dtypes."""
     return functools.reduce(np.promote_types, (x.dtype for x in arrays))
 
 
 def at_once() -> contextlib.AbstractContextManager:
-    """A context in which concrete values stay concrete inside a trace."""
+    """Return a context in which operations on concrete values have concrete results, even inside a trace."""
     traced = concrete(jnp.zeros(())) is None
     return jax.ensure_compile_time_eval() if traced else contextlib.nullcontext()

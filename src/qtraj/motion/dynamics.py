@@ -1,7 +1,12 @@
-"""Torques on a body, and the forces that a vehicle needs to follow a path (conclusions of papers C and S).
+"""Compute torques on a body, and the forces on a vehicle that follows a path (conclusions of papers C and S).
 
-Inertias are a scalar J for a spherical body (paper C, remark 2), (3,) principal moments, or a (3, 3) tensor in body
-axes [kg m²]. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
+An inertia [kg m²] is a scalar J for a spherical body (paper C, remark 2), an array (3,) of principal moments, or a
+tensor (3, 3) in body axes. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
+
+`forces`, `power` and `friction_demand` compute the quantities of the papers at one instant, for a point mass without
+drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and for limits, proofs and tuning;
+`evaluate` then also returns `force`, `moment`, `power`, `friction` and other outputs. For the same mass and gravity, a
+`Vehicle` with default values of all other parameters results in the same force, power and friction.
 """
 
 import jax.numpy as jnp
@@ -29,7 +34,7 @@ __all__ = [
 ]
 
 NO_CONTACT = "infinite if the normal force is not positive"
-"""Suffix of the description of a friction demand."""
+"""Last part of the descriptions of both ratios in a `FrictionDemand`."""
 
 
 def __dir__() -> list[str]:
@@ -37,9 +42,10 @@ def __dir__() -> list[str]:
 
 
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
-    """M = Jε + ω×Jω [N m] in body axes; for a spherical body M = Jε (paper C, remark 2).
+    """Return the torque M = Jε + ω×Jω [N m] in body axes; M = Jε for a spherical body (paper C, remark 2).
 
-    **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive definite.
+    **Raises:** ValueError for an attitude in inertial axes, and for an inertia that has another shape or is not
+    symmetric and positive definite.
     """
     require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
@@ -48,9 +54,9 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
 
 
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
-    """ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes: the inverse of `torque`.
+    """Return the angular acceleration ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes, the inverse of `torque`.
 
-    **Raises:** ValueError in the same cases as `torque`.
+    **Raises:** ValueError for an inertia that has another shape or is not symmetric and positive definite.
     """
     J = inertia_matrix(inertia).astype(torque.dtype)
     momentum = jnp.matmul(J, rate, precision="highest")
@@ -58,7 +64,7 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
 
 
 def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
-    """M·ω [W]: the power of the torque, equal to the time derivative of ½ω·Jω.
+    """Return the power M·ω [W] of the torque M; it is the time derivative of the kinetic energy ½ω·Jω.
 
     **Raises:** ValueError in the same cases as `torque`.
     """
@@ -72,12 +78,13 @@ def forces(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> Vec3:
-    """F = m r̈ − m g⃗ [N] in the axes of the trihedral: (F_τ, F_n, F_b), that is drive, side force and lift.
+    """Return the force F = m r̈ − m g⃗ [N] on the vehicle, excluding gravity, in the axes of the trihedral.
 
-    `mass` [kg]. `frame`: None for the natural trihedral, whose n points to the centre of curvature;
-    `Upright()` for the components forward, to the left and up.
+    The components (F_τ, F_n, F_b) are the driving force, the side force and the lift. `mass` is in kg. `frame`: None
+    for the natural trihedral, whose normal n points to the centre of curvature; `Upright()` for the components forward,
+    left and up. The output `force` of `evaluate` with a `Vehicle` also includes drag.
 
-    **Raises:** ValueError for a mass that is not positive, or a gravity of another shape.
+    **Raises:** ValueError if the mass is not positive, or if the gravity has another shape or is not finite.
     """
     frame = Natural() if frame is None else frame
     at = trihedral(path, t, frame)
@@ -85,7 +92,9 @@ def forces(
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
-    """F·ṙ = m(r̈ − g⃗)·ṙ [W]: the time derivative of the kinetic and potential energy.
+    """Return the power F·ṙ = m(r̈ − g⃗)·ṙ [W], the time derivative of the sum of kinetic and potential energy.
+
+    The path quantity `power` of a `Vehicle` also includes the losses by drag and rolling resistance.
 
     **Raises:** ValueError in the same cases as `forces`.
     """
@@ -94,17 +103,17 @@ def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: Arr
 
 
 class FrictionDemand(AbstractResult):
-    """Tangential divided by normal force at the road, at one instant; infinite if the normal force is not positive.
+    """The lateral force, and the total force in the plane of the road, divided by the normal force, at one instant.
 
-    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to compare with the coefficient of friction. Like a
-    `Trihedral`, it does not store the frame.
+    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, which is compared with the coefficient of friction.
+    Both ratios are infinite if the normal force is not positive. The frame of the forces is not stored.
     """
 
     side: Scalar
     total: Scalar
 
     def record(self) -> Record:
-        """The two numbers. A batch, as from `jax.vmap`, adds its dimensions in front."""
+        """Return both ratios; the arrays of a batch, as returned by `jax.vmap`, have batch axes first."""
         variables = {
             "side": Quantity(self.side, "1", f"lateral force divided by normal force; {NO_CONTACT}"),
             "total": Quantity(
@@ -124,10 +133,11 @@ def friction_demand(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> FrictionDemand:
-    """The friction coefficient that the road must provide, from the forward, lateral and normal force.
+    """Return the coefficient of friction that the motion requires of the road, for the lateral force and in total.
 
-    `frame`: None for `Upright()`; for a banked road, an `Upright` with the road's normal as the up direction. The
-    demand does not depend on the mass.
+    `frame`: None for `Upright()`; for a banked road, an `Upright` whose up direction is the normal of the road. The
+    result does not depend on the mass. The path quantity `friction` of a `Vehicle` also accounts for drag, a bank and a
+    friction ellipse.
 
     **Raises:** ValueError in the same cases as `forces`.
     """

@@ -1,1 +1,1 @@
-"""Layer 2: where the vehicle must be. Hodographs, their invariants and trihedra, recorded tracks."""
+"""Layer 2: hodographs (position curves), their invariants and trihedra, and recorded tracks."""

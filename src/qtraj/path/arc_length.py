@@ -1,12 +1,12 @@
-"""Arc lengths by composite Gauss–Legendre quadrature, refined until two refinements agree.
+"""Compute arc lengths by composite Gauss–Legendre quadrature, refined until two successive results agree.
 
-The refinement uses values only, without derivatives. The length is then a sum over the number of pieces that the
-refinement chose. That sum is differentiable in forward and reverse mode.
+The refinement uses only values, no derivatives, and determines the number of subintervals. The length is then a sum
+over these subintervals, which is differentiable in forward and reverse mode.
 """
 
 from collections.abc import Callable
 
-import equinox.internal as eqxi  # for `unvmap_max`, which JAX does not offer
+import equinox.internal as eqxi  # for `unvmap_max`, which JAX does not provide
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,25 +15,31 @@ from jaxtyping import Array, Int
 from qtraj.foundation.types import Scalar
 
 NODES, PANELS = 16, 32
-"""Nodes per panel, and panels per piece; the panels of a piece are evaluated together. One piece is exact to round-off
-for a smooth path whose speed is not near zero."""
+"""Nodes per panel, and panels per subinterval.
+
+The panels of a subinterval are evaluated together. For a smooth path whose speed is not near zero, the length computed
+with one subinterval is exact to round-off.
+"""
 
 MAX_RUNS, RUN = 32, 64
-"""Maximum number of runs, and pieces per run: at most a million evaluations of the speed."""
+"""Maximum number of runs in which the subintervals are summed, and number of subintervals in a run.
+
+Together they limit the evaluations of the speed in one refinement to about a million.
+"""
 
 TOLERANCE = 1e-9
-"""Maximum relative change in the last refinement; in lower precision `ROUNDINGS` machine epsilons."""
+"""The refinement ends if the relative change of the length is at most this, or at most `ROUNDINGS` machine epsilons."""
 
 ROUNDINGS = 32
 
 MAX_CHANGE = 1e-6
-"""The length is NaN if the relative change is still larger than this after a million evaluations."""
+"""Maximum relative change after a million evaluations; if the change is larger, the length is NaN."""
 
 Speed = Callable[[Scalar], Scalar]
 
 
 def arc_length(speed: Speed, duration: Scalar) -> Scalar:
-    """∫ speed dt over the duration [m], in the precision of the duration; `speed(t)` is in [m/s]."""
+    """Return ∫ speed dt [m] over the `duration` [s], in the precision of the duration; `speed(t)` is in m/s."""
     pieces, converged = _refine(lambda t: jax.lax.stop_gradient(speed(t)), jax.lax.stop_gradient(duration))
     pieces = eqxi.unvmap_max(pieces)  # one number for the whole batch, so that the loops below can stop early
 
@@ -52,7 +58,7 @@ def arc_length(speed: Speed, duration: Scalar) -> Scalar:
 
 
 def _refine(speed: Speed, duration: Scalar) -> tuple[Int[Array, ""], Array]:
-    """The number of pieces, a power of two, and whether the refinement converged."""
+    """Return the number of subintervals, a power of two, and whether the refinement converged."""
     tolerance = max(TOLERANCE, ROUNDINGS * float(jnp.finfo(duration.dtype).eps))
 
     def length(pieces: Int[Array, ""]) -> Scalar:
@@ -79,7 +85,7 @@ def _refine(speed: Speed, duration: Scalar) -> tuple[Int[Array, ""], Array]:
 
 
 def _piece(speed: Speed, duration: Scalar, k: Int[Array, ""], pieces: Int[Array, ""]) -> Scalar:
-    """The length of piece `k` of `pieces` pieces of equal duration."""
+    """Return the length of subinterval `k` of `pieces` subintervals of equal duration."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     places = ((np.arange(PANELS)[:, None] + (nodes + 1) / 2) / PANELS).ravel()
     part, dtype = duration / pieces.astype(duration.dtype), duration.dtype

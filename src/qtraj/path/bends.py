@@ -1,7 +1,8 @@
-"""Find the bends of a recorded track, in which its direction of travel turns to the left or to the right.
+"""Find the bends of a recorded track: intervals in which the direction of travel turns to the left or to the right.
 
-The driver and noise cause small oscillations of the direction. So a bend ends only where the direction has turned back
-by a minimum angle. Maxima and minima of the direction then alternate, and there is one bend between two of them.
+Steering corrections and noise cause small oscillations of the direction. Therefore a bend ends only when the direction
+has turned back by a minimum angle. Maxima and minima of the direction then alternate, and there is one bend between
+each extremum and the next extremum.
 """
 
 from itertools import pairwise
@@ -12,11 +13,11 @@ import numpy as np
 from qtraj.path.track import STANDSTILL, Track, directions, spread_radius, to_float64
 
 ENDS = 0.05
-"""Fraction of the turn that is cut off at each end of a bend."""
+"""Fraction of the turn that is removed at each end of a bend."""
 
 
 class Bend(NamedTuple):
-    """A part of a track that turns in one direction: from `start` to `end` [s], by `turn` [rad], left positive."""
+    """A time interval in which a track turns in one direction, with its `start`, `end` [s] and `turn` [rad]."""
 
     start: float
     end: float
@@ -24,9 +25,9 @@ class Bend(NamedTuple):
 
 
 def bends(track: Track, min_turn: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
-    """The bends that turn by at least `min_turn` [rad], in order; consecutive bends turn in opposite directions.
+    """Find the bends that turn by at least `min_turn` [rad], in order; consecutive bends have opposite directions.
 
-    A track that stays within `standstill` [m] of its mean position has no bends. Without recorded velocities the
+    A track that stays within `standstill` [m] of its mean position has no bends. If no velocities were recorded, the
     directions are computed from chords of about `spacing` [m].
     """
     if spread_radius(track) <= standstill:
@@ -37,13 +38,16 @@ def bends(track: Track, min_turn: float, spacing: float, standstill: float = STA
 
 
 def chord_length(track: Track, spacing: float) -> float:
-    """The horizontal length of the track [m], along chords of at least `spacing` [m]."""
+    """Return the horizontal length [m] of the track, measured along chords of at least `spacing` [m]."""
     positions = to_float64(track.positions)[:, :2]
     return float(np.hypot(*np.diff(positions[_marks(positions, spacing)], axis=0).T).sum())
 
 
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and continuous directions of travel [rad] of the samples that move."""
+    """Return the times [s] and the continuous directions of travel [rad] while the vehicle moves.
+
+    There is one direction for each recorded velocity, or for each chord between positions.
+    """
     times = to_float64(track.times)
     if track.velocities is not None:
         moving, direction = directions(to_float64(track.velocities))
@@ -56,7 +60,7 @@ def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """Indices of samples, each at least `spacing` away from the previous one."""
+    """Return the indices of selected samples; each is at least `spacing` [m] away from the sample selected before."""
     marks = [0]
     for k, position in enumerate(positions):
         if np.hypot(*(position - positions[marks[-1]])) >= spacing:
@@ -65,7 +69,10 @@ def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _turning_points(direction: np.ndarray, min_turn: float) -> list[int]:
-    """The extrema of the direction, at least `min_turn` apart; fewer than two if there is no bend."""
+    """Return the indices of the extrema of the direction; successive extrema differ by at least `min_turn` [rad].
+
+    If there is no bend, the list is empty.
+    """
     points: list[int] = []
     low = high = sense = 0
     for k, angle in enumerate(direction):
@@ -81,7 +88,7 @@ def _turning_points(direction: np.ndarray, min_turn: float) -> list[int]:
 
 
 def _bend(times: np.ndarray, direction: np.ndarray) -> Bend:
-    """The bend between two turning points."""
+    """Create the bend between two turning points."""
     turn = direction[-1] - direction[0]
     part = (direction - direction[0]) / turn
     start, end = np.flatnonzero(part <= ENDS)[-1], np.flatnonzero(part >= 1 - ENDS)[0]

@@ -1,4 +1,4 @@
-"""Boundary states: position, velocity and acceleration at the start and at the end of a path."""
+"""Define boundary states: position, velocity and optional acceleration at the start or the end of a path."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from qtraj.path.placement import Placement
 class BoundaryState(AbstractResult):
     """Position [m], velocity [m/s] and, optionally, acceleration [m/s²], (3,) each, in world axes.
 
-    The input of boundary problems; `path.state(t)` and `tune` return it.
+    Boundary states are the input of boundary problems. `path.state(t)` returns the state of a path at one instant.
 
     **Raises:** ValueError for wrong shapes or values that are not finite.
     """
@@ -35,7 +35,7 @@ class BoundaryState(AbstractResult):
         warn_if_coarse(self.position, "the position of a boundary state")
 
     def record(self) -> Record:
-        """The fields that are not None; for many states, batch axes first."""
+        """Return the fields that are not None; the arrays of many states have batch axes first."""
         columns = {
             "position": Quantity(self.position, "m", "position, world axes", ("world",)),
             "velocity": Quantity(self.velocity, "m s-1", "velocity, world axes", ("world",)),
@@ -53,11 +53,11 @@ class BoundaryState(AbstractResult):
 
 
 class Cylindrical(eqx.Module):
-    """A boundary state about an axis: components along e_ρ, e_φ and the axis.
+    """A boundary state in cylindrical coordinates; vectors have components along e_ρ, e_φ and the axis.
 
-    `planar` (3,) is the position without its axial part, in the axes of the placement. Azimuth differences are computed
-    from it, because subtracting two azimuths loses digits. `rounding` [rad] is the error of the azimuth due to rounding
-    of the coordinates.
+    `planar` (3,) is the position without its axial component, in the axes of the placement. Azimuth differences are
+    computed from `planar`, because the subtraction of two azimuths loses digits. `rounding` [rad] is the error of the
+    azimuth due to rounding of the coordinates.
     """
 
     radius: Scalar
@@ -70,28 +70,28 @@ class Cylindrical(eqx.Module):
 
     @property
     def rate(self) -> Scalar:
-        """V_φ/ρ, the angular rate about the axis [rad/s]."""
+        """The angular rate V_φ/ρ about the axis [rad/s]."""
         return self.velocity[1] / jnp.where(self.radius > 0, self.radius, 1.0)
 
     @property
     def radial_acceleration(self) -> Scalar:
-        """ρ̈ = a_ρ + ρ φ̇² [m/s²]; requires the acceleration."""
+        """The radial acceleration ρ̈ = a_ρ + ρ φ̇² [m/s²]; the state must have an acceleration."""
         return _required(self.acceleration)[0] + self.radius * self.rate**2
 
     @property
     def angular_acceleration(self) -> Scalar:
-        """φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; requires the acceleration."""
+        """The angular acceleration φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; the state must have an acceleration."""
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
 @eqx.filter_jit
 def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
-    """`state` in cylindrical components about the axis of `placement`, or about the world's z axis."""
+    """Convert `state` to cylindrical components about the axis of `placement`, or about the world's z axis."""
     placement = Placement() if placement is None else placement
     x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
     planar = jnp.stack([x, y, jnp.zeros_like(x)])
     radius = norm(planar)
-    # On the axis e_ρ is undefined: use a fixed direction, so that derivatives stay finite.
+    # On the axis e_ρ is undefined. A fixed direction keeps the derivatives finite.
     cos, sin, _ = unit(planar, jnp.zeros_like(planar).at[0].set(1.0))
     largest = jnp.maximum(jnp.max(jnp.abs(state.position)), jnp.max(jnp.abs(placement.origin.astype(x.dtype))))
 
@@ -111,7 +111,7 @@ def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrica
 
 
 def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
-    """The azimuth of `end` minus that of `start`, in (−π, π] [rad]."""
+    """Return the azimuth of `end` minus the azimuth of `start`, in (−π, π] [rad]."""
     a, b = start.planar, end.planar
     difference = jnp.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
     return jnp.where(difference <= -jnp.pi, -difference, difference)
@@ -119,5 +119,5 @@ def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
 
 def _required(acceleration: Vec3 | None) -> Vec3:
     if acceleration is None:
-        raise ValueError("the acceleration of the boundary state is required here, but it was not given")
+        raise ValueError("the boundary state needs an acceleration, but acceleration=None was given")
     return acceleration

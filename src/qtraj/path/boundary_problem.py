@@ -1,4 +1,4 @@
-"""Solve for the polynomials of a spiral-helix from boundary states: paper S's problem and its Hermite extension."""
+"""Compute the polynomials of a spiral-helix from boundary states: paper S's problem and its Hermite extension."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -18,10 +18,10 @@ RATE_TOLERANCE = 1e-9
 """Maximum relative difference of V_φ/ρ between the ends of a uniformly rotating path."""
 
 AZIMUTH_TOLERANCE = 32
-"""Azimuths closer than this multiple of their rounding error are considered equal."""
+"""The difference of two azimuths counts as zero if it is at most this multiple of their rounding errors."""
 
 PARALLEL_TOLERANCE = 1e-9
-"""Sine of the angle between two horizontal velocities below which they are parallel."""
+"""Sine of the angle between two horizontal velocities below which they count as parallel."""
 
 Coefficients = Float[Array, "_"]
 
@@ -29,10 +29,15 @@ Coefficients = Float[Array, "_"]
 def uniform(
     start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients, Scalar, Placement | None, Scalar]:
-    """ρ, φ, h, duration, placement and mismatch of the path with φ̇ = V_φ/ρ constant (paper S, boundary conditions)."""
+    """Return ρ, φ, h, duration, placement and mismatch of a path with constant φ̇ = V_φ/ρ.
+
+    The mismatch is the relative difference of V_φ/ρ between the two ends; it is infinite if there is no solution. The
+    equations are paper S's boundary conditions.
+    """
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError(
-            "a uniformly rotating path cannot meet given accelerations. Omit them, or use SpiralHelix.hermite."
+            "a path with a constant rate about its axis cannot satisfy prescribed boundary accelerations. Omit them, "
+            "or use SpiralHelix.hermite."
         )
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
@@ -46,9 +51,11 @@ def uniform(
 
 
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
-    """The signed turn [rad] from `a` to `b`, with the sign of V_φ at the start: 0 to 2π, plus whole turns.
+    """Return the signed turn [rad] from `a` to `b`; its sign is the sign of V_φ at `a`, or + if V_φ is zero.
 
-    **Raises:** ValueError for a number of turns that is negative or not an integer.
+    The magnitude is at least 0 and less than 2π, plus `turns` whole turns.
+
+    **Raises:** ValueError if `turns` is negative or not an integer.
     """
     if whole_turns(turns) < 0:
         raise ValueError(
@@ -63,9 +70,9 @@ def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
 
 
 def whole_turns(turns: int) -> int:
-    """`turns` as an integer.
+    """Convert `turns` to an integer.
 
-    **Raises:** ValueError unless it is an integer.
+    **Raises:** ValueError if `turns` is not an integer.
     """
     try:
         return operator.index(turns)
@@ -76,9 +83,9 @@ def whole_turns(turns: int) -> int:
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ, h that satisfy all boundary values in the given duration: cubics, or quintics with accelerations."""
+    """Return ρ, φ, h that satisfy all boundary values: cubics, or quintics if the states contain accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
-        raise ValueError("only one boundary state has an acceleration: give both or neither")
+        raise ValueError("only one boundary state has an acceleration: pass accelerations for both ends or for neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
     turn = azimuth_difference(a, b) + 2 * jnp.pi * whole_turns(turns)
@@ -88,7 +95,7 @@ def hermite(
 def polynomials(
     a: Cylindrical, b: Cylindrical, turn: Scalar, duration: Scalar, uniform: bool
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ and h between two cylindrical states in a given duration; if `uniform`, φ is linear."""
+    """Return ρ, φ and h between two cylindrical states; `duration` is in s. If `uniform` is true, φ is linear in t."""
     ends = [_boundary_values(a), _boundary_values(b)]
     radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
     if uniform:
@@ -98,7 +105,7 @@ def polynomials(
 
 
 def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Values and derivatives of ρ, φ and h at one end."""
+    """Return the values and time derivatives of ρ, φ and h at one end."""
     rows = [(state.radius, state.azimuth, state.height), (state.velocity[0], state.rate, state.velocity[2])]
     if state.acceleration is not None:
         rows.append((state.radial_acceleration, state.angular_acceleration, state.acceleration[2]))
@@ -107,15 +114,17 @@ def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Co
 
 
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
-    """The vertical axis through the point where the horizontal normals of the two velocities intersect, as a placement.
+    """Return a placement whose vertical axis makes V_ρ zero at both ends.
 
-    About this axis, V_ρ is zero at both ends.
+    Each state has a horizontal normal, a line through the position that is perpendicular to the velocity. Seen from
+    above, the axis is at the intersection of the two normals.
 
-    **Raises:** ValueError if the horizontal velocities are parallel or zero, because then there is no such axis.
+    **Raises:** ValueError if the horizontal velocities are parallel or zero, because then no such axis exists.
     """
     middle = (start.position + end.position)[:2] / 2
     va, vb = start.velocity[:2], end.velocity[:2]
-    # (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, relative to the midpoint so that large coordinates lose no digits.
+    # The point p satisfies (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0. The equations are solved relative to the midpoint,
+    # so that large coordinates lose no digits.
     a, b = va @ (start.position[:2] - middle), vb @ (end.position[:2] - middle)
     determinant = va[0] * vb[1] - va[1] * vb[0]
     _require_crossing(va, vb)
@@ -135,7 +144,7 @@ def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
         if radius is not None and not radius > 0:
             raise ValueError(
                 f"the {name} lies on the axis of the spiral-helix (radius 0), where the azimuth is undefined. "
-                "Give a placement whose axis does not pass through the boundary positions."
+                "Pass a placement whose axis does not contain the boundary positions."
             )
 
 
@@ -146,14 +155,14 @@ def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Sc
     if not np.isfinite(mismatch_value):
         raise ValueError(
             "the boundary velocities have no component about the axis (V_phi is 0 at both ends), so the path cannot "
-            "rotate uniformly. Give another placement, or use SpiralHelix.hermite with a duration."
+            "rotate uniformly. Pass another placement, or use SpiralHelix.hermite with a duration."
         )
     tolerance = max(RATE_TOLERANCE, 16 * float(jnp.finfo(mismatch.dtype).eps))
     if mismatch_value > tolerance:
         raise ValueError(
             f"the boundary rates disagree: V_phi/rho is {float(a.rate):.6g} rad/s at the start and {float(b.rate):.6g} "
             "at the end, but a uniformly rotating spiral-helix has a single rate. Use SpiralHelix.hermite, whose angle "
-            "is a polynomial and meets both, or change a velocity."
+            "is a polynomial that satisfies both rates, or change a velocity."
         )
     if turn_value == 0:
         raise ValueError(

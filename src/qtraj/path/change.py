@@ -1,4 +1,4 @@
-"""Compare two paths: boundary velocities, durations, lengths, headings, heights and distance."""
+"""Compare two paths by boundary velocities, durations, lengths, headings, heights and distance."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
-"""Cylindrical components of a velocity: away from the axis, about it, along it."""
+"""Cylindrical components of a velocity: away from the axis, about the axis, and along the axis."""
 PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""A warning is given if the length or the duration grows by more than this factor."""
+"""Ratio of the lengths or of the durations of the two paths above which `warning` is not None."""
 SLOWER = "takes {:.3g} times as long"
 
 
 class PathChange(AbstractResult):
-    """The differences between an original path, `before`, and a tuned path, `after`.
+    """Differences between an original path, `before`, and a tuned path, `after`.
 
-    For both paths, in this order:
+    The following arrays have one entry for each path, original and tuned:
 
     - `velocities` (2, 2, 3) [m/s]: the cylindrical components V_ρ, V_φ, V_h at start and end.
     - `durations` (2,) [s], `lengths` (2,) [m], and `mean_rates` (2,) [rad/s] about the axis.
 
-    For the tuned path, relative to the original path:
+    The following values compare the tuned path with the original path:
 
-    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN where a
-      direction does not exist.
+    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN if a direction
+      is undefined.
     - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
-    - `deviation` [m]: the largest distance of its points from the original path.
+    - `deviation` [m]: the largest distance of a point of the tuned path from the original path.
 
     `size` [m] is the diagonal of the bounding box of the original path. `given` (2, 3) [m/s] are the requested boundary
-    velocities, if there are any.
+    velocities, or None.
     """
 
     velocities: Float[Array, "2 2 3"]
@@ -61,7 +61,7 @@ class PathChange(AbstractResult):
 
     @property
     def warning(self) -> str | None:
-        """A warning if the tuned path is far longer or slower, or deviates by more than the original path's size."""
+        """A warning if the tuned path is much longer or slower, or deviates by more than `size`; otherwise None."""
         texts = []
         for values, what, unit in (
             (self.lengths, "is longer by a factor of {:.3g}", "m"),
@@ -90,7 +90,7 @@ class PathChange(AbstractResult):
         )
 
     def record(self) -> Record:
-        """Both paths over `path`, their ends over `end`, and the differences."""
+        """Return labelled arrays over the dimensions `path` (both paths) and `end` (both ends), and the differences."""
         quantities = {
             "velocity": Quantity(
                 self.velocities, "m s-1", "boundary velocity, cylindrical", ("path", "end", "cylindrical")
@@ -109,8 +109,8 @@ class PathChange(AbstractResult):
         }
         variables = {name: quantity for name, quantity in quantities.items() if quantity.values is not None}
         coordinates = {
-            "path": Quantity(np.array(PATHS), "", "which path", ("path",)),
-            "end": Quantity(np.array(ENDS), "", "which end", ("end",)),
+            "path": Quantity(np.array(PATHS), "", "original path (before) or tuned path (after)", ("path",)),
+            "end": Quantity(np.array(ENDS), "", "end of the path", ("end",)),
             "cylindrical": Quantity(np.array(COMPONENTS), "", "component about the axis", ("cylindrical",)),
         }
         longer, slower = (float(values[1] - values[0]) for values in (self.lengths, self.durations))
@@ -121,10 +121,10 @@ class PathChange(AbstractResult):
 def compare_paths(
     before: SpiralHelix, after: SpiralHelix, given: tuple[BoundaryState, BoundaryState] | None = None
 ) -> PathChange:
-    """The differences between the path `before` and the path `after`, such as a tuned one.
+    """Compare the original path `before` with the path `after`, for example a tuned path.
 
-    Each path is sampled at 513 equally spaced instants of its own time. `given`: the requested boundary states, whose
-    velocities are part of the result.
+    Each path is sampled at 513 equally spaced instants of its own duration. `given` are the requested boundary states;
+    the result contains their velocities.
     """
     was, now = sampled(before), sampled(after)
     pairs = ((was, before.placement), (now, after.placement))
@@ -147,7 +147,7 @@ def compare_paths(
 
 
 class Sampled(NamedTuple):
-    """A path at 513 instants: positions [m] and velocities [m/s]; its turn about the axis [rad] and length [m]."""
+    """Positions [m] and velocities [m/s] of a path at 513 instants, its turn about the axis [rad] and length [m]."""
 
     positions: Float[Array, "n 3"]
     velocities: Float[Array, "n 3"]
@@ -156,14 +156,14 @@ class Sampled(NamedTuple):
 
     @property
     def ends(self) -> tuple[BoundaryState, BoundaryState]:
-        """The boundary states, world axes."""
+        """The boundary states at both ends, in world axes."""
         first, last = (BoundaryState(self.positions[k], self.velocities[k]) for k in (0, -1))
         return first, last
 
 
 @eqx.filter_jit
 def sampled(path: SpiralHelix) -> Sampled:
-    """A path at equally spaced instants, both ends included."""
+    """Sample a path at equally spaced instants, both ends included."""
     times = jnp.linspace(0.0, 1.0, SAMPLES) * path.duration
     states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
     return Sampled(states[:, 0], states[:, 1], path.turn, path.length())
@@ -174,14 +174,14 @@ def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
 
 
 def _heading_change(before: Vec3, after: Vec3) -> Any:
-    """The angle from one horizontal direction to another, left positive; NaN if one of them is vertical or zero."""
+    """Return the change [rad] of the horizontal direction, left positive; NaN if a vector is vertical or zero."""
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
 
 
 def _in_words(turn: float) -> str:
-    """A change of heading [rad] in words."""
+    """Describe a change of heading [rad] in words."""
     if math.isnan(turn):
         return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)

@@ -1,7 +1,7 @@
-"""The registry of outputs: everything that can be evaluated along a path and its frame.
+"""Registry of outputs: all quantities that can be evaluated along a path and its frame.
 
-An entry has the name, unit, meaning, axes and formula of an output. Path quantities are added from their own registry.
-`qtraj.evaluate`, its tables and reductions, datasets and the command line use this registry.
+Each entry consists of the name, unit, meaning, axes and formula of an output. Path quantities are added from their own
+registry. `qtraj.evaluate`, its tables and reductions, datasets and the command line use this registry.
 """
 
 from collections.abc import Callable
@@ -10,21 +10,19 @@ from typing import Any
 
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
-from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, PathQuantity
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import Vehicle, has_principal_inertia
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
-"""The number of components along each axis."""
-
-
-VEHICLE, INERTIA = "vehicle", "inertia"
+"""Number of components along each axis."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
+    """An output; `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
 
-    `needs` is what it needs beside the path and the frame: "", "vehicle" or "inertia".
+    `needs` names the data required in addition to path and frame: "" for none, or a constant of `path_quantity`.
     """
 
     name: str
@@ -36,19 +34,17 @@ class Channel:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape at one instant."""
+        """The shape of the output at one instant."""
         return tuple(SIZES[axis] for axis in self.axes)
 
     def labelled(self, values: Any, *lead: str) -> record.Quantity:
-        """The values with unit and meaning; `lead` are the axes before the component axes."""
+        """Add unit and meaning to the values; `lead` are the names of the axes before the component axes."""
         return record.Quantity(values, self.unit, self.meaning, (*lead, *self.axes))
 
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
-    needs = VEHICLE if entry.needs_vehicle else ""
-    return Channel(
-        entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)), needs
-    )
+    formula = formula or (lambda at: at.path_quantity(entry))
+    return Channel(entry.variable, entry.unit, entry.meaning, (), formula, entry.needs)
 
 
 _ENTRIES = (
@@ -93,7 +89,7 @@ _ENTRIES = (
     Channel(
         "moment",
         "N m",
-        "moment that turns the vehicle with the frame, body axes",
+        "moment that rotates the vehicle with the frame, body axes",
         ("body",),
         lambda at: at.moment,
         INERTIA,
@@ -101,7 +97,7 @@ _ENTRIES = (
     Channel(
         "defined",
         "1",
-        "whether the frame exists; where it does not, its numbers are finite fallback values",
+        "whether the frame exists; where it does not exist, the other outputs are finite fallback values",
         (),
         lambda at: at.defined,
     ),
@@ -112,11 +108,14 @@ CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
 CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
 
 
-def outputs_with(vehicle: Any) -> tuple[str, ...]:
-    """The names of the outputs that can be evaluated with this vehicle, or without one for None."""
-    has = {
-        "",
-        *(() if vehicle is None else (VEHICLE,)),
-        *(() if getattr(vehicle, INERTIA, None) is None else (INERTIA,)),
-    }
+def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:
+    """Return the names of the outputs that can be evaluated with this vehicle, or without a vehicle if it is None."""
+    has = provided(vehicle)
     return tuple(name for name, entry in CHANNELS.items() if entry.needs in has)
+
+
+def provided(vehicle: Vehicle | None) -> set[str]:
+    """Return the values of `needs` that this vehicle, or None, satisfies."""
+    has_inertia = vehicle is not None and vehicle.inertia is not None
+    satisfied = {VEHICLE: vehicle is not None, INERTIA: has_inertia, PRINCIPAL: has_principal_inertia(vehicle)}
+    return {"", *(need for need, holds in satisfied.items() if holds)}

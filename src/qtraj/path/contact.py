@@ -1,14 +1,20 @@
-"""Forces between a vehicle and the road: along it, across it, and onto it (paper S, conclusions).
+"""Compute the forces between a vehicle and the road: tangential, lateral and normal (paper S, conclusions).
 
-The road contains the direction of motion τ. Without bank it is level across: n = up×r'/√H points to the left and
-b = τ×n upwards, the axes of the upright frame. A bank β rolls n and b about τ. The force by which the road moves the
-vehicle is m(r'' + g·up), plus the drag along τ: with the specific force f = r'' + g·up and v² = S,
+The direction of motion τ is tangential to the road. Without bank the road is level in the lateral direction: n =
+up×r'/√H, with H = |up×r'|², points to the left, and b = τ×n points upwards; these are the axes of the upright frame. A
+bank β rotates n and b about τ. The force of the road on the vehicle is m(r'' + g·up), plus the drag along τ. With the
+specific force f = r'' + g·up and v² = S, its components are
 
-    along τ:  X = m(f·τ + k v²),   across: Y = m(cos β f·n − sin β f·b),   onto the road: Z = m(cos β f·b + sin β f·n).
+        tangential:  X = m(f·τ + k v²),   lateral: Y = m(cos β f·n − sin β f·b),   normal: Z = m(cos β f·b + sin β f·n).
 
-`Contact` has X, Y and Z over the mass, times the speeds by which τ, n and b are normalized: v, and v√H. All are
-polynomials in the derivatives and in v = √S. Where a path stops, `derivatives[1]` may be any vector in the direction of
-the velocity, which is `pace` times as long.
+`Contact` computes X, Y and Z divided by the mass and multiplied by a factor that removes the denominators of τ, n and
+b: v for X, and v√H for Y and Z. The results are polynomials in the derivatives and in v = √S. At a stop of the path,
+`derivatives[1]` may be any vector in the direction of motion; the velocity is `pace` times this vector.
+
+X is the net force of the road on all tyres. Rolling resistance is a moment on each wheel. If all wheels are driven, the
+drive torque balances this moment without using grip: the drive torque divided by the wheel radius is X + C_rr·Z
+(Gillespie, Fundamentals of Vehicle Dynamics, chapter 4). Then rolling resistance contributes to the power, but not to
+the friction demand.
 """
 
 from functools import cached_property
@@ -18,57 +24,51 @@ from qtraj.algebra.sparse import mul
 
 
 class Contact:
-    """The forces between a vehicle and the road, for invariants of any type of numbers, each computed at its first use.
+    """The forces between a vehicle and the road, for invariants of any numeric type; each is computed at its first use.
 
-    The invariants are S, H, B, P, V and W of `frenet`, v = √S and h = √H, the `pace`, and the numbers of the `vehicle`.
+    The invariants are S, H, B, P, V and W of `frenet`, v = √S, h = √H, the `pace`, and the parameters of the `vehicle`.
     """
 
-    S: Any
-    H: Any
-    B: Any
-    P: Any
-    V: Any
-    W: Any
-    v: Any
-    h: Any
-    pace: Any
-    vehicle: Any
+    def __init__(self, invariants: Any):
+        self.invariants = invariants
 
     def compute(self) -> None:
-        """Compute the forces now: branches that are traced after this share them."""
-        _ = self.along, self.across, self.onto, self.S, self.H, self.v, self.h
+        """Compute the forces now, so that branches that are traced later share them."""
+        i = self.invariants
+        _ = self.along, self.across, self.onto, i.S, i.H, i.v, i.h
 
     @cached_property
     def along(self) -> Any:
-        """X·v/m = r'·f + k v³: the specific power of the force along the path."""
-        p = self.vehicle
-        return self.B + p.gravity * self.V + p.drag * mul(mul(self.pace, self.pace), self.S * self.v)
+        """The specific power X·v/m = r'·f + k v³ of the tangential force."""
+        i = self.invariants
+        return i.B + i.vehicle.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
     @cached_property
     def across(self) -> Any:
-        """Y·v√H/m, to the left."""
-        p = self.vehicle
-        return p.cos * (self.P * self.v) - p.sin * self._upwards
+        """The scaled lateral force Y·v√H/m, positive to the left."""
+        i = self.invariants
+        return i.vehicle.cos * (i.P * i.v) - i.vehicle.sin * self._upwards
 
     @cached_property
     def onto(self) -> Any:
-        """Z·v√H/m: positive where the vehicle presses on the road."""
-        p = self.vehicle
-        return p.cos * self._upwards + p.sin * (self.P * self.v)
+        """The scaled normal force Z·v√H/m, positive if the road pushes the vehicle."""
+        i = self.invariants
+        return i.vehicle.cos * self._upwards + i.vehicle.sin * (i.P * i.v)
 
     @cached_property
     def _upwards(self) -> Any:
-        """f·b times v√H, with b√(SH) = S·up − V·r'."""
-        return self.S * self.W - self.V * self.B + self.vehicle.gravity * self.H
+        """The scaled upward component f·b·v√H, where b√(SH) = S·up − V·r'."""
+        i = self.invariants
+        return i.S * i.W - i.V * i.B + i.vehicle.gravity * i.H
 
 
-def friction_numerator(i: Contact) -> Any:
-    """((X/μ_along)² + (Y/μ_across)²)·SH/m²: the demand by the friction ellipse, times the load."""
-    p, x, y = i.vehicle, i.along, i.across
+def friction_numerator(i: Any) -> Any:
+    """Return ((X/μ_along)² + (Y/μ_across)²)·SH/m², the numerator of the squared friction demand."""
+    p, x, y = i.vehicle, i.contact.along, i.contact.across
     return p.inv_long * (p.inv_long * (x * x * i.H)) + p.inv_lat * (p.inv_lat * (y * y))
 
 
-def power_numerator(i: Contact) -> Any:
-    """(X + C_rr·Z)·v times √H: the power of the drive, against inertia, gravity, drag and rolling resistance."""
+def power_numerator(i: Any) -> Any:
+    """Return (X + C_rr·Z)·v·√H, the drive power against inertia, gravity, drag and rolling resistance, times √H."""
     p = i.vehicle
-    return mul(i.pace, p.mass * (i.along * i.h + p.rolling * i.onto))
+    return mul(i.pace, p.mass * (i.contact.along * i.h + p.rolling * i.contact.onto))

@@ -1,17 +1,17 @@
-"""Maximum distance of one path from another, both as sequences of points."""
+"""Compute the maximum distance of one path from another path; both paths are represented by sequences of points."""
 
 import numpy as np
 from jaxtyping import Float
 
 MAX_POINTS = 1000
-"""Of a larger number of points, this many evenly spaced ones are used."""
+"""Maximum number of points that are compared; from a longer sequence, points at equal steps are selected."""
 
 MAX_PAIRS = 1_000_000
-"""Maximum number of point–segment pairs that are processed together, to limit memory."""
+"""Maximum number of pairs of a point and a segment that are processed together, to limit memory."""
 
 
 def max_deviation(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:
-    """The largest distance [m] of the `points` from the polyline `line`; NaN if one is not finite."""
+    """Return the largest distance [m] of the `points` from the polyline `line`; NaN if a coordinate is not finite."""
     chosen = points[np.unique(np.linspace(0, len(points) - 1, min(len(points), MAX_POINTS)).round().astype(int))]
     parts = np.array_split(chosen, -(-len(chosen) * len(line) // MAX_PAIRS))
     return float(np.max(np.concatenate([_distances(part, line) for part in parts])))

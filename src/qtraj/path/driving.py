@@ -1,14 +1,13 @@
-"""The frame of a vehicle on a route: upright, constant at a stop, and opposite to the velocity in reverse.
+"""Define the upright frame of a vehicle on a route with stops and reversals.
 
-A path has no tangent where its speed is zero, and the tangent changes its sign where a vehicle starts to reverse. So
-below a speed threshold, heading and pitch are polynomials: from their values and rates before the stop to constants,
-and from these constants to their values and rates after the stop. If the direction of the path changes by more than 90°
-over the stop, the vehicle drives in reverse, and its forward axis is opposite to the tangent.
+A path has no tangent at zero speed, and the tangent changes its sign when the vehicle starts to reverse. Therefore a
+stop is an interval in which the speed is at most a threshold, and during a stop heading and pitch are polynomials in
+time. The polynomials lead from the values and rates before the stop to constants, and from the constants to the values
+and rates after the stop. If the direction of the velocity changes by more than 90° over the stop, the vehicle changes
+between forward motion and reverse. In reverse, the forward axis is opposite to the tangent.
 """
 
 import dataclasses
-from itertools import pairwise
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,38 +16,35 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import evaluate
-from qtraj.foundation.arrays import as_float, real_scalar, real_vector
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
-from qtraj.path import pieces
+from qtraj.path import headings, pieces
 from qtraj.path.frame_axes import UPRIGHT
+from qtraj.path.headings import level
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
 from qtraj.path.trihedral import AbstractFrame, Natural, Trihedral, Upright
-
-STOP_SPEED = 0.01
-"""Default threshold of a stop, relative to the largest speed."""
+from qtraj.path.vehicle import Vehicle
 
 ZERO_SPEED = 1e-9
-"""Relative to the largest speed: below it, rounding errors determine the direction of the velocity."""
-
-SETTLING = 1.0
-"""[s] At a long stop, heading and pitch come to rest within this time, and move again this long before its end."""
+"""Speed, divided by the largest speed, below which rounding errors determine the direction of the velocity."""
 
 
 @storable
 class Driving(AbstractFrame):
-    """The upright frame of a vehicle on a route with stops and reversals; made by `Driving.along(route)`.
+    """The upright frame of a vehicle on a route with stops and reversals, created by `Driving.along(route)`.
 
-    It equals `Upright` while the vehicle moves forwards; in reverse, x is opposite to the velocity. At a stop, heading
-    and pitch continue from the last direction to the next one, with continuous first and second derivatives, and
-    `defined` is true, although the path has no tangent.
+    The frame equals `Upright` while the vehicle moves forwards. In reverse, x is opposite to the velocity. At a stop,
+    heading and pitch change from the last direction to the next direction with continuous first and second derivatives,
+    and `defined` is true, although the path has no tangent.
 
-    Each row is an interval of time: `starts` (rows,) [s] are the start times; `signs` (rows,) are 1 forwards, −1 in
-    reverse and 0 at a stop; `angles` (rows, 2, 6) are, at a stop, the ascending coefficients of heading and pitch [rad]
-    in the time since the start of the row. Rows are padded with infinite start times.
+    Each row of the arrays is a time interval. `starts` (rows,) [s] are the start times. `signs` (rows,) are 1 for
+    forward motion, −1 for reverse and 0 for a stop. `angles` (rows, 2, 6) contain, for a stop, the ascending
+    coefficients of heading and pitch [rad] as polynomials in the time since the start of the row. Rows with infinite
+    start times are padding. `up` (3,) is the vertical in world axes.
     """
 
     starts: Float[Array, " rows"]
@@ -71,38 +67,37 @@ class Driving(AbstractFrame):
 
     @property
     def name(self) -> str:
-        """'upright', since the axes are those of the upright frame."""
+        """The name 'upright', because the axes are the axes of the upright frame."""
         return UPRIGHT
 
     @classmethod
     def along(cls, route: Route, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None) -> "Driving":
-        """The frame of a vehicle that drives along `route`, initially forwards.
+        """Create the frame of a vehicle that drives along `route`, initially forwards.
 
-        `hold_below` [m/s]: the speed below which the heading is held; by default 1 % of the largest speed.
+        `hold_below` [m/s] is the speed threshold of a stop, by default 1 % of the largest speed.
 
-        **Raises:** ValueError unless `route` is one concrete `Route`, `up` is not zero, and `hold_below` is positive.
+        **Raises:** ValueError if `route` is not a single `Route` with concrete values, `up` is zero, or `hold_below` is
+        not positive and finite.
         """
         segments = segments_of(route)
-        threshold = STOP_SPEED * fastest(segments)
+        threshold = None
         if hold_below is not None:
             threshold = float(np.asarray(real_scalar(hold_below, "hold_below")))
             if not 0 < threshold < np.inf:
                 raise ValueError(f"hold_below must be positive [m/s], but {threshold} was given")
         upright = Upright(up)
-        basis = _basis(np.asarray(upright.unit_up(route.duration.dtype), float))
-        end = float(segments.starts[-1] + segments.durations[-1])
-        rows = _rows(segments, stops(segments, threshold), end, basis)
-        n_padding = pieces.padded_size(len(rows)) - len(rows)
-        starts = [row.start for row in rows] + [np.inf] * n_padding
-        signs = [row.sign for row in rows] + [0.0] * n_padding
-        return cls(starts, signs, np.stack([row.angles for row in rows] + [np.zeros((2, 6))] * n_padding), upright.up)
+        rows = headings.along(segments, np.asarray(upright.up, float), threshold)
+        n_padding = pieces.padded_size(len(rows.starts)) - len(rows.starts)
+        starts = np.append(rows.starts, np.full(n_padding, np.inf))
+        signs = np.append(rows.signs, np.zeros(n_padding))
+        return cls(starts, signs, np.concatenate([rows.angles, np.zeros((n_padding, 2, 6))]), upright.up)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The upright trihedral from position and four derivatives."""
+        """Return the trihedral of `Upright` from `r`, the position and its first four time derivatives."""
         return Upright(self.up).trihedral(r, duration)
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at one instant `t` [s]: upright, opposite to the tangent in reverse, held at a stop."""
+        """Return the trihedral at `t` [s]; x is opposite to the tangent in reverse, and follows `angles` at a stop."""
         i = jnp.maximum(jnp.searchsorted(self.starts, t.astype(self.starts.dtype), side="right") - 1, 0)
         sign = self.signs[i].astype(r.dtype)
         held = self._held(t.astype(r.dtype), self.starts[i].astype(r.dtype), self.angles[i].astype(r.dtype))
@@ -111,14 +106,17 @@ class Driving(AbstractFrame):
         return dataclasses.replace(frame, speed=path.speed, curvature=path.curvature, torsion=path.torsion)
 
     def _held(self, t: Scalar, start: Scalar, angles: Float[Array, "2 6"]) -> Float[Array, "5 3"]:
-        """Derivatives of a path that moves at unit speed in the held direction."""
+        """Return the derivatives of a fictitious motion at unit speed with heading and pitch `angles`.
+
+        `angles` contains the coefficients of two polynomials in the time since `start`.
+        """
         up = Upright(self.up).unit_up(t.dtype)
-        level = _level(up)
+        reference = level(up)
         elapsed = jnp.where(jnp.isfinite(start), t - start, 0.0)
 
         def forward(s: Scalar) -> Vec3:
             heading, pitch = evaluate(angles[0], s), evaluate(angles[1], s)
-            horizontal = jnp.cos(heading) * level + jnp.sin(heading) * jnp.cross(up, level)
+            horizontal = jnp.cos(heading) * reference + jnp.sin(heading) * jnp.cross(up, reference)
             return jnp.cos(pitch) * horizontal + jnp.sin(pitch) * up
 
         with_rate = lambda s: jax.jvp(forward, (s,), (jnp.ones_like(s),))  # noqa: E731
@@ -128,9 +126,9 @@ class Driving(AbstractFrame):
 
 
 def default_frame(path: AbstractHodograph) -> AbstractFrame:
-    """The default frame of a path: `Driving` for a route that stops, `Upright` for other routes, else `Natural`.
+    """Return `Driving` for a route with stops, `Upright` for any other route, and `Natural` for any other path.
 
-    For traced routes and batches of routes it is always `Upright`.
+    For a traced route or a batch of routes, the result is always `Upright`.
     """
     if not isinstance(path, Route):
         return Natural()
@@ -141,12 +139,12 @@ def default_frame(path: AbstractHodograph) -> AbstractFrame:
 
 
 def _is_single_concrete(route: Route) -> bool:
-    """Whether this is one route, not a batch, outside a trace."""
+    """Return whether `route` is one route, not a batch, with concrete values."""
     return route.duration.ndim == 0 and not any(isinstance(x, Tracer) for x in jax.tree.leaves(route))
 
 
 def require_moving(path: AbstractHodograph) -> None:
-    """Raise a ValueError for a concrete route that stops, where it has no tangent."""
+    """Raise a ValueError if `path` is a concrete route that stops, because it has no tangent at the stop."""
     if not isinstance(path, Route) or not _is_single_concrete(path):
         return
     segments = segments_of(path)
@@ -158,110 +156,32 @@ def require_moving(path: AbstractHodograph) -> None:
         )
 
 
-def segments_of(route: Route) -> Segments:
-    """The segments of one route in float64, without the padding.
+def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> None:
+    """Raise a ValueError for a concrete route that reverses, if the bank angle of `vehicle` is not zero.
 
-    **Raises:** ValueError for another kind of path, a batch of routes, or inside a trace.
+    In reverse the same road has the opposite bank angle, because this angle is relative to the direction of motion.
+    """
+    bank = None if vehicle is None else concrete(vehicle.bank)
+    if bank is None or not np.any(bank) or not isinstance(path, Route) or not _is_single_concrete(path):
+        return
+    frame = Driving.along(path)
+    reverse = np.flatnonzero(np.asarray(frame.signs) < 0)
+    if reverse.size:
+        raise ValueError(
+            f"the route reverses at t = {float(frame.starts[reverse[0]]):.4g} s, but the bank angle of the road, "
+            f"{np.asarray(bank).tolist()} rad, is relative to the direction of motion and would change sign there. "
+            "Use route.window(t0, t1) for each direction, with the opposite bank in reverse, or a vehicle with bank=0."
+        )
+
+
+def segments_of(route: Route) -> Segments:
+    """Return the segments of one route in float64, without padding.
+
+    **Raises:** ValueError for any other path, or a batch of routes.
     """
     if not isinstance(route, Route) or route.duration.ndim:
-        kind = "a batch of routes" if isinstance(route, Route) else type(route).__name__
+        kind = "a batch of routes" if isinstance(route, Route) else f"a {type(route).__name__}"
         raise ValueError(f"one Route was expected, but {kind} was given")
     count = route.segments
     starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
     return Segments(starts, c, np.diff(np.asarray(route.times, float)))
-
-
-class _Row(NamedTuple):
-    """One interval of the frame, as in `Driving`."""
-
-    start: float
-    sign: float
-    angles: np.ndarray
-
-
-def _rows(segments: Segments, intervals: list[tuple[float, float]], end: float, basis: np.ndarray) -> list[_Row]:
-    """The rows of a frame with stops in these `intervals`."""
-    zero, sign = np.zeros((2, 6)), 1.0
-    rows = [] if intervals and intervals[0][0] <= 0 else [_Row(0.0, sign, zero)]
-    for a, b in intervals:
-        before = None if a <= 0 else _angles(segments, a, "left", sign, basis)
-        after = None if b >= end else _angles(segments, b, "right", sign, basis)
-        if before is not None and after is not None:
-            change = _wrapped(after[0, 0] - before[0, 0])
-            if abs(change) > np.pi / 2:
-                sign = -sign
-                after = _angles(segments, b, "right", sign, basis)
-                change = _wrapped(after[0, 0] - before[0, 0])
-            after[0, 0] = before[0, 0] + change
-        rows += _held_rows(a, b, before, after)
-        if after is not None:
-            rows.append(_Row(b, sign, zero))
-    return rows
-
-
-def _wrapped(angle: float) -> float:
-    """An angle in [−π, π)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray | None) -> list[_Row]:
-    """Rows of a stop from `a` to `b`: quintics in heading and pitch to rest, constants, and quintics from rest."""
-    if before is None and after is None:
-        return [_Row(a, 0.0, np.zeros((2, 6)))]
-    settling = min((b - a) / 3, SETTLING)
-    first = None if before is None else _at_rest(before, 0.5 * settling)
-    last = first if after is None else _at_rest(after, -0.5 * settling)
-    first = last if first is None else first
-    states = [(a, first), (b, first)] if after is None else [(a, first), (b - settling, last), (b, after)]
-    if before is not None:
-        states = [(a, before), (a + settling, first), *states[1:]]
-    return [
-        _Row(t0, 0.0, _quintic(t1 - t0, p, q))
-        for (t0, p), (t1, q) in pairwise(states)
-        if p is not None and q is not None
-    ]
-
-
-def _at_rest(angles: np.ndarray, time: float) -> np.ndarray:
-    """Angles at rest after their rates have decreased linearly to zero over 2·`time`, backwards if it is negative."""
-    zero = np.zeros_like(angles[:, 0])
-    return np.stack([angles[:, 0] + time * angles[:, 1], zero, zero], axis=1)
-
-
-def _quintic(h: float, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Coefficients (2, 6) of angles over a time `h` [s], from values and two derivatives (2, 3) at both ends."""
-    states = np.stack([before.T, after.T])
-    return pieces.hermite(np.array([h]), states)[0].T
-
-
-def _angles(segments: Segments, t: float, side: str, sign: float, basis: np.ndarray) -> np.ndarray:
-    """Heading and pitch of sign·velocity at a time, with two derivatives, (2, 3)."""
-    _, v, a, j = (sign * basis @ row[0] for row in segments.rows(np.array([t]), 3, side))
-    level_sq, speed_sq = v[0] ** 2 + v[1] ** 2, v @ v
-    if level_sq == 0:
-        pitch = np.pi / 2 * np.sign(v[2])
-        return np.array([[0.0, 0.0, 0.0], [pitch, 0.0, 0.0]])
-    yaw_rate = (v[0] * a[1] - v[1] * a[0]) / level_sq
-    yaw_acceleration = (v[0] * j[1] - v[1] * j[0] - 2 * yaw_rate * (v[0] * a[0] + v[1] * a[1])) / level_sq
-    level = np.sqrt(level_sq)  # the horizontal speed and its two derivatives
-    level1 = (v[0] * a[0] + v[1] * a[1]) / level
-    level2 = (a[0] ** 2 + a[1] ** 2 + v[0] * j[0] + v[1] * j[1] - level1**2) / level
-    pitch_rate = (level * a[2] - v[2] * level1) / speed_sq
-    pitch_acceleration = (level * j[2] - v[2] * level2 - 2 * pitch_rate * (v @ a)) / speed_sq
-    heading, pitch = np.arctan2(v[1], v[0]), np.arctan2(v[2], level)
-    return np.array([[heading, yaw_rate, yaw_acceleration], [pitch, pitch_rate, pitch_acceleration]])
-
-
-def _basis(up: np.ndarray) -> np.ndarray:
-    """Rows: the horizontal direction of heading zero, the direction to its left, and up."""
-    level = np.asarray(_level(jnp.asarray(up)))
-    return np.stack([level, np.cross(up, level), up])
-
-
-def _level(up: Vec3) -> Vec3:
-    """The horizontal direction of heading zero: the x axis projected, or the y axis if x is nearly vertical."""
-    reference = jnp.where(
-        jnp.abs(up[0]) > 0.9, jnp.asarray([0.0, 1.0, 0.0], up.dtype), jnp.asarray([1.0, 0, 0], up.dtype)
-    )
-    level = reference - up * (up @ reference)
-    return level / jnp.sqrt(level @ level)

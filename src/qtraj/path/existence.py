@@ -1,4 +1,4 @@
-"""Check that a frame exists on the whole path."""
+"""Check at sampled instants whether a frame exists on a path."""
 
 import equinox as eqx
 import jax
@@ -16,14 +16,17 @@ MISSING = {
     THRUST_ALIGNED: "zero speed, free fall, or thrust along the velocity or the heading",
     MINIMIZING: "zero speed",
 }
-"""Where each frame does not exist, by the name of the frame."""
+"""The conditions under which a frame does not exist, by the name of the frame."""
 
 SAMPLES = 257
-"""Equally spaced instants at which a frame must exist."""
+"""Number of equally spaced instants at which a frame must exist."""
 
 
 def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int = SAMPLES) -> float | None:
-    """The first of equally spaced instants [s] at which a frame does not exist; None if it exists at all of them."""
+    """Return the first of `samples` equally spaced instants [s] at which a frame does not exist.
+
+    If the frame exists at all of them, return None.
+    """
     times = jnp.linspace(0.0, path.duration, samples)
     defined = np.asarray(_defined(path, frame, times))
     return None if defined.all() else float(times[int(np.argmin(defined))])

@@ -1,8 +1,8 @@
-"""Names of the axes of a path's frames, for labelled data, tables, figures and reports.
+"""Names of the axes of frames along a path, for labelled data, tables, figures and reports.
 
-The natural trihedral has a tangent, a principal normal and a binormal (τ, n, b). The axes of the upright frame point
-forward, left and up, those of the thrust-aligned frame forward, left and along the thrust (docs/conventions.md). All
-displayed labels come from this module.
+The natural trihedral consists of tangent, principal normal and binormal (τ, n, b). The axes of the upright frame point
+forward, left and up. The axes of the thrust-aligned frame point forward, left and along the thrust
+(docs/conventions.md). All displayed labels of frame axes are defined in this module.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class FrameAxes(NamedTuple):
     convention: str
 
     def titles(self) -> Three:
-        """Symbol and name of each axis, such as "τ (tangent)", or only the name if both are equal."""
+        """Return the symbol and name of each axis, such as "τ (tangent)", or only the name if both are equal."""
         x, y, z = (
             name if symbol == name else f"{symbol} ({name})"
             for symbol, name in zip(self.symbols, self.names, strict=True)
@@ -50,19 +50,19 @@ AXES = {
     ),
     "trihedral": FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = normal, z = binormal"),
 }
-"""The axes by the name of the frame. "trihedral" is for a trihedral whose frame is unknown."""
+"""Axes by the name of the frame; "trihedral" is for a trihedral whose frame is unknown."""
 
 OTHER = FrameAxes(_LETTERS, _LETTERS, "x, y, z are the axes of the frame")
-"""The axes of a user-defined frame."""
+"""Axes of a user-defined frame."""
 
 
 def axes_of(frame: str) -> FrameAxes:
-    """The axes of the frame with this name."""
+    """Return the axes of the frame with this name."""
     return AXES.get(frame, OTHER)
 
 
 def labels_of(frame: str) -> dict[str, list[str]]:
-    """The labels of the component axes, for the frame with this name."""
+    """Return the labels of the component axes, for the frame with this name."""
     return {
         "world": record.LABELS["world"],
         "body": list(axes_of(frame).names),
@@ -71,7 +71,7 @@ def labels_of(frame: str) -> dict[str, list[str]]:
 
 
 def framed(frame: str) -> dict[str, str]:
-    """The attributes of a dataset with attitudes and rates of this `frame`."""
+    """Return the attributes of a dataset that contains attitudes and rates of this `frame`."""
     return {
         "frame": frame,
         "frame_convention": f"right-handed; body axes {axes_of(frame).convention}",

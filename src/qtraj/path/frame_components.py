@@ -1,8 +1,8 @@
-"""The natural and the upright frame in components: the axes τ, n, b, the rates, and whether the frame exists.
+"""Compute the natural and the upright frame in components: axes τ, n, b, rates, and whether the frame exists.
 
-The formulas are defined only here, for one instant or many: components are arrays of any shape. They avoid square
-roots, divisions and branches, because the compiler for CPUs would split the loop over the instants at each of them.
-Where a frame does not exist, `defined` is false, but all values and derivatives are finite.
+The formulas are defined only in this module, for one instant or many; components are arrays of any shape. The formulas
+contain no square roots, divisions or branches, because XLA's compiler for CPUs would split the loop over the instants
+at each of them. Where a frame does not exist, `defined` is false, but all values and derivatives are finite.
 """
 
 from typing import Any, NamedTuple
@@ -20,14 +20,14 @@ from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_fr
 Quaternion = tuple[Array, Array, Array, Array]
 
 STEEP = 0.75
-"""If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
+"""Squared vertical component of a unit tangent above which fallback axes refer to world x instead of world z."""
 
 FORWARD, UP = (1, 0, 0), (0, 0, 1)
-"""World axes; products with the integers 0 and 1 need no operations (`algebra.sparse`)."""
+"""World axes; products with the integers 0 and 1 generate no operations (`algebra.sparse`)."""
 
 
 class FrameComponents(NamedTuple):
-    """A frame on a path: its axes in the path's moving basis, its rate and acceleration in its own axes."""
+    """A frame on a path: `axes` in the moving basis of the path, and angular rate and acceleration in these axes."""
 
     axes: tuple[Triple, Triple, Triple]
     rate: Triple
@@ -36,9 +36,9 @@ class FrameComponents(NamedTuple):
 
 
 class Basis:
-    """The moving basis of a path: R_z(angle) in the axes of a placement, or the world axes.
+    """The moving basis of a path: the axes of a placement, or the world axes, rotated by an angle about z.
 
-    The leading axes of the arrays of the placement are those of the angle, or have length 1.
+    The leading dimensions of the placement's arrays equal the dimensions of the angle, or are 1 (broadcasting).
     """
 
     def __init__(self, angle: Array | None = None, placement: Placement | None = None):
@@ -56,33 +56,33 @@ class Basis:
             self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
 
     def world(self, v: Triple) -> Triple:
-        """World components of a free vector."""
+        """Convert a free vector from the moving basis to world components."""
         if self.rotating:
             v = rotated_z(v, self.cos, self.sin)
         return (dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)) if self.placed else v
 
     def local(self, v: Triple) -> Triple:
-        """Components in the moving basis of a free vector in world axes."""
+        """Convert a free vector from world components to the moving basis."""
         if self.placed:
             v = dot(self.columns[0], v), dot(self.columns[1], v), dot(self.columns[2], v)
         return rotated_z(v, self.cos, -self.sin) if self.rotating else v
 
     def world_quaternion(self, q: Quaternion) -> Quaternion:
-        """The quaternion from a frame to world axes, from `q`, the quaternion from this frame to the moving basis."""
+        """Return the quaternion from a frame to world axes; `q` maps from this frame to the moving basis."""
         if self.rotating:
             cos, sin = self.half
             q = hamilton.product((cos, 0, 0, sin), q)
         return hamilton.product(self.orientation, q) if self.placed else q
 
-    def invariants(self, rows: list[Triple], vehicle: Any = None) -> Invariants:
-        """The invariants of derivatives in this basis, with world z as the vertical; `vehicle` are road parameters."""
-        return Invariants(rows, self.local(UP) if self.placed else None, vehicle, root)
+    def invariants(self, rows: list[Triple]) -> Invariants:
+        """Return the invariants of the derivatives `rows`, which are in this basis; the vertical is world z."""
+        return Invariants(rows, self.local(UP) if self.placed else None, root=root)
 
 
 def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
-    """The natural trihedral (paper S with corrected errata) of a path with these invariants and this duration [s]."""
+    """Return the natural trihedral (paper S with corrected errata) of a path with invariants `i` and `duration` [s]."""
     exists = has_natural_frame(i, duration)
-    # Where the trihedral does not exist, 1/v and 1/|c| are set to 0, so all products with them are 0.
+    # Where the trihedral does not exist, 1/v and 1/|c| are replaced by 0, so that all products with them are 0.
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
     rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
@@ -92,7 +92,7 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
 
 
 def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameComponents:
-    """The upright frame of a path with these invariants; `up` is the unit vertical in world axes."""
+    """Return the upright frame of a path with invariants `i`; `up` is the unit vertical in world axes."""
     up = basis.local(up)
     i = Invariants(i.r, up)
     exists = has_upright_frame(i, duration)
@@ -101,36 +101,38 @@ def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameCo
 
 
 def curvature(i: Invariants, duration: Array) -> Array:
-    """κ [1/m]; 0 where the path stops."""
+    """Return the curvature κ [1/m]; 0 where the speed is zero."""
     return root(i.N) * inverse_root(i.S, has_tangent(i, duration)) ** 3
 
 
 def torsion(i: Invariants, duration: Array) -> Array:
-    """χ [1/m]; 0 where the path is straight or stops."""
+    """Return the torsion χ [1/m]; 0 where the path is straight or the speed is zero."""
     return i.T * inverse_root(i.N, has_natural_frame(i, duration)) ** 2
 
 
 def triple(v: Array) -> Triple:
-    """The components of vectors (…, 3)."""
+    """Return the components of vectors (..., 3) as a triple."""
     return v[..., 0], v[..., 1], v[..., 2]
 
 
 def filled(row: Triple, zero: Array) -> Triple:
-    """The row with `zero` in place of the integer 0."""
+    """Replace the integer 0 in a triple by the array `zero`."""
     return tuple(zero if isinstance(x, int) else x for x in row)  # type: ignore[return-value]
 
 
 def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple, Triple, Triple]:
-    """τ, n along `across` × τ, and b = τ × n.
+    """Return τ, n in the direction of `across` × τ, and b = τ × n.
 
-    Where `exists` is false, b is the normal of τ closest to world z, or to world x if τ is steep.
+    Where the speed is zero, τ is world x. Where `exists` is false, b is the direction closest to world z that is
+    perpendicular to τ; if τ is steep, b is the direction closest to world x.
     """
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
     stopped = _vanishes(S)
     tangent = select(stopped, forward, scaled(r1, inverse_root(S, ~stopped)))
     reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
     x, y, z = scaled(tangent, dot(reference, tangent))
-    # With n from `across` × τ and then b = τ × n the axes are orthonormal to rounding, even if `across` is inaccurate.
+    # Computing n from `across` × τ and then b = τ × n makes the axes orthonormal to within rounding error, for any
+    # `across` that is not parallel to τ.
     direction = cross(select(exists, across, (reference[0] - x, reference[1] - y, reference[2] - z)), tangent)
     normal = scaled(direction, inverse_root(dot(direction, direction)))
     return tangent, normal, cross(tangent, normal)

@@ -1,8 +1,8 @@
-"""Frenet formulas: scalar products of a path's derivatives, and the rates of its frames.
+"""Frenet formulas: scalar products of the derivatives of a path, and the rates of its frames.
 
-These formulas are defined only here. They work for every type of vector that `components.dot` and `components.cross`
-accept: vectors (3,), triples of arrays over many instants, polynomials. The derivatives may be in any orthonormal
-basis; formulas with the vertical take it as `up`, or use the third axis.
+These formulas are defined only in this module. They apply to every type of vector that `components.dot` and
+`components.cross` accept: vectors (3,), triples of arrays over many instants, and polynomials. The derivatives may be
+given in any orthonormal basis. Formulas with the vertical use `up`, or the third axis by default.
 """
 
 from collections.abc import Callable
@@ -16,16 +16,16 @@ from qtraj.path.contact import Contact
 
 
 def safe_root(x: Any) -> Any:
-    """√x, with derivative 0 where x is 0."""
+    """Return √x, with derivative 0 where x is 0."""
     zero = x <= 0
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
 
 
-class Invariants(Contact):
+class Invariants:
     """Scalar products of r', r'', r''' and r'''' (paper S), each computed at its first use.
 
-    With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. With the vertical: V is the climb
-    rate, H the square of the horizontal speed, P = c·up.
+    With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. The formulas with the vertical
+    contain the climb rate V, the squared horizontal speed H, and P = c·up.
     """
 
     def __init__(
@@ -36,10 +36,11 @@ class Invariants(Contact):
         root: Callable[[Any], Any] = safe_root,
         pace: Any = 1,
     ):
-        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis.
+        """Store the derivatives: `derivatives[k]` is the k-th, k ≥ 1; `up` is the vertical, by default the third axis.
 
-        `vehicle` are the `RoadParameters` for quantities that need them, and `root` is the square root of numbers. If
-        `derivatives[1]` has only the direction of the velocity, `pace` is the velocity over it.
+        `vehicle` are the `RoadParameters` for quantities that need them, and `root` computes the square root of
+        numbers. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
+        `derivatives[1]`.
         """
         self.r = derivatives
         self.up = up
@@ -58,124 +59,144 @@ class Invariants(Contact):
         return self.root(self.H)
 
     @cached_property
+    def contact(self) -> Contact:
+        """The forces between the vehicle and the road."""
+        return Contact(self)
+
+    @cached_property
     def c(self) -> Any:
-        """r'×r''."""
+        """The cross product r'×r''."""
         return cross(self.r[1], self.r[2])
 
     @cached_property
     def c1(self) -> Any:
-        """c' = r'×r'''."""
+        """The cross product c' = r'×r'''."""
         return cross(self.r[1], self.r[3])
 
     @cached_property
     def S(self) -> Any:
-        """r'·r'."""
+        """The squared speed r'·r'."""
         return dot(self.r[1], self.r[1])
 
     @cached_property
     def A(self) -> Any:
-        """r''·r''."""
+        """The squared acceleration r''·r''."""
         return dot(self.r[2], self.r[2])
 
     @cached_property
     def J(self) -> Any:
-        """r'''·r'''."""
+        """The squared jerk r'''·r'''."""
         return dot(self.r[3], self.r[3])
 
     @cached_property
     def B(self) -> Any:
-        """r'·r'', half the derivative of S."""
+        """The scalar product r'·r'', half the derivative of S."""
         return dot(self.r[1], self.r[2])
 
     @cached_property
     def C(self) -> Any:
-        """r'·r''', the derivative of B minus A."""
+        """The scalar product r'·r''', which equals B' − A."""
         return dot(self.r[1], self.r[3])
 
     @cached_property
     def N(self) -> Any:
-        """c·c."""
+        """The squared norm c·c of the cross product."""
         return dot(self.c, self.c)
 
     @cached_property
     def T(self) -> Any:
-        """c·r'''."""
+        """The triple product c·r'''."""
         return dot(self.c, self.r[3])
 
     @cached_property
     def E(self) -> Any:
-        """c·c', half the derivative of N."""
+        """The scalar product c·c', half the derivative of N."""
         return dot(self.c, self.c1)
 
     @cached_property
     def D(self) -> Any:
-        """c·r'''', the derivative of T."""
+        """The scalar product c·r'''', the derivative of T."""
         return dot(self.c, self.r[4])
 
     @cached_property
     def V(self) -> Any:
-        """r'·up."""
+        """The climb rate r'·up."""
         return self._vertical(self.r[1])
 
     @cached_property
     def W(self) -> Any:
-        """r''·up, the derivative of V."""
+        """The vertical acceleration r''·up, the derivative of V."""
         return self._vertical(self.r[2])
 
     @cached_property
     def X(self) -> Any:
-        """r'''·up, the derivative of W."""
+        """The vertical jerk r'''·up, the derivative of W."""
         return self._vertical(self.r[3])
 
     @cached_property
     def H(self) -> Any:
-        """The square of the horizontal part of r'."""
+        """The squared norm of the horizontal component of r'."""
         level = self._level(self.r[1])
         return dot(level, level)
 
     @cached_property
     def G(self) -> Any:
-        """The scalar product of the horizontal parts of r' and r'', half the derivative of H."""
+        """The scalar product of the horizontal components of r' and r'', half the derivative of H."""
         return dot(self._level(self.r[1]), self._level(self.r[2]))
 
     @cached_property
     def P(self) -> Any:
-        """c·up."""
+        """The vertical component c·up of the cross product."""
         return self._vertical(self.c)
 
     @cached_property
     def P1(self) -> Any:
-        """c'·up, the derivative of P."""
+        """The vertical component c'·up, the derivative of P."""
         return self._vertical(self.c1)
 
     def _vertical(self, v: Any) -> Any:
         return v[2] if self.up is None else dot(v, self.up)
 
     def _level(self, v: Any) -> Any:
-        """A vector with the same scalar products as the horizontal part of v."""
+        """Return a vector with the same scalar products as the horizontal component of v."""
         return v[:2] if self.up is None else cross(v, self.up)
 
 
 def natural_rate(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """The nonzero components, along τ and b, of ω⁰ = (vχ, 0, vκ) [rad/s], with vκ = |c|/v².
+    """Return the nonzero components, along τ and b, of ω⁰ = (vχ, 0, vκ) [rad/s], with vκ = |c|/v².
 
-    `inv_speed` = 1/v, `inv_cross_norm` = 1/|c| and `torsion` χ = T/N. Where one of them is undefined, pass any finite
-    number: results and derivatives are then finite.
+    `inv_speed` is 1/v, `inv_cross_norm` is 1/|c|, and `torsion` is χ = T/N. Where one of these values is undefined,
+    pass any finite number to obtain finite results and derivatives.
     """
     return i.S * inv_speed * torsion, i.N * inv_cross_norm * inv_speed**2
 
 
 def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """The nonzero components, along τ and b, of ε⁰ = dω⁰/dt [rad/s²] (paper S, errata corrected)."""
-    inv_N, inv_S = inv_cross_norm**2, inv_speed**2
+    """Return the nonzero components, along τ and b, of ε⁰ = dω⁰/dt [rad/s²] (paper S, errata corrected)."""
+    inv_N = inv_cross_norm**2
     torsion_rate = i.D * inv_N - 2 * i.T * i.E * inv_N**2
-    speed, cross_norm = i.S * inv_speed, i.N * inv_cross_norm
-    along = i.B * inv_speed * torsion + speed * torsion_rate
-    return along, i.E * inv_cross_norm * inv_S - 2 * cross_norm * i.B * inv_S**2
+    along = i.B * inv_speed * torsion + i.S * inv_speed * torsion_rate
+    return along, binormal_acceleration(i, inv_speed, inv_cross_norm)
+
+
+def binormal_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any) -> Any:
+    """Return the component of ε⁰ along b [rad/s²], which depends on the first three derivatives of the path."""
+    inv_S = inv_speed**2
+    return i.E * inv_cross_norm * inv_S - 2 * (i.N * inv_cross_norm) * i.B * inv_S**2
+
+
+def tangential_numerator(i: Any) -> Any:
+    """Return the component of `natural_acceleration` along τ times v N², which is a polynomial."""
+    return i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
+
+
+def binormal_numerator(i: Any) -> Any:
+    """Return the component of `natural_acceleration` along b times |c| S², which is a polynomial."""
+    return i.E * i.S - 2 * (i.N * i.B)
 
 
 def yaw(i: Any, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
-    """ω_z [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis: ω_z = P/(v√H).
+    """Return ω_z = P/(v√H) [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis.
 
     `inv_level` = 1/√H is the inverse of the horizontal speed. For undefined inverses see `natural_rate`.
     """
@@ -184,7 +205,9 @@ def yaw(i: Any, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
 
 
 def upright_rates(i: Any, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]:
-    """ω [rad/s] and ε [rad/s²] of the upright frame in its own axes, with n = up×r'/√H and b = (S·up − V·r')/(v√H).
+    """Return ω [rad/s] and ε [rad/s²] of the upright frame in its own axes τ, n and b.
+
+    The axes are n = up×r'/√H and b = (S·up − V·r')/(v√H).
 
     ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is its derivative.
     """

@@ -1,4 +1,4 @@
-"""Hodographs: smooth curves r(t) that a vehicle follows."""
+"""Define hodographs: smooth curves r(t) that a vehicle follows."""
 
 import abc
 import os
@@ -25,68 +25,72 @@ if TYPE_CHECKING:
 
 
 class AbstractHodograph(eqx.Module):
-    """A smooth curve r(t) on [0, duration]: t in seconds from the path's own start, r in metres, world axes."""
+    """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`."""
 
     duration: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
+        """Return r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
 
     def polynomials(self) -> MovingPolynomials | None:
-        """The path's polynomials in its own moving basis, or None if it has none.
+        """Return the polynomials of the path in its own moving basis, or None if the path is not polynomial.
 
-        With polynomials, limits can be proved to be satisfied, and batched evaluation is fast.
+        For polynomial paths, limits can be proved to be satisfied, and batched evaluation is fast.
         """
         return None
 
     def nodes(self) -> Float[Array, " nodes"] | None:
-        """Increasing times from 0 [s] between which the path is smooth, or None for a path that is smooth everywhere.
+        """Return times [s] in ascending order, from 0, between which the path is smooth, or None.
 
-        Several times at the end may equal the duration.
+        None means that the path is smooth everywhere. At the end of the array, several times may equal the duration.
         """
         return None
 
     def position(self, t: ScalarLike) -> Vec3:
-        """r(t), (3,) [m]."""
+        """Return the position r(t), (3,) [m]."""
         return self.derivatives(t, 0)[0]
 
     def velocity(self, t: ScalarLike) -> Vec3:
-        """ṙ(t), (3,) [m/s]."""
+        """Return the velocity ṙ(t), (3,) [m/s]."""
         return self.derivatives(t, 1)[1]
 
     def acceleration(self, t: ScalarLike) -> Vec3:
-        """r̈(t), (3,) [m/s²]."""
+        """Return the acceleration r̈(t), (3,) [m/s²]."""
         return self.derivatives(t, 2)[2]
 
     def state(self, t: ScalarLike) -> BoundaryState:
-        """Position and velocity at one instant, as a boundary state for another path."""
+        """Return position and velocity at one instant as a boundary state, for example for another path."""
         r = self.derivatives(t, 1)
         return BoundaryState(r[0], r[1])
 
     def length(self) -> Scalar:
-        """Arc length ∫|ṙ|dt over the duration [m], with a relative error of 1e-9 if the speed is smooth, 1e-6 at worst.
+        """Return the arc length ∫|ṙ|dt over the duration [m].
 
-        Uses Gauss–Legendre quadrature on panels that are halved until the relative change is at most 1e-9 (in float32
-        32 machine epsilons), or a million speeds are evaluated. The result is NaN if the change is then still above
-        1e-6. The first estimates use about a thousand instants, so features between them may be missed.
+        The relative error is about 1e-9 if the speed is smooth, and about 1e-6 in the worst case. The method is
+        Gauss–Legendre quadrature on panels that are halved until the relative change is at most 1e-9 (in float32, 32
+        machine epsilons), or a million speeds have been evaluated. If the last change is larger than 1e-6, the result
+        is NaN. The first estimates use about a thousand instants, so details of the speed between these instants may be
+        missed.
         """
         return _length(self)
 
     def plot(self, frame: Any = None, trihedra: int = 6) -> "Figure":
-        """Plot the path in space with `trihedra` at equal time steps, as a matplotlib figure (extra `viz`).
+        """Plot the path in space and trihedra along it, as a matplotlib figure (extra `viz`).
 
-        `frame` is as in `qtraj.evaluate`, by default the natural trihedral. Save the figure with
-        `figure.savefig(file)`; notebooks display it.
+        `trihedra` is the number of trihedra, which are drawn at equal time steps. `frame` is a frame as in
+        `qtraj.evaluate`, by default the natural trihedral. Save the figure with `figure.savefig(file)`; notebooks
+        display the figure.
 
-        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for a stack of paths.
+        **Raises:** ModuleNotFoundError with the extra to install, if matplotlib is missing; ValueError for a batch of
+        paths.
         """
         return draw("path_plot", self, frame, trihedra)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the path exactly to a TOML or JSON file; `qtraj.load` reads it.
+        """Write the path to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
 
-        **Raises:** ValueError for another suffix, or for a path with a user-defined function.
+        **Raises:** ValueError for any other suffix, or if the path contains a user-defined function.
         """
         document.save(self, file)
 
@@ -97,9 +101,10 @@ def _length(path: AbstractHodograph) -> Scalar:
 
 
 class Curve(AbstractHodograph):
-    """A path from any differentiable function t -> (3,), with derivatives by nested forward differentiation.
+    """A path defined by any differentiable function t -> (3,), with derivatives by nested forward differentiation.
 
-    `position` may be a plain function or a callable Module; the arrays of a Module are differentiable.
+    `position` may be a plain function or a callable Module; derivatives with respect to arrays of the Module are
+    supported.
 
     **Raises:** ValueError if `position` is not such a function, or `duration` [s] is not positive.
     """
@@ -120,7 +125,7 @@ class Curve(AbstractHodograph):
         return shown(self, duration="s")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
+        """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
         jet: Jet = lambda t: (jnp.asarray(self.function(t)),)  # noqa: E731
         for _ in range(order):
             jet = _with_next_derivative(jet)
@@ -128,11 +133,11 @@ class Curve(AbstractHodograph):
 
 
 Jet = Callable[[Scalar], tuple[Vec3, ...]]
-"""A function of time with its first derivatives."""
+"""A function of time that returns a value and its first derivatives."""
 
 
 def _with_next_derivative(jet: Jet) -> Jet:
-    """The jet with one more derivative."""
+    """Return a jet with one more derivative than `jet`."""
 
     def extended(t: Scalar) -> tuple[Vec3, ...]:
         values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
@@ -142,7 +147,7 @@ def _with_next_derivative(jet: Jet) -> Jet:
 
 
 def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:
-    """Raise a ValueError if `function` is not a JAX function from one instant to three components."""
+    """Raise a ValueError if `function` is not a JAX function of one instant that returns three components."""
     advice = "write it with jax.numpy, as a function of one instant that returns an array of shape (3,)"
     try:
         shape = jax.eval_shape(function, jax.ShapeDtypeStruct((), duration.dtype)).shape

@@ -1,8 +1,8 @@
-"""Paths with polynomial components in a basis that rotates about its third axis.
+"""Represent paths by polynomial components in a basis that rotates about its third axis.
 
-r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, all four polynomials in t: a spiral-helix is (ρ, 0, h)
-with the angle φ, and a polynomial path in world axes has φ = 0. In this basis every derivative is a polynomial, so
-proofs, tuning and batched evaluation need no trigonometry.
+r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, where x, y, z and φ are polynomials in t. A spiral-helix
+has the components (ρ, 0, h) and the angle φ; a polynomial path in world axes has φ = 0. In this basis the components of
+every derivative are polynomials, so proofs, tuning and batched evaluation need no trigonometric functions.
 """
 
 import math
@@ -19,11 +19,11 @@ from qtraj.path.components import Triple
 from qtraj.path.placement import Placement
 
 Series = Sequence[Any]
-"""Taylor coefficients (k-th derivative / k!), orders 0 … n−1; the integer 0 for one that is identically zero."""
+"""Taylor coefficients (k-th derivative / k!) of orders 0 … n−1; identically zero coefficients are the integer 0."""
 
 
 class MovingPolynomials(eqx.Module):
-    """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None if it is zero."""
+    """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None if y is always 0."""
 
     x: Float[Array, "*batch _"]
     y: Float[Array, "*batch _"] | None
@@ -32,21 +32,22 @@ class MovingPolynomials(eqx.Module):
     placement: Placement | None = None
 
     def series(self, t: ScalarLike, order: int) -> tuple[Series, Series, Series, Series]:
-        """Taylor coefficients of x, y, z and φ at one instant."""
+        """Return the Taylor coefficients of x, y, z and φ at one instant, orders 0 … `order`."""
         x, z, angle = (polynomial.split_taylor(c, t, order) for c in (self.x, self.z, self.angle))
         y = [0] * (order + 1) if self.y is None else polynomial.split_taylor(self.y, t, order)
         return x, y, z, angle
 
     def components(self, t: ScalarLike, order: int) -> list[Triple]:
-        """Derivatives of r at one instant in the moving basis, orders 0 … `order`, each a triple."""
+        """Return the derivatives of r at one instant in the moving basis, orders 0 … `order`, each a triple."""
         return in_moving_basis(*self.series(t, order))
 
 
 def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
-    """Derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, each a triple.
+    """Return the derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, each a triple.
 
-    In the plane r = (x + iy) e^{iφ}. With g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the Taylor series of g, and the
-    Cauchy product gives the series of r. For y = 0 orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
+    In the plane, r = (x + iy) e^{iφ}. Let g(s) = e^{i(φ(t+s)−φ(t))}. Then g' = iφ'g determines the Taylor series of g.
+    The Cauchy product of x + iy and g is the Taylor series of r in the moving basis at t. For x = ρ, y = 0 and z = h,
+    the derivatives of orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
     """
     count = len(x)
     cos: list[Any] = [1]
@@ -66,5 +67,5 @@ def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Trip
 
 
 def _cauchy(p: Series, q: Series, k: int) -> Any:
-    """The k-th coefficient of the product of two series."""
+    """Return the k-th coefficient of the product of two series."""
     return add([mul(p[j], q[k - j]) for j in range(k + 1)])

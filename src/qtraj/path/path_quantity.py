@@ -1,4 +1,4 @@
-"""An entry of the registry of path quantities: its names, its unit, and its square as a ratio of polynomials."""
+"""Define an entry of the registry of path quantities: names, unit, and the square as a ratio of polynomials."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from qtraj.foundation import units
 
 Formula = Callable[[Any], Any]
-"""A function of `Invariants`, for any numeric type."""
+"""A function of `Invariants` of any numeric type."""
 
 
 class Division(NamedTuple):
-    """A way to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
+    """Functions for division: the quotient of two numbers, and 1/√x, both for positive divisors."""
 
     quotient: Callable[[Any, Any], Any]
     inverse_root: Callable[[Any], Any]
@@ -25,21 +25,25 @@ PLAIN = Division(lambda numerator, denominator: numerator / denominator, lambda 
 
 
 LOAD = "load"
-"""The divisor of friction: the load on the road."""
+"""Name of the divisor of the friction quantities, the load on the road."""
+
+VEHICLE, INERTIA, PRINCIPAL = "vehicle", "inertia", "principal inertia"
+"""What a quantity needs in addition to the path: a vehicle, its inertia, or principal axes of inertia along τ, n, b."""
 
 
 @dataclass(frozen=True)
 class PathQuantity:
     """A nonnegative quantity along a path, whose square is numerator/denominator.
 
-    The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the
-    force onto the road). `square` is another form of the same ratio for floating-point numbers, used where numerator
-    and denominator would overflow or lose digits. `output` is the name in tables and datasets, if a vector already has
-    the quantity's name. `bounds_speed`: a limit on the quantity also bounds the speed on every path. `needs_vehicle`:
-    the formulas use `Invariants.vehicle`.
+    The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the normal
+    force on the road). `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and
+    denominator would overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the
+    name of the quantity. `bounds_speed` states whether a limit on the quantity also bounds the speed on every path.
+    `infinite` states where the quantity is infinite although the ratio is not.
 
-    A quantity with `signed` has either sign: numerator/denominator is the quantity itself, and `signed` the same in
-    floating-point numbers. A limit bounds its positive values only, so its square is that of the positive part.
+    `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
+    PRINCIPAL if the quantity is the square root of the ratio times `factor`, a function of the vehicle's parameters
+    whose unit is `factor_unit`. Then `squared`, `value` and `exceeds` refer to the quantity divided by its factor.
     """
 
     name: str
@@ -55,7 +59,10 @@ class PathQuantity:
     upright: bool = False
     bounds_speed: bool = False
     signed: Callable[[Any, Division], Any] | None = None
-    needs_vehicle: bool = False
+    infinite: Formula | None = None
+    needs: str = ""
+    factor: Formula | None = None
+    factor_unit: str = "1"
 
     @property
     def variable(self) -> str:
@@ -64,21 +71,35 @@ class PathQuantity:
 
     @property
     def label(self) -> str:
-        """The unit as it is displayed; "-" for a dimensionless number."""
+        """The unit in display form; "-" for a dimensionless quantity."""
         return units.symbol(self.unit) or "-"
 
     @property
     def length(self) -> int:
-        """The exponent of metres in the unit."""
-        return units.base_powers(self.unit).get("m", 0)
+        """The exponent of the metre in `unit`/`factor_unit`."""
+        return units.base_powers(self.unit).get("m", 0) - units.base_powers(self.factor_unit).get("m", 0)
 
     @property
     def per_time(self) -> int:
-        """The exponent of 1/s in the unit."""
-        return units.per_time(self.unit)
+        """The exponent of 1/s in `unit`/`factor_unit`."""
+        return units.per_time(self.unit) - units.per_time(self.factor_unit)
+
+    @property
+    def needs_vehicle(self) -> bool:
+        """Whether the quantity depends on a vehicle."""
+        return bool(self.needs)
+
+    @property
+    def on_road(self) -> bool:
+        """Whether the formulas contain the forces between a vehicle and the road."""
+        return self.needs == VEHICLE
+
+    def scale(self, vehicle: Any) -> Any:
+        """Return `factor` for the parameters of this vehicle; 1 without a factor."""
+        return 1.0 if self.factor is None else self.factor(vehicle)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """The squared quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
+        """Return the squared quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
         if self.signed is not None:
             return squared(jnp.maximum(self.signed(i, by), 0.0))
         if self.square is not None:
@@ -87,19 +108,18 @@ class PathQuantity:
         return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
 
     def value(self, i: Any, by: Division = PLAIN) -> Any:
-        """The quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
+        """Return the quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
         return i.root(self.squared(i, by)) if self.signed is None else self.signed(i, by)
 
     def exceeds(self, i: Any, bound: Any) -> Any:
-        """Whether the quantity is larger than a bound, without division."""
-        if self.divisor == LOAD:
-            return (self.numerator(i) > bound**2 * self.denominator(i)) | (i.onto < 0)  # type: ignore[misc]
+        """Return whether the quantity is larger than `bound`, computed without division."""
         denominator = 1.0 if self.denominator is None else self.denominator(i)
-        return self.numerator(i) > (bound if self.signed else bound**2) * denominator
+        above = self.numerator(i) > (bound if self.signed else bound**2) * denominator
+        return above if self.infinite is None else above | self.infinite(i)
 
 
 def ratio(numerator: Any, denominator: Any, by: Division = PLAIN) -> Any:
-    """The quotient; 0/0 is 0, and other quotients by 0 are infinite, with zero gradient. NaN stays NaN."""
+    """Return numerator/denominator; 0/0 is 0, and x/0 is `inf` with zero gradient; NaN remains NaN."""
     return _ratio(jnp.asarray(numerator), jnp.asarray(denominator), by)
 
 
@@ -111,17 +131,17 @@ def _ratio(numerator: Any, denominator: Any, by: Division) -> Any:
 
 
 def squared(x: Any) -> Any:
-    """x²."""
+    """Return the square of x."""
     return x * x
 
 
 def cubed(x: Any) -> Any:
-    """x³."""
+    """Return the cube of x."""
     return x * (x * x)
 
 
 @partial(jax.jit, static_argnames="by")
 def inverse_root(x: Any, by: Division) -> Any:
-    """1/√x, and 0 where x is not positive."""
+    """Return 1/√x, and 0 where x is not positive."""
     zero = x <= 0
     return jnp.where(zero, 0.0, by.inverse_root(jnp.where(zero, 1.0, x)))

@@ -1,8 +1,8 @@
-"""Piecewise polynomials with values (3,), as plain arrays: the segments of routes.
+"""Compute with the segments of routes: polynomials with values (3,), represented by plain arrays.
 
-Segment i has ascending coefficients `c[i]` (terms, 3) in t − start_i. The functions work on NumPy arrays and, inside a
-trace, on JAX arrays. Segments are padded to a few sizes, so that routes of similar length share executables. The
-padding has infinite start times and zero coefficients, so no search for a time selects it.
+Segment i has ascending coefficients `c[i]` (terms, 3) in t − start_i. The functions accept NumPy arrays and, inside a
+trace, JAX arrays. The number of segments is padded to one of a few sizes, so that routes of similar length share
+executables. The padding has infinite start times and zero coefficients, so no search for a time selects it.
 """
 
 import math
@@ -13,24 +13,24 @@ import numpy as np
 from jax.core import Tracer
 
 TERMS = (6, 8)
-"""The stored numbers of coefficients: of a quintic or of a septic."""
+"""Possible numbers of stored coefficients, for quintics and for septics."""
 
 MIN_ROWS = 8
-"""The smallest padded number of segments; larger ones are powers of two."""
+"""Smallest padded number of segments; larger padded numbers are powers of two."""
 
 
 def arithmetic(*arrays: Any) -> Any:
-    """`numpy` if all arrays are concrete, else `jax.numpy`."""
+    """Return the module `numpy` if all arrays are concrete, otherwise `jax.numpy`."""
     return jnp if any(isinstance(x, Tracer) for x in arrays) else np
 
 
 def padded_size(count: int) -> int:
-    """The padded number of `count` segments."""
+    """Return the number of segments after padding."""
     return max(MIN_ROWS, 1 << (count - 1).bit_length())
 
 
 def padded(starts: Any, c: Any) -> tuple[Any, Any]:
-    """Starts and coefficients, padded in the number of segments and in the degree."""
+    """Pad starts and coefficients to a padded number of segments, and each segment to a number of terms in `TERMS`."""
     np_ = arithmetic(starts, c)
     rows = padded_size(starts.shape[0]) - starts.shape[0]
     terms = next(n for n in TERMS if n >= c.shape[1]) - c.shape[1]
@@ -41,14 +41,16 @@ def padded(starts: Any, c: Any) -> tuple[Any, Any]:
 
 
 def hermite(h: Any, states: Any) -> Any:
-    """Coefficients (n, terms, 3) of the segments with durations `h` (n,) between joint states (n + 1, orders, 3).
+    """Return the coefficients (n, terms, 3) of segments that connect the joint states (n + 1, orders, 3).
 
-    Three orders, position to acceleration, make quintics; four, with the jerk, make septics.
+    `h` (n,) are the durations. Three orders, position to acceleration, yield quintics; four orders,
+    position to jerk, yield septics.
     """
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]
-    # The end state minus the end state of the Taylor polynomial about the start, scaled to lengths.
+    # Subtract from the end state the state that the Taylor polynomial about the start reaches. The factor h**k converts
+    # the difference of the k-th derivatives to a length.
     gaps = []
     for k in range(orders):
         reached = [math.comb(j, k) * math.factorial(k) * low[j] * h ** (j - k) for j in range(k + 1, orders)]
@@ -59,14 +61,14 @@ def hermite(h: Any, states: Any) -> Any:
 
 
 def _hermite_weights(orders: int) -> Any:
-    """The weights of the end state in each of the higher coefficients."""
+    """Enumerate the higher coefficients with the weights of the differences at the end, one weight for each order."""
     quintic = ((10, -4, 1 / 2), (-15, 7, -1), (6, -3, 1 / 2))
     septic = ((35, -15, 5 / 2, -1 / 6), (-84, 39, -7, 1 / 2), (70, -34, 13 / 2, -1 / 2), (-20, 10, -2, 1 / 6))
     return enumerate(quintic if orders == 3 else septic)
 
 
 def shifted(c: Any, s: Any) -> Any:
-    """Coefficients (n, terms, 3) of the same polynomials about the local times `s` (n,), by synthetic division."""
+    """Return the coefficients (n, terms, 3) about the local times `s` (n,), computed by synthetic division."""
     terms = [c[:, k] for k in range(c.shape[1])]
     s = s[:, None]
     for k in range(len(terms) - 1):
@@ -76,7 +78,10 @@ def shifted(c: Any, s: Any) -> Any:
 
 
 def values(c: Any, s: Any, order: int) -> list[Any]:
-    """Value and derivatives up to `order` of segments `c` (..., terms, 3) at local times `s` (...), each (..., 3)."""
+    """Return the values and derivatives (..., 3) of segments `c` (..., terms, 3) at local times `s` (...), as a list.
+
+    The k-th entry of the list is the k-th derivative, k = 0 … `order`.
+    """
     terms = [c[..., k, :] for k in range(c.shape[-2])]
     s = s[..., None]
     for k in range(min(order + 1, len(terms) - 1)):
@@ -87,13 +92,13 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
 
 
 def time_reversed(c: Any, h: Any) -> Any:
-    """Coefficients (n, terms, 3) in the time left until the end of each segment; durations `h` (n,)."""
+    """Return the coefficients (n, terms, 3) in the time until the end of each segment; `h` (n,) are the durations."""
     signs = (-1.0) ** np.arange(c.shape[1])
     return shifted(c, h) * signs.astype(c.dtype)[None, :, None]
 
 
 def durations(starts: Any, duration: Any) -> Any:
-    """Durations (rows,) of the segments; zero for padding."""
+    """Return the durations (rows,) of the segments; the duration of padding is zero."""
     np_ = arithmetic(starts, duration)
     ends = np_.minimum(np_.concatenate([starts[1:], duration[None]]), duration)
     return ends - np_.minimum(starts, duration)

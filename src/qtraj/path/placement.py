@@ -1,4 +1,4 @@
-"""Position and orientation of a path's own axes in the world."""
+"""Define the position and orientation of a path's own axes in the world."""
 
 import equinox as eqx
 
@@ -11,10 +11,10 @@ from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 @storable
 class Placement(eqx.Module):
-    """The rigid placement of a path's axes, with z along its axis, in the world.
+    """The position and orientation of a path's own axes in the world; the z axis is the axis of the path.
 
-    `origin` (3,) [m] is a point on the axis in world coordinates; `orientation` (4,) maps the path's axes to the
-    world's and may have any non-zero norm. For a vertical axis, only the origin is needed.
+    `origin` (3,) [m] is a point on the axis in world coordinates. `orientation` (4,) is a quaternion of any nonzero
+    norm from the path's axes to world axes. For a vertical axis, only the origin is needed.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or a zero quaternion.
     """
@@ -28,15 +28,15 @@ class Placement(eqx.Module):
         warn_if_coarse(self.origin, "the origin of a placement")
         orientation_value = concrete(self.orientation)
         if orientation_value is not None and not orientation_value.any():
-            raise ValueError("the orientation of a placement must be a nonzero quaternion")
+            raise ValueError("the orientation of a placement must be a nonzero quaternion, but all components are 0")
 
     def __repr__(self) -> str:
         return shown(self, origin="m")
 
     def to_world(self, vector: Vec3) -> Vec3:
-        """World components of a free vector given in the path's axes."""
+        """Convert a free vector from the path's axes to world components."""
         return quaternion.rotate(self.orientation.astype(vector.dtype), vector)
 
     def to_local(self, vector: Vec3) -> Vec3:
-        """Components in the path's axes of a free vector given in world axes."""
+        """Convert a free vector from world components to the path's axes."""
         return quaternion.rotate(quaternion.conjugate(self.orientation).astype(vector.dtype), vector)

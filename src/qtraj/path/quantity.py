@@ -1,13 +1,14 @@
-"""The registry of path quantities: everything that can be limited, evaluated, certified and tuned along a path.
+"""Registry of path quantities, which can be evaluated along a path and limited.
 
-An entry has the name, symbol, unit and meaning of a quantity, the highest derivative that it needs, and its square as a
-ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables, datasets, figures, proofs and tuning
-use this registry.
+Each entry consists of the name, symbol, unit and meaning of a quantity, the order of the highest derivative in its
+formula, and its square as a ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables, datasets,
+figures, proofs and tuning use this registry.
 """
 
 from typing import Any, NamedTuple
 
-from qtraj.path.frenet import natural_acceleration, yaw
+from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
+from qtraj.path.moment_quantities import MOMENT_QUANTITIES
 from qtraj.path.path_quantity import Division, PathQuantity, cubed, inverse_root, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
@@ -17,7 +18,7 @@ def _rate_square(i: Any, by: Division) -> Any:
 
 
 def _acceleration_square(i: Any, by: Division) -> Any:
-    """|ε⁰|²; zero where the trihedral does not exist."""
+    """Return |ε⁰|², or zero where the trihedral does not exist."""
     inv_speed, inv_cross_norm = (inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return squared(along) + squared(across)
@@ -28,14 +29,12 @@ def _yaw_acceleration_square(i: Any, by: Division) -> Any:
 
 
 def _acceleration_numerator(i: Any) -> Any:
-    """The square of ε⁰ = (v'χ + vχ', 0, E/(|c|S) − 2|c|B/S²) with χ = T/N, times S⁴N⁴."""
-    along = i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
-    across = i.E * i.S - 2 * (i.N * i.B)
-    return cubed(i.S) * squared(along) + cubed(i.N) * squared(across)
+    """Return |ε⁰|² times S⁴N⁴."""
+    return cubed(i.S) * squared(tangential_numerator(i)) + cubed(i.N) * squared(binormal_numerator(i))
 
 
 def _yaw_acceleration_numerator(i: Any) -> Any:
-    """The square of ω̇_z = (P'SH − P(BH + SG))/√(SH)³, the derivative of ω_z = P/√(SH), times (SH)³."""
+    """Return ω̇_z² times (SH)³, where ω̇_z = (P'SH − P(BH + SG))/√(SH)³ is the derivative of ω_z = P/√(SH)."""
     return squared(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
 
 
@@ -155,14 +154,15 @@ _ENTRIES = (
     ),
 )
 
-QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES)}
-"""The quantities by their names in `Limits`, in the order in which they are displayed."""
+QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)}
+"""The quantities by their names in `Limits`, in display order."""
 
 
 class Offset(NamedTuple):
-    """The difference of a path from a reference path about the same axis, at equal fractions of their durations.
+    """Difference of a path from a reference path about the same axis, at equal fractions of their durations.
 
-    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any numeric type.
+    `outwards` is ρ − ρ₀, `angle` is φ − φ₀, `up` is h − h₀, and `radius` is ρ₀ of the reference. The numbers are of any
+    numeric type.
     """
 
     outwards: Any
@@ -176,19 +176,19 @@ CORRIDOR = PathQuantity(
     "d",
     "m",
     0,
-    "distance between the two paths at the same fraction of their durations; the angle about the axis counts by its "
+    "distance between the two paths at the same fraction of their durations; the azimuth difference enters as an "
     "arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
     numerator=lambda p: (
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),
 )
-"""A quantity of two paths; its formula uses their `Offset` instead of invariants. The square,
-(ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)², is a polynomial. For positive radii it is at least the squared distance, because
-the chord is shorter than the arc."""
+"""A quantity of two paths, whose formula uses their `Offset` instead of invariants. Its square (ρ − ρ₀)² + ρρ₀(φ − φ₀)²
++ (h − h₀)² is a polynomial. For positive radii it is at least the squared distance, because a chord is shorter than its
+arc."""
 
 
 def quantity(name: str) -> PathQuantity:
-    """The path quantity with this name.
+    """Return the path quantity with this name.
 
     **Raises:** ValueError for an unknown name.
     """

@@ -1,7 +1,8 @@
-"""Labels of rates and accelerations in body or in inertial axes.
+"""Label rates and accelerations in body or inertial axes.
 
-ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹ (paper C, section 1) are components of the same vectors as ω_x and ε_x. Since
-ω × ω = 0, ε_ξ is the time derivative of ω_ξ, as ε_x is the time derivative of ω_x.
+ω_ξ = λ∘ω_X∘λ⁻¹ and ε_ξ = λ∘ε_X∘λ⁻¹ (paper C, section 1) are the inertial components of the vectors whose body
+components are ω_X and ε_X. Since ω × ω = 0, ε_ξ is the time derivative of ω_ξ, just as ε_X is the time derivative of
+ω_X.
 """
 
 import dataclasses
@@ -11,17 +12,17 @@ from qtraj.path.channel import Channel
 BODY, INERTIAL = "body", "inertial"
 
 TURNING = ("rate", "angular_acceleration", "force", "moment")
-"""The outputs of a frame that have components in either axes; the forces of a vehicle follow the rates."""
+"""Outputs whose components are in body or inertial axes, depending on the argument `axes`."""
 
 
 def require_axes(axes: str) -> None:
-    """Raise a ValueError for axes that are neither 'body' nor 'inertial'."""
+    """Raise a ValueError if `axes` is neither 'body' nor 'inertial'."""
     if axes not in (BODY, INERTIAL):
         raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
 
 
 def in_axes(entry: Channel, axes: str) -> Channel:
-    """An output with its labels for rates and accelerations in these axes."""
+    """Return the output `entry` with the labels for components in these `axes`."""
     if axes == BODY or entry.name not in TURNING:
         return entry
     return dataclasses.replace(entry, meaning=entry.meaning.replace("body axes", "inertial axes"), axes=("world",))

@@ -1,4 +1,4 @@
-"""Where the frames and rates of a path exist: tests whether the speed, the curvature and the horizontal speed are zero.
+"""Decide whether speed, curvature and horizontal speed are zero, and hence where frames and rates exist.
 
 The functions accept numbers or triples of arrays, as in `frenet`.
 """
@@ -16,15 +16,19 @@ Numbers = Float[Array, "..."]
 Flags = Bool[Array, "..."]
 
 DEFINED_TOLERANCE = 4096
-"""In machine epsilons: a path whose direction changes by less than this over its length counts as straight, and a speed
-below this fraction of its own change counts as zero. At the tolerance, n is still accurate to three digits."""
+"""Tolerance in units of machine epsilon.
+
+A path counts as straight if its direction changes by less than the tolerance [rad] over its length. The speed counts as
+zero if it is less than the tolerance times the change of speed that r'' and r''' can cause over the duration. At the
+tolerance, the normal n is still accurate to three digits.
+"""
 
 
 class Regularity(eqx.Module):
     """Dimensionless squares in [0, 1] that are 0 where a frame does not exist, at one instant or many.
 
-    `speed` is S relative to the speeds that the path's accelerations cause over its duration, `cross_norm` is N
-    relative to its largest value for these speeds and accelerations, and `level` is the horizontal part of S.
+    With the duration T, `speed` is S/(S + T²|r''|² + T⁴|r'''|²), `cross_norm` is N/(S|r''|² + S²/T²), and `level` is
+    H/S; each ratio is 0 if its denominator is 0.
     """
 
     speed: Numbers
@@ -33,35 +37,35 @@ class Regularity(eqx.Module):
 
 
 def regularity(i: Invariants, duration: Numbers) -> Regularity:
-    """The relative size of the divisors of rates and curvatures; the duration is in [s]."""
+    """Return the relative magnitudes of the denominators in rates and curvatures; `duration` is in s."""
     speed_scale, cross_norm_scale = reference_squares(i, duration)
     return Regularity(_ratio(i.S, speed_scale), _ratio(i.N, cross_norm_scale), _ratio(i.H, i.S))
 
 
 def has_tangent(i: Invariants, duration: Numbers) -> Flags:
-    """Whether a path with this duration [s] has a tangent, i.e. its speed is not zero."""
+    """Return whether a path with this `duration` [s] has a tangent, that is, a nonzero speed."""
     return is_significant(i.S, reference_squares(i, duration)[0])
 
 
 def has_natural_frame(i: Invariants, duration: Numbers) -> Flags:
-    """Whether the natural trihedral exists: the path moves and is not straight."""
+    """Return whether the natural trihedral exists, that is, neither the speed nor the curvature is zero."""
     return has_tangent(i, duration) & is_significant(i.N, reference_squares(i, duration)[1])
 
 
 def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
-    """Whether the upright frame exists: the path moves, and not along the vertical."""
+    """Return whether the upright frame exists, that is, the velocity is neither zero nor vertical."""
     return has_tangent(i, duration) & is_significant(i.H, i.S)
 
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
-    """The reference values for deciding whether S and N are zero."""
+    """Return the reference values that are used to decide whether S and N are zero."""
     square = i.A
     speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
     return speed_scale, i.S * (square + i.S / duration**2)
 
 
 def is_significant(square: Any, reference: Any) -> Flags:
-    """Whether a square is a normal number and, relative to `reference`, larger than rounding errors."""
+    """Return whether `square` is a normal number and exceeds `reference` times the square of the tolerance."""
     limits = jnp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
     return jnp.maximum(reference * tolerance, float(limits.tiny)) < square

@@ -1,4 +1,4 @@
-"""Differences between a path and a recorded track."""
+"""Compute the differences between a path and a recorded track."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import STANDING, Track, elapsed_times, to_float64
 
 DURATION_TOLERANCE = 1e-6
-"""A track may be longer than the path by this fraction of the path's duration, to allow for rounding."""
+"""Fraction of the path's duration by which a track may be longer than the path, to allow for rounding."""
 
 MEANINGS = {
     "horizontal_rms": ("m", "root mean square of the horizontal distance"),
@@ -37,7 +37,7 @@ MEANINGS = {
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older residuals contained the outcome of the fit, which is now part of its result."""
+    """Remove the result of the fit, which older residuals contained, from the fields of a document."""
     return {name: value for name, value in fields.items() if name not in ("converged", "message")}
 
 
@@ -46,12 +46,13 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class Residual(AbstractResult):
     """Differences between a recorded track and a path, over all samples; RMS is the root mean square.
 
-    `horizontal_rms`, `vertical_rms`, `distance_rms` and `maximum` [m]: horizontal, vertical and spatial distance
-    between the recorded position and the path at the same time. `velocity_rms` [m/s], and `direction_rms` [rad], the
-    angle between the recorded velocity and the path's tangent at samples that move; both are None without recorded
-    velocities. `turn` [rad]: turn of the recorded direction of travel, left positive (the angle about the axis is
-    `path.turn`). `radius_min`, `radius_max` [m]: range of ρ at the samples, None for a path other than a
-    spiral-helix.
+    `horizontal_rms`, `vertical_rms` and `distance_rms` [m] refer to the horizontal, vertical and spatial distances
+    between the recorded position and the path at the same time; `maximum` [m] is the largest spatial distance.
+    `velocity_rms` [m/s] refers to the difference of the velocities, and `direction_rms` [rad] to the angle between the
+    recorded velocity and the tangent of the path at samples where the vehicle moves. Both are None if no velocities
+    were recorded. `turn` [rad] is the turn of the recorded direction of travel, left positive (`path.turn` is the angle
+    about the axis). `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if the path is
+    not a spiral-helix.
     """
 
     horizontal_rms: Scalar
@@ -90,7 +91,7 @@ class Residual(AbstractResult):
         self.radius_max = _optional(radius_max)
 
     def record(self) -> Record:
-        """The fields that are not None."""
+        """Return labelled quantities for the fields that are not None."""
         quantities = {name: Quantity(getattr(self, name), unit, text) for name, (unit, text) in MEANINGS.items()}
         variables = {name: q for name, q in quantities.items() if q.values is not None}
         rms = f"{extent(self.horizontal_rms, 'm')} horizontal, {extent(self.vertical_rms, 'm')} vertical"
@@ -99,16 +100,17 @@ class Residual(AbstractResult):
 
 
 def compare(path: AbstractHodograph, track: Track) -> Residual:
-    """The residual between `path` and `track`, whose first sample is at path time 0.
+    """Compare `path` with `track`, whose first sample corresponds to path time 0.
 
-    Differentiable with respect to the path.
+    The result is differentiable with respect to the path.
 
     **Raises:** ValueError if the track is longer than the path.
     """
     _require_covered(path, track)
     elapsed = elapsed_times(track)
 
-    # Padding with copies of the first sample, ignored below, lets tracks of similar length share one executable.
+    # Pad with copies of the first sample, so that tracks of similar length share an executable. `count` is the number
+    # of samples without the copies.
     def padded(x: np.ndarray) -> Array:
         padding = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
         return as_array(np.concatenate([x, padding]), path.duration.dtype)
@@ -130,7 +132,7 @@ def _measures(
     velocities: Float[Array, "n 3"] | None,
     count: Int[Array, ""],
 ) -> dict[str, Any]:
-    """The fields of the residual over the first `count` samples."""
+    """Compute the fields of the residual from the first `count` samples."""
     states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
     valid = jnp.arange(times.shape[0]) < count
     squares = jnp.where(valid[:, None], states[:, 0] - positions, 0.0) ** 2
@@ -152,7 +154,10 @@ def _measures(
 def _angles(
     velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"], valid: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """Angles between tangent and recorded velocity, 0 where either is at rest; number of moving samples, at least 1."""
+    """Return the angles [rad] between tangent and recorded velocity, 0 without motion, and the number of angles.
+
+    The number counts the samples with motion, and is 1 if there are none.
+    """
     speeds = jnp.sum(recorded**2, axis=1)
     moving = valid & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)
     along = jnp.where(moving, jnp.sum(velocities * recorded, axis=1), 1.0)
@@ -161,7 +166,7 @@ def _angles(
 
 
 def _root(squares: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Square roots, with derivative 0 at 0."""
+    """Return square roots whose derivative is 0 at 0."""
     zero = squares == 0
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squares)))
 
@@ -177,5 +182,5 @@ def _require_covered(path: AbstractHodograph, track: Track) -> None:
     if track_duration > float(duration) * (1 + DURATION_TOLERANCE):
         raise ValueError(
             f"the track lasts {track_duration:.9g} s, but the path only {float(duration):.9g} s: "
-            "pass the part of the track that the path covers, track.window(t0, t1)."
+            "pass the interval of the track that the path covers, track.window(t0, t1)."
         )

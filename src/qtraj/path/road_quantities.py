@@ -1,28 +1,28 @@
-"""The forces, the use of the grip and the power of a vehicle along a path, as entries of the registry of quantities."""
+"""Define forces, friction demand and power of a vehicle along a path, as entries of the registry of quantities."""
 
 from typing import Any
 
 import jax.numpy as jnp
 
 from qtraj.path import contact
-from qtraj.path.path_quantity import LOAD, Division, PathQuantity, inverse_root, ratio, squared
+from qtraj.path.path_quantity import LOAD, VEHICLE, Division, PathQuantity, inverse_root, ratio, squared
 
 
 def _friction_square(i: Any, by: Division) -> Any:
-    """Infinite where the vehicle does not press on the road."""
-    load = i.onto
-    return jnp.where(
-        load < 0, jnp.inf, ratio(contact.friction_numerator(i), squared(jnp.where(load < 0, 1.0, load)), by)
-    )
+    """Return the square of the friction demand, which is infinite where the normal load is negative."""
+    load = i.contact.onto
+    # On a vertical path the load is zero, so any force along the path makes the friction demand infinite.
+    numerator = jnp.where(i.H > 0, contact.friction_numerator(i), squared(i.contact.along))
+    return jnp.where(load < 0, jnp.inf, ratio(numerator, squared(jnp.where(load < 0, 1.0, load)), by))
 
 
 def _normal_load(i: Any, by: Division) -> Any:
-    return i.vehicle.mass * (i.onto * (inverse_root(i.S, by) * inverse_root(i.H, by)))
+    return i.vehicle.mass * (i.contact.onto * (inverse_root(i.S, by) * inverse_root(i.H, by)))
 
 
 def _power(i: Any, by: Division) -> Any:
     p = i.vehicle
-    return i.pace * (p.mass * (i.along + p.rolling * (i.onto * inverse_root(i.H, by))))
+    return i.pace * (p.mass * (i.contact.along + p.rolling * (i.contact.onto * inverse_root(i.H, by))))
 
 
 ROAD_QUANTITIES = (
@@ -31,65 +31,69 @@ ROAD_QUANTITIES = (
         "|F_τ|",
         "N",
         2,
-        "magnitude of the force of drive or brakes along the path, against inertia, gravity and drag",
-        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.along)),
+        "magnitude of the net force of the road on the tyres along the path, against inertia, gravity and drag",
+        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.contact.along)),
         denominator=lambda i: i.S,
         divisor="speed",
         upright=True,
-        needs_vehicle=True,
+        needs=VEHICLE,
     ),
     PathQuantity(
         "lateral_force",
         "|F_n|",
         "N",
         2,
-        "magnitude of the force across the path in the plane of the road",
-        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.across)),
+        "magnitude of the lateral force in the plane of the road",
+        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.contact.across)),
         denominator=lambda i: i.S * i.H,
         divisor="level",
         upright=True,
         bounds_speed=True,
-        needs_vehicle=True,
+        needs=VEHICLE,
     ),
     PathQuantity(
         "normal_load",
         "F_b",
         "N",
         2,
-        "force of the road on the vehicle, normal to the road; negative where it would have to pull",
-        numerator=lambda i: i.vehicle.mass * i.onto,
+        "force of the road on the vehicle, normal to the road; negative where the road would have to pull",
+        numerator=lambda i: i.vehicle.mass * i.contact.onto,
         denominator=lambda i: i.v * i.h,
         divisor="level",
         upright=True,
         signed=_normal_load,
-        needs_vehicle=True,
+        needs=VEHICLE,
     ),
     PathQuantity(
         "friction",
         "μ/μ_max",
         "1",
         2,
-        "use of the grip by the friction ellipse: 1 where the tyres begin to slide",
+        "friction demand relative to the friction ellipse; 1 where the tyres begin to slide",
         numerator=contact.friction_numerator,
-        denominator=lambda i: squared(i.onto),
+        denominator=lambda i: squared(i.contact.onto),
         square=_friction_square,
         divisor=LOAD,
+        infinite=lambda i: i.contact.onto < 0,
         upright=True,
         bounds_speed=True,
-        needs_vehicle=True,
+        needs=VEHICLE,
     ),
     PathQuantity(
         "power",
         "P",
         "W",
         2,
-        "power of the drive, against inertia, gravity, drag and rolling resistance; negative while braking",
+        "drive power, against inertia, gravity, drag and rolling resistance; negative while braking",
         numerator=contact.power_numerator,
         denominator=lambda i: i.h,
         divisor="level",
         upright=True,
         signed=_power,
-        needs_vehicle=True,
+        needs=VEHICLE,
     ),
 )
-"""The quantities that need a vehicle, in the order in which they are displayed."""
+"""The quantities that need a vehicle on a road, in the order in which they are displayed."""
+
+FORCES = tuple(entry.name for entry in ROAD_QUANTITIES)
+"""The names of `ROAD_QUANTITIES`."""

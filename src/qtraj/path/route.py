@@ -1,4 +1,4 @@
-"""Routes: a whole drive or flight as one path of polynomial segments."""
+"""Define routes, which represent a whole drive or flight as one path of polynomial segments."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 JOINED = 1e-6
-"""[m] Tolerance for joining routes: their ends agree within this, or within a few roundings of the coordinates."""
+"""Maximum gap [m] between routes to be joined, or a few rounding errors of the coordinates if these are larger."""
 
 
 def _fields(route: Any) -> dict[str, Any]:
-    """The stored fields of a route: its segments without the padding."""
+    """Return the stored fields of a route, which are its segments without padding."""
     count = route.segments
     return {
         "starts": np.asarray(route.starts)[:count],
@@ -40,18 +40,18 @@ def _restored(starts: ArrayInput, coefficients: ArrayInput, duration: ArrayInput
 @stored_as(_fields, _restored)
 @storable
 class Route(AbstractHodograph, AbstractResult):
-    """A path of polynomial segments between joints.
+    """A path that consists of polynomial segments between joints.
 
-    `times` (n,) [s], increasing strictly; `position` [m], `velocity` [m/s], `acceleration` [m/s²] and, if given, `jerk`
-    [m/s³] (n, 3): the states at the joints, world axes. The segments are quintics, and the route has a continuous
-    acceleration (C²); with the jerk they are septics, and the jerk is continuous too (C³). Path time 0 is the first
-    joint. `Route.from_piecewise` accepts SciPy splines of any continuity.
+    `times` (n,) [s] must increase strictly. `position` [m], `velocity` [m/s], `acceleration` [m/s²] and, optionally,
+    `jerk` [m/s³], each (n, 3), are the states at the joints in world axes. Without jerk the segments are quintics, and
+    the acceleration of the route is continuous (C²); with jerk they are septics, and the jerk is continuous too (C³).
+    The time of the path is 0 at the first joint. `Route.from_piecewise` accepts SciPy splines of any continuity.
 
-    Positions are stored relative to the first joint, so that large coordinates lose no digits. The segments are
-    `starts` (rows,) [s] and `coefficients` (rows, terms, 3), ascending in the time since a segment's start [m s^-k],
-    relative to `origin` (3,). Rows are padded to a power of two, with infinite starts, so that routes of similar length
-    share executables and can be stacked. At a joint the later segment is used; outside [0, duration] the first and the
-    last segment are extrapolated.
+    The segments are represented by `starts` (rows,) [s] and `coefficients` (rows, terms, 3). Coefficient k, of the k-th
+    power of the time since the start of the segment, is in m s^-k. Positions are stored relative to `origin` (3,) [m],
+    here the position of the first joint, so that large coordinates lose no digits. Rows are padded to a power of two,
+    with infinite starts, so that routes of similar length share executables and can be stacked. At a joint the later
+    segment is used. Outside [0, duration] the first and the last segment are extrapolated.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly.
     """
@@ -74,19 +74,19 @@ class Route(AbstractHodograph, AbstractResult):
         warn_if_coarse(self.origin, "the position of a route")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """Position and derivatives up to `order` at one instant `t` [s]."""
+        """Return position and derivatives up to `order` at one instant `t` [s]; row k in [m s^-k]."""
         t = one_instant(t).astype(self.duration.dtype)
         i = self.index(t)
         rows = pieces.values(self.coefficients[i], t - self.starts[i], order)
         return jnp.stack([rows[0] + self.origin, *rows[1:]])
 
     def index(self, t: ScalarLike) -> Int[Array, ""]:
-        """The index of the segment at `t` [s]; at a joint, the index of the later segment."""
+        """Return the index of the segment at the time `t` [s]; at a joint, the index of the later segment."""
         t = one_instant(t).astype(self.duration.dtype)
         return jnp.maximum(jnp.searchsorted(self.starts, t, side="right") - 1, 0)
 
     def nodes(self) -> Float[Array, " nodes"]:
-        """The times [s] of the joints and of three instants in each segment; padding repeats the duration."""
+        """Return the times [s] of the joints and of three instants in each segment; padding repeats the duration."""
         parts = jnp.asarray(np.arange(4) / 4, self.duration.dtype)
         h = pieces.durations(self.starts, self.duration)
         return (jnp.minimum(self.starts, self.duration)[:, None] + h[:, None] * parts[None]).ravel()
@@ -95,20 +95,20 @@ class Route(AbstractHodograph, AbstractResult):
     def segments(self) -> int:
         """The number of segments.
 
-        **Raises:** ValueError inside a trace, where it is unavailable.
+        **Raises:** ValueError inside a trace, where the number is unknown.
         """
         return int(np.isfinite(_concrete(self.starts)).sum(axis=-1).max())
 
     @property
     def times(self) -> Float[Array, " n"]:
-        """The times of the joints [s], from 0 to the duration.
+        """The times [s] of the joints, from 0 to the duration.
 
-        **Raises:** ValueError inside a trace, where their number is unavailable.
+        **Raises:** ValueError inside a trace, where their number is unknown.
         """
         return as_array(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts.dtype)
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
-        """Position and derivatives up to `order` at all joints, world axes, on the later side."""
+        """Return position and derivatives up to `order` at all joints; at inner joints the later segment is used."""
         starts, c = (_concrete(x)[: self.segments] for x in (self.starts, self.coefficients))
         first = np.stack(pieces.values(c, np.zeros(len(c), c.dtype), order), axis=1)
         last = np.stack(pieces.values(c[-1], _concrete(self.duration) - starts[-1], order))
@@ -117,7 +117,7 @@ class Route(AbstractHodograph, AbstractResult):
         return as_array(states, c.dtype)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
-        """The jumps of r and its derivatives at each inner joint: later segment minus earlier one."""
+        """Return the jumps of r and its derivatives at each inner joint (value after minus value before the joint)."""
         h = self._durations()
         c = _concrete(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
@@ -125,41 +125,41 @@ class Route(AbstractHodograph, AbstractResult):
         return as_array(starts - ends, c.dtype)
 
     def length(self) -> Scalar:
-        """Arc length over the duration [m].
+        """Return the arc length [m] over the duration.
 
-        Computed by Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
-        nearly zero inside a segment: there it is about 1e-5 of that segment's length.
+        The method is Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
+        nearly zero inside a segment; the error is then about 1e-5 of the length of that segment.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 
     def arc_length(self, t: ScalarLike) -> Scalar:
-        """Arc length from the start to the time `t` [s], 0 ≤ t ≤ duration, [m]; as accurate as `length`."""
+        """Return the arc length [m] from the start to the time `t` [s], 0 ≤ t ≤ duration, as accurately as `length`."""
         t = one_instant(t).astype(self.duration.dtype)
         return route_length.until(self.starts, self.coefficients, self.duration, t)
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """The time [s] at which the arc length reaches `length` [m]; the earliest one if the vehicle stops there.
+        """Return the time [s] at which the arc length reaches `length` [m]; at a stop, the earliest such time.
 
-        For lengths outside the range, the result is the start or the end. Differentiable: dt/ds is the inverse of the
-        speed.
+        For lengths outside the range, the result is the time of the start or the end. Where the speed is not zero, the
+        result is differentiable; its derivative dt/ds is the inverse of the speed.
         """
         s = one_instant(length).astype(self.duration.dtype)
         return route_length.inverse(self.starts, self.coefficients, self.duration, s)
 
     def nearest(self, point: ArrayInput) -> Nearest:
-        """The point on the route nearest to `point` (3,), world axes: its time, position and distance.
+        """Find the point on the route nearest to `point` (3,) [m], and its time, position and distance; world axes.
 
-        Every segment is sampled at 17 instants, and its best sample is refined by Newton's method. The distance
-        is differentiable (envelope theorem).
+        Every segment is sampled at 17 instants, and the nearest sample of each segment is refined by Newton's method.
+        The distance is differentiable (envelope theorem).
         """
         local = real_vector(point, "the point", 3).astype(self.duration.dtype) - self.origin
         time, position, distance = route_nearest.nearest(self.starts, self.coefficients, self.duration, local)
         return Nearest(time, position + self.origin, distance)
 
     def segment(self, i: int) -> "Route":
-        """Segment `i` as a route, without rounding; negative indices count from the end.
+        """Return segment `i` as a route, without rounding; negative indices count from the end.
 
-        **Raises:** IndexError if there is no such segment.
+        **Raises:** IndexError if the segment does not exist.
         """
         count = self.segments
         if not -count <= i < count:
@@ -169,7 +169,7 @@ class Route(AbstractHodograph, AbstractResult):
         return from_segments(np.zeros(1, c.dtype), c, self._durations()[i], _concrete(self.origin))
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
-        """The part from `t0` to `t1` [s] as a route; its time 0 is `t0`, and it keeps the joints inside.
+        """Return the interval from `t0` to `t1` [s] as a route that starts at time 0; joints inside it are kept.
 
         **Raises:** ValueError if t0 ≥ t1 or the window is not within the route.
         """
@@ -188,7 +188,7 @@ class Route(AbstractHodograph, AbstractResult):
         return from_segments(new_starts, c, np.asarray(end - start, c.dtype), _concrete(self.origin))
 
     def reversed(self) -> "Route":
-        """The same curve from its end to its start, with the same durations."""
+        """Return the same curve in the opposite direction, with the same durations of the segments."""
         c = pieces.time_reversed(_concrete(self.coefficients)[: self.segments], self._durations())[::-1]
         starts = _concrete(self.duration) - _concrete(self.times)[:0:-1]
         return from_segments(starts, c, _concrete(self.duration), _concrete(self.origin))
@@ -214,31 +214,32 @@ class Route(AbstractHodograph, AbstractResult):
 
     @classmethod
     def from_piecewise(cls, spline: Any) -> "Route":
-        """A SciPy spline with values (3,), in time [s] and metres, as a route; its first breakpoint is time 0.
+        """Convert a SciPy spline with values (3,) [m] over time [s] to a route; its first breakpoint becomes time 0.
 
-        Accepts PPoly and its subclasses (CubicSpline, PchipInterpolator, …), BSpline (make_interp_spline, …) and
-        BPoly, up to degree 7 and of any continuity. The coefficients of a PPoly are copied; SciPy converts the others,
-        with rounding errors.
+        The spline may be a PPoly or a subclass (CubicSpline, PchipInterpolator, …), a BSpline (make_interp_spline, …)
+        or a BPoly, up to degree 7 and of any continuity. The coefficients of a PPoly are copied. SciPy converts the
+        other classes with rounding errors.
 
-        **Raises:** ValueError for another object, another shape of values or a higher degree.
+        **Raises:** ValueError for any other object, for values that are not real, finite and of shape (3,), for
+        breakpoints that do not increase, or for a higher degree.
         """
         return from_segments(*route_input.from_piecewise(spline))
 
     @classmethod
     def from_path(cls, path: AbstractHodograph, tolerance: ArrayInput = 1e-3) -> "Route":
-        """A polynomial path, such as a spiral-helix, as a route whose distance from it is at most `tolerance` [m].
+        """Approximate a polynomial path, such as a spiral-helix, by a route within `tolerance` [m].
 
-        The distance is at equal times, and the bound is proved: septics with the path's position, velocity,
-        acceleration and jerk at both ends of a segment of duration h differ from it by at most h⁸/(2⁸·8!)·max |r⁽⁸⁾|,
-        which is bounded on each segment, including rounding.
+        The distance is measured at equal times, and its bound is proved. A septic that has the position, velocity,
+        acceleration and jerk of the path at both ends of a segment of duration h differs from the path by at most
+        h⁸/(2⁸·8!)·max |r⁽⁸⁾|. The bound on this maximum on each segment includes rounding errors.
 
-        **Raises:** ValueError for a path without polynomials, or for a tolerance that is not positive, needs more than
-        65536 segments, or is below the rounding error of the coordinates.
+        **Raises:** ValueError for a path that is not polynomial, for a batch of paths, or for a tolerance that is not
+        positive, requires more than 65536 segments, or is below the rounding error of the coordinates.
         """
         return from_segments(*route_input.from_path(path, tolerance))
 
     def to_ppoly(self) -> "PPoly":
-        """The route as SciPy's PPoly in time [s], world axes [m]. Adding the origin may cause rounding errors."""
+        """Convert the route to SciPy's PPoly over time [s], in world axes [m]; the addition of `origin` is rounded."""
         from scipy.interpolate import PPoly
 
         c = _concrete(self.coefficients)[: self.segments].astype(float)
@@ -246,9 +247,9 @@ class Route(AbstractHodograph, AbstractResult):
         return PPoly(np.moveaxis(c, 0, 1)[::-1], np.asarray(self.times, float))
 
     def record(self) -> Record:
-        """The exact segments over `segment`, with their coefficients over `power`.
+        """Return the exact segments over the dimension `segment`, with their coefficients over `power`.
 
-        For samples call `qtraj.evaluate(route, times).to_xarray()`.
+        To sample the route, call `qtraj.evaluate(route, times).to_xarray()`.
         """
         count = self.segments
         starts, c = np.asarray(self.starts)[..., :count], np.asarray(self.coefficients)[..., :count, :, :]
@@ -264,18 +265,18 @@ class Route(AbstractHodograph, AbstractResult):
         return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
     def _durations(self) -> np.ndarray:
-        """The durations of the segments."""
+        """Return the durations [s] of the segments."""
         return np.diff(_concrete(self.times))
 
 
 def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
-    """The route of unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
+    """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
     if c.ndim != 3 or c.shape[2] != 3 or c.shape[0] != starts.shape[0] or c.shape[1] > pieces.TERMS[-1]:
         raise ValueError(
             f"the coefficients of a route must have shape (segments, terms, 3) with at most {pieces.TERMS[-1]} terms "
             f"and {starts.shape[0]} segments, but an array of shape {c.shape} was given"
         )
-    route = object.__new__(Route)  # `Route()` needs joint states, but segments may be discontinuous at the joints
+    route = object.__new__(Route)  # `Route()` requires joint states, but segments may be discontinuous at the joints
     starts, c = pieces.padded(starts, c)
     for name, value in zip(
         ("starts", "coefficients", "duration", "origin"), (starts, c, duration, origin), strict=True
@@ -285,11 +286,11 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
 
 
 def _concrete(x: Any) -> np.ndarray:
-    """The values of an array; a ValueError inside a trace."""
+    """Return the values of an array; raise a ValueError inside a trace."""
     value = concrete(x)
     if value is None:
         raise ValueError(
-            "this method of a route needs concrete values, which are unavailable inside jit, grad and vmap. Cut, join "
-            "and convert routes outside; evaluate them inside."
+            "this method of a route needs concrete values, which are unavailable inside jit, grad and vmap. Divide, "
+            "join and convert routes outside these transformations; inside, routes can only be evaluated."
         )
     return value

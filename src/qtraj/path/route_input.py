@@ -1,4 +1,4 @@
-"""Make the segments of a route from joint states, splines and other paths."""
+"""Create the segments of a route from joint states, splines and other paths."""
 
 import math
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ MAX_SEGMENTS = 65536
 """Maximum number of segments of a converted path."""
 
 ROUNDING_FACTOR = 1 + 1e-9
-"""Bounds are multiplied by this factor to cover their own rounding errors."""
+"""Factor by which bounds are multiplied to cover their own rounding errors."""
 
 Pieces = tuple[Any, Any, Any, Any]
-"""Starts, coefficients, duration and origin."""
+"""Starts, coefficients, duration and origin of a route."""
 
 
 def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
-    """The padded segments between states (n, 3) at `times` (n,)."""
+    """Return the padded segments that connect states (n, 3) at `times` (n,)."""
     joints: Any = _times(times)
     states = [_states(x, name, joints) for x, name in zip(orders, NAMES, strict=False)]
     np_ = pieces.arithmetic(joints, *states)
@@ -40,7 +40,7 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
 
 
 def from_piecewise(spline: Any) -> Pieces:
-    """The segments of a SciPy spline."""
+    """Return the segments of a SciPy spline."""
     x, c = _ppoly(spline)
     if c.ndim != 3 or c.shape[2] != 3:
         raise ValueError(
@@ -68,7 +68,7 @@ def from_piecewise(spline: Any) -> Pieces:
 
 
 def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Breakpoints, and coefficients (terms, pieces, …) with the highest power first."""
+    """Return the breakpoints, and coefficients (terms, intervals, …) with the highest power first."""
     from scipy.interpolate import BPoly, BSpline, PPoly
 
     if isinstance(spline, BPoly):
@@ -87,13 +87,13 @@ def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
-    """The segments of a route within `tolerance` [m] of a path with polynomials."""
+    """Return the segments of a route within `tolerance` [m] of a polynomial path."""
     tolerance = real_scalar(tolerance, "the tolerance of a route")
     require_positive(tolerance, "the tolerance of a route", "m")
     polynomials = path.polynomials()
     if polynomials is None:
         raise ValueError(
-            f"a path with polynomials, such as a SpiralHelix, was expected, but a {type(path).__name__} was given"
+            f"a polynomial path, such as a SpiralHelix, was expected, but a {type(path).__name__} was given"
         )
     duration = np.asarray(concrete(path.duration), float)
     if duration.ndim:
@@ -119,7 +119,10 @@ def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
 
 
 def _states_at(path: Any, times: np.ndarray) -> np.ndarray:
-    """Position to jerk (n, 4, 3) at `times` (n,), padded so that all lengths share few executables."""
+    """Return position to jerk (n, 4, 3) at `times` (n,).
+
+    The evaluated times are padded, so that different numbers of times share an executable.
+    """
     rows = pieces.padded_size(len(times))
     padded = np.pad(times, (0, rows - len(times)), mode="edge")
     return np.array(_derivatives(path, padded), float)[: len(times)]
@@ -133,17 +136,17 @@ def _derivatives(path: Any, times: np.ndarray) -> Array:
 
 
 def _moving(polynomials: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
-    """x, y, z and the angle of the moving basis."""
+    """Return the polynomials x, y, z and the angle of the moving basis."""
     y = np.zeros(1) if polynomials.y is None else polynomials.y
     return polynomials.x, y, polynomials.z, polynomials.angle
 
 
 def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
-    """A bound on the deviation [m] of septic interpolants between `edges`, segment by segment.
+    """Return a bound on the deviation [m] of septic interpolants between `edges`, for each segment.
 
-    The error of Hermite interpolation with m derivatives (from order 0) at each end is at most
-    h^2m/(2^2m (2m)!)·max |r^(2m)|. The components of r^(2m) in the moving basis are polynomials. On a segment each is
-    bounded by its Taylor expansion about the middle.
+    The error of Hermite interpolation with the derivatives of orders 0 … m−1 at each end is at most
+    h^2m/(2^2m (2m)!)·max |r^(2m)|. The components of r^(2m) in the moving basis are polynomials. On a segment, each
+    component is bounded by its Taylor expansion about the midpoint.
     """
     x, y, z, angle = moving
     rate = power.polyder(angle)
@@ -160,7 +163,7 @@ def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
 
 
 def _bound(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """A bound on the magnitude of a polynomial on intervals."""
+    """Return a bound on the magnitude of a polynomial on each of the intervals `middle` ± `half`."""
     bound, derivative = np.zeros_like(middle), c
     for k in range(len(c)):
         bound = bound + np.abs(power.polyval(middle, derivative)) * half**k / math.factorial(k)
@@ -173,7 +176,7 @@ def _times(values: ArrayInput) -> Any:
     times = as_float(values)
     if times.ndim != 1 or times.shape[0] < 2:
         raise ValueError(
-            f"the times of a route must be a vector of at least two, but an array of shape {times.shape} was given"
+            f"the times of a route must be a vector of two or more times, but an array of shape {times.shape} was given"
         )
     require_finite(times, "the times of a route")
     numbers = concrete(times)

@@ -1,4 +1,4 @@
-"""Arc length along a route and its inverse, by quadrature in each segment."""
+"""Compute arc lengths along a route, and the time at a given arc length, by quadrature in each segment."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ NODES, PANELS = 12, 8
 """Gauss–Legendre nodes per panel, and panels per segment."""
 
 STEPS = 60
-"""Bisection steps for the time at an arc length: enough to reach round-off."""
+"""Number of bisection steps for the time at an arc length; enough to reach round-off."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
 POINTS = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
@@ -25,13 +25,13 @@ WEIGHTS = np.tile(_WEIGHTS / (2 * PANELS), PANELS)
 
 @jax.jit
 def total(starts: Array, c: Array, duration: Scalar) -> Scalar:
-    """The length of the whole route [m]."""
+    """Return the length [m] of the whole route."""
     return jnp.sum(lengths(starts, c, duration))
 
 
 @jax.jit
 def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
-    """The length [m] from the start to the time `t` [s]."""
+    """Return the length [m] from the start to the time `t` [s]."""
     i = jnp.maximum(jnp.searchsorted(starts, t, side="right") - 1, 0)
     before = jnp.where(jnp.arange(starts.shape[0], dtype=i.dtype) < i, lengths(starts, c, duration), 0.0)
     return jnp.sum(before) + _length(c[i], t - starts[i])
@@ -39,7 +39,7 @@ def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
 
 @jax.jit
 def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
-    """The time at which the arc length is `s`; differentiable where the speed is not zero."""
+    """Return the time [s] at which the arc length is `s` [m]; differentiable where the speed is not zero."""
     each = lengths(starts, c, duration)
     before = jnp.concatenate([jnp.zeros((1,), each.dtype), jnp.cumsum(each)])
     i = jnp.clip(jnp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)
@@ -65,12 +65,12 @@ def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
 
 @jax.jit
 def lengths(starts: Array, c: Array, duration: Scalar) -> Float[Array, " rows"]:
-    """The length of each segment [m]; zero for padding."""
+    """Return the length [m] of each segment; the length of padding is zero."""
     return jax.vmap(_length)(c, pieces.durations(starts, duration))
 
 
 def _length(c: Float[Array, "terms 3"], h: Scalar) -> Scalar:
-    """The length of a segment from its start to the local time `h`."""
+    """Return the length [m] of a segment from its start to the local time `h` [s]."""
     points, weights = (jnp.asarray(x, h.dtype) for x in (POINTS, WEIGHTS))
     return h * (weights @ jax.vmap(lambda x: _speed(c, h * x))(points))
 

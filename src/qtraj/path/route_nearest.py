@@ -1,4 +1,4 @@
-"""The point on a route nearest to a given point."""
+"""Find the point on a route nearest to a given point."""
 
 from typing import Any, NamedTuple
 
@@ -14,10 +14,10 @@ from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
 
 PARTS = 16
-"""Intervals between the samples of a segment; the search refines the nearest sample."""
+"""Number of intervals between the samples of a segment."""
 
 STEPS = 8
-"""Newton steps."""
+"""Number of Newton steps that refine the nearest sample of a segment."""
 
 
 class Nearest(NamedTuple):
@@ -33,7 +33,7 @@ class Nearest(NamedTuple):
 
 @jax.jit
 def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
-    """The nearest point on a route; `point` and the result are relative to the route's origin."""
+    """Find the nearest point on a route; `point` and the resulting position are relative to the origin of the route."""
     fixed, target = stop_gradient((c, point))
     h = stop_gradient(pieces.durations(starts, duration))
     u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)

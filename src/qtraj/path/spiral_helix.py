@@ -1,4 +1,4 @@
-"""The spiral-helix r(t) = ρ(t)(i cos φ + j sin φ) + k h(t) of paper S, with polynomial ρ, φ and h."""
+"""Define the spiral-helix r(t) = ρ(t)(i cos φ + j sin φ) + k h(t) of paper S, with polynomial ρ, φ and h."""
 
 from typing import Any
 
@@ -22,19 +22,19 @@ from qtraj.path.placement import Placement
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older fitted paths were stored with their residual, which is now part of the result of a fit."""
+    """Remove the residual, which older documents of fitted paths contained, from the fields of a document."""
     return {name: value for name, value in fields.items() if name != "residual"}
 
 
 @reads_older(_from_older)
 @storable
 class SpiralHelix(AbstractHodograph, AbstractResult):
-    """A spiral about an axis, with a height along the axis.
+    """A spiral about an axis, with a variable height along the axis.
 
-    `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
-    `duration` [s]; the axis is the world's z axis unless a `placement` is given. Outside [0, duration] the
-    polynomials extrapolate. `mismatch` is the relative difference of V_φ/ρ between the two states of `from_boundary`
-    (infinite if its problem has no solution).
+    `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree.
+    `duration` is in s. The axis is the world's z axis unless a `placement` is given. Outside [0, duration] the
+    polynomials are extrapolated. `mismatch` is the relative difference of V_φ/ρ between the two states of
+    `from_boundary`; it is infinite if no solution exists.
 
     **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
     """
@@ -64,13 +64,13 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         require_positive(self.duration, "the duration of a spiral-helix", "s")
 
     def record(self) -> Record:
-        """The coefficients, over `radius_power`, `angle_power` and `height_power`: the exact definition of the path.
+        """Return the exact path: coefficients over `radius_power`, `angle_power` and `height_power`.
 
-        For samples use `qtraj.evaluate(path, times).to_xarray()`.
+        To sample the path, call `qtraj.evaluate(path, times).to_xarray()`.
         """
         variables = {"duration": Quantity(self.duration, "s", "duration of the path")}
         for name, unit, symbol in (("radius", "m", "ρ"), ("angle", "rad", "φ"), ("height", "m", "h")):
-            meaning = f"coefficients of {symbol}(t); the one of t^k is in {unit} s^-k"
+            meaning = f"coefficients of {symbol}(t); the coefficient of t^k is in {unit} s^-k"
             variables[name] = Quantity(getattr(self, name), unit, meaning, (f"{name}_power",))
         if self.placement is not None:
             variables["origin"] = Quantity(self.placement.origin, "m", "a point on the axis, in world axes", ("world",))
@@ -83,7 +83,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         return Record(summary, variables, attributes={"frame": "world"})
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
+        """Return r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
         rows = self.rotating_derivatives(t, order)
         phi = polynomial.evaluate(self.angle, t)
         local = jnp.stack(rotated_z((rows[:, 0], rows[:, 1], rows[:, 2]), jnp.cos(phi), jnp.sin(phi)), axis=-1)
@@ -93,31 +93,32 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         return world.at[0].add(self.placement.origin.astype(world.dtype))
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """Like `derivatives`, but in the basis (e_ρ, e_φ, k) at `t` about the path's own axis."""
+        """Return r and its derivatives in the basis (e_ρ, e_φ, k) at `t`; r is relative to the placement's origin."""
         rows = self.polynomials().components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
     def polynomials(self) -> MovingPolynomials:
-        """The coefficients ρ, 0, h and φ in the rotating basis."""
+        """Return the coefficients of ρ, 0, h and φ in the rotating basis."""
         return MovingPolynomials(self.radius, None, self.height, self.angle, self.placement)
 
     @property
     def turn(self) -> Scalar:
-        """The signed angle of rotation about the axis from start to end [rad]."""
+        """The signed angle of rotation [rad] about the axis from start to end."""
         return polynomial.evaluate(self.angle, self.duration) - self.angle[0]
 
     @classmethod
     def from_boundary(
         cls, start: BoundaryState, end: BoundaryState, turns: int = 0, placement: Placement | None = None
     ) -> "SpiralHelix":
-        """The uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
+        """Compute the uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sign of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
-        turn·ρ/V_φ. There are ten boundary values for nine unknowns, so V_φ/ρ must be the same at both ends.
+        The turn has the sign of V_φ at the start. Its magnitude is at least 0 and less than 2π, plus `turns` whole
+        turns. The duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary
+        values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
-        **Raises:** ValueError if V_φ/ρ differs between the ends by more than a relative 1e-9, a radius or V_φ is zero,
-        the azimuths are equal with `turns=0`, or an acceleration is given. Inside a trace nothing is raised; check the
-        path's `mismatch`.
+        **Raises:** ValueError if V_φ/ρ differs between the ends by a relative difference of more than 1e-9, a radius or
+        V_φ is zero, the azimuths are equal with `turns=0`, `turns` is not an integer ≥ 0, or an acceleration is given.
+        Traced values are not checked; check the `mismatch` of the path instead.
         """
         return cls(*problem.uniform(start, end, turns, placement))
 
@@ -130,13 +131,13 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         turns: int = 0,
         placement: Placement | None = None,
     ) -> "SpiralHelix":
-        """The spiral-helix with a polynomial angle that satisfies all boundary data in a given `duration` [s].
+        """Compute the spiral-helix with a given `duration` [s] and a polynomial angle that satisfies all boundary data.
 
-        ρ, φ and h are cubics, or quintics if both states have an acceleration. The turn is in (−π, π] plus the signed
-        number of whole turns `turns`.
+        ρ, φ and h are cubics, or quintics if both states contain an acceleration. The turn is in (−π, π] plus `turns`,
+        a signed number of whole turns.
 
-        **Raises:** ValueError if the duration is not positive, a state lies on the axis, or only one acceleration is
-        given.
+        **Raises:** ValueError if the duration is not positive, a state lies on the axis, `turns` is not an integer, or
+        only one state contains an acceleration.
         """
         duration = real_scalar(duration, "the duration of a spiral-helix")
         require_positive(duration, "the duration of a spiral-helix", "s")
@@ -144,16 +145,16 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     @classmethod
     def between(cls, start: BoundaryState, end: BoundaryState, duration: ArrayInput, turns: int = 0) -> "SpiralHelix":
-        """`hermite` about the vertical axis where the horizontal normals of the two velocities intersect.
+        """Compute the path of `hermite` about the vertical axis on which the horizontal normals of the velocities meet.
 
-        **Raises:** ValueError if the horizontal velocities are parallel or zero, so that no such axis exists.
+        **Raises:** ValueError if the horizontal velocities are parallel or zero, because then no such axis exists.
         """
         axis = problem.axis_between(start, end)
         return cls.hermite(start, end, duration, turns, axis)
 
 
 def _ends(coefficients: Array, duration: Array) -> np.ndarray:
-    """The values of polynomials (*batch, n) at 0 and at the durations (*batch): (2, *batch)."""
+    """Return the values (2, *batch) of polynomials (*batch, n) at time 0 and at the durations (*batch)."""
     c, t = np.asarray(coefficients), np.asarray(duration)
     powers = t[..., None] ** np.arange(c.shape[-1])
     return np.stack([c[..., 0], np.sum(c * powers, axis=-1)])

@@ -1,5 +1,6 @@
-"""Stops of a route: the intervals in which its speed is at most a threshold."""
+"""Find the stops of a route, which are the intervals in which its speed is at most a threshold."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,48 +11,81 @@ from qtraj.path import pieces
 SAMPLES = 33
 """Number of instants in each segment at which the speed is sampled."""
 
-HALVINGS = 52
-"""Bisection steps for the ends of an interval, and golden-section steps for the lowest speed between two samples."""
+GOLDEN_STEPS = 52
+"""Number of golden-section steps for the minimum speed."""
+
+PARTS, DIVISIONS = 16, 13
+"""Number of parts into which each step divides an interval with a threshold crossing, and number of steps."""
 
 GOLDEN = (5**0.5 - 1) / 2
 
 
 class Segments(NamedTuple):
-    """The unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s]."""
+    """Unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s]."""
 
     starts: Float[np.ndarray, " n"]
     coefficients: Float[np.ndarray, "n terms 3"]
     durations: Float[np.ndarray, " n"]
 
     def rows(self, t: np.ndarray, order: int, side: str = "right") -> list[np.ndarray]:
-        """Value and derivatives, each (m, 3), at times (m,); `side` selects the segment at a joint."""
+        """Return position and derivatives, each (m, 3), at times (m,) [s].
+
+        At a joint, `side` selects the earlier segment ("left") or the later segment ("right").
+        """
         i = np.searchsorted(self.starts, t, side=side) - 1  # type: ignore[call-overload]
         i = np.clip(i, 0, len(self.starts) - 1)
-        return pieces.values(self.coefficients[i], t - self.starts[i], order)
+        # One contiguous array for each power: faster than slices of an array (m, terms, 3).
+        terms = np.ascontiguousarray(np.moveaxis(self.coefficients, 1, 0))[:, i]
+        return pieces.values(np.moveaxis(terms, 0, 1), t - self.starts[i], order)
 
-    def speed_sq(self, t: np.ndarray) -> np.ndarray:
-        """The square of the speed at times (m,)."""
-        return np.sum(self.rows(t, 1)[1] ** 2, axis=-1)
+    def sampled(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 3"]]:
+        """Return sampled instants [s], each joint once, and the velocities [m/s] at these instants."""
+        n, terms, _ = self.coefficients.shape
+        k = np.arange(1, terms)
+        u = np.linspace(0.0, 1.0, SAMPLES)
+        scaled = self.coefficients[:, 1:] * (k * self.durations[:, None] ** (k - 1))[:, :, None]
+        # One product of matrices, with the instants of a segment as rows.
+        v = u[:, None] ** (k - 1) @ np.moveaxis(scaled, 0, 1).reshape(terms - 1, 3 * n)
+        v = np.moveaxis(v.reshape(SAMPLES, n, 3), 1, 0)
+        t = self.starts[:, None] + self.durations[:, None] * u
+        return np.append(t[:, :-1], t[-1, -1]), np.concatenate([v[:, :-1].reshape(-1, 3), v[-1, -1:]])
+
+    def speed_sq_between(self, low: Float[np.ndarray, " m"]) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the squared speed [m²/s²] at times (..., m), in the segments that contain the times `low` (m,)."""
+        i = np.clip(np.searchsorted(self.starts, low, side="right") - 1, 0, len(self.starts) - 1)
+        k = np.arange(1, self.coefficients.shape[1])
+        starts, terms = self.starts[i], np.moveaxis(self.coefficients[i, 1:], 1, 0) * k[:, None, None]
+
+        def speed_sq(t: np.ndarray) -> np.ndarray:
+            s, v = (t - starts)[..., None], terms[-1]
+            for term in terms[-2::-1]:
+                v = term + s * v
+            return _dots(v, v)
+
+        return speed_sq
 
 
 def fastest(segments: Segments) -> float:
-    """The largest sampled speed [m/s]."""
-    return float(np.sqrt(segments.speed_sq(_samples(segments)).max()))
+    """Return the largest sampled speed [m/s]."""
+    return float(np.sqrt(_dots(*2 * [segments.sampled()[1]]).max()))
 
 
-def stops(segments: Segments, threshold: float) -> list[tuple[float, float]]:
-    """The intervals (start, end) [s] in which the speed is at most `threshold` [m/s], in order.
+def stops(segments: Segments, threshold: float, relative: bool = False) -> list[tuple[float, float]]:
+    """Return the intervals (start, end) [s] in which the speed is at most `threshold` [m/s], in order.
 
-    The speed is sampled at 33 instants of every segment, and its minimum is located where the velocity changes its
-    direction by 90° or more between two samples.
+    If `relative` is true, the threshold is a fraction of the largest sampled speed. The speed is sampled at 33 instants
+    of every segment. If the direction of the velocity changes by 90° or more between two samples, the minimum of the
+    speed between them is located.
     """
-    t = _samples(segments)
-    v = segments.rows(t, 1)[1]
-    dots, squares = np.sum(v[1:] * v[:-1], axis=1), np.sum(v**2, axis=1)
+    t, v = segments.sampled()
+    dots, squares = _dots(v[1:], v[:-1]), _dots(v, v)
+    threshold = threshold * float(np.sqrt(squares.max())) if relative else threshold
     dips = np.flatnonzero((dots <= 0) & (np.minimum(squares[1:], squares[:-1]) > threshold**2))
     if dips.size:
-        t = np.sort(np.concatenate([t, _lowest(segments, t[dips], t[dips + 1])]))
-    below = segments.speed_sq(t) <= threshold**2
+        lowest = _lowest(segments, t[dips], t[dips + 1])
+        t = np.insert(t, dips + 1, lowest)
+        squares = np.insert(squares, dips + 1, segments.speed_sq_between(lowest)(lowest))
+    below = squares <= threshold**2
     if not below.any():
         return []
     edges = np.flatnonzero(below[1:] != below[:-1])
@@ -66,18 +100,16 @@ def stops(segments: Segments, threshold: float) -> list[tuple[float, float]]:
     return intervals
 
 
-def _samples(segments: Segments) -> np.ndarray:
-    """The sampled instants: in every segment, and at each joint once."""
-    u = np.linspace(0.0, 1.0, SAMPLES)[:-1]
-    end = segments.starts[-1:] + segments.durations[-1:]
-    return np.concatenate([(segments.starts[:, None] + segments.durations[:, None] * u).ravel(), end])
+def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...k,...k", a, b)
 
 
 def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The instants of the lowest speed between two samples, by golden section."""
-    for _ in range(HALVINGS):
+    """Return the instants [s] of minimum speed between pairs of samples, by golden-section search."""
+    speed_sq = segments.speed_sq_between(low)
+    for _ in range(GOLDEN_STEPS):
         a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        left = segments.speed_sq(a) < segments.speed_sq(b)
+        left = speed_sq(a) < speed_sq(b)
         low, high = np.where(left, low, a), np.where(left, b, high)
     return 0.5 * (low + high)
 
@@ -85,9 +117,16 @@ def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray
 def _crossings(
     segments: Segments, low: np.ndarray, high: np.ndarray, below: np.ndarray, threshold: float
 ) -> np.ndarray:
-    """The instants at which the speed crosses the threshold between two samples; `below`: whether it begins below."""
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        same = (segments.speed_sq(middle) <= threshold**2) == below
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    """Return the instants [s] at which the speed crosses the threshold, one for each interval [low, high].
+
+    `below` states for each interval whether the speed is below the threshold at the start of the interval.
+    """
+    speed_sq, u = segments.speed_sq_between(low), np.arange(1, PARTS) / PARTS
+    for _ in range(DIVISIONS):
+        width = high - low
+        inner = low + width * u[:, None]
+        # Keep the first part, counted from `low`, in which the speed crosses the threshold.
+        same = np.logical_and.accumulate((speed_sq(inner) <= threshold**2) == below)
+        count = np.sum(same, axis=0)
+        low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
     return np.where(below, high, low)

@@ -1,9 +1,9 @@
-"""The frame of a multirotor: z along the thrust, a − g, and yaw along the velocity or a given heading.
+"""Define the frame of a multirotor: z along the thrust, a − g, and yaw along the velocity or a given heading.
 
-Differential flatness (Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011,
-section III): position and heading determine the attitude. With f = r'' − g and a forward reference c, the axes are
-z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first of their Z-X-Y
-angles: y is perpendicular to the heading, and x is the heading projected along the thrust.
+Position and heading determine the attitude by differential flatness (Mellinger and Kumar, "Minimum snap trajectory
+generation and control for quadrotors", ICRA 2011, section III). With f = r'' − g and a forward reference c, the axes
+are z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first Z-X-Y angle
+of Mellinger and Kumar, y is perpendicular to the heading, and x is the heading projected perpendicular to the thrust.
 """
 
 from collections.abc import Callable
@@ -28,28 +28,29 @@ from qtraj.path.regularity import has_tangent, is_significant
 from qtraj.path.trihedral import AbstractFrame, Trihedral, axis, with_axes
 
 STANDARD_GRAVITY = 9.80665
-"""[m/s²]."""
+"""Standard gravity [m/s²]."""
 
 Three = tuple[Vec3, Vec3, Vec3]
-"""A vector with its first two time derivatives."""
+"""A vector and its first two time derivatives."""
 
 Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
-"""An angle [rad], constant or as a function of the time [s]."""
+"""An angle [rad], either constant or a function of time [s]."""
 
 
 @storable
 class ThrustAligned(AbstractFrame):
     """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
 
-    `heading`: None for yaw along the velocity, so that the vehicle does not slip sideways (the velocity has no
-    component along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time
-    [s], written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
-    [m/s²], along −z of the world, or a vector (3,), world axes.
+    `heading` is None, a number or a function. None means yaw along the velocity, so that the vehicle does not slip
+    sideways (the velocity has no component along y). A number [rad], measured from world x towards world y, is a
+    constant heading. A function of time [s], written with `jax.numpy` and twice differentiable, returns the heading
+    [rad]. `gravity` is a magnitude [m/s²], along −z of the world, or a vector (3,) in world axes.
 
-    The x axis is not the tangent: it is the direction of the velocity, or the heading, projected along the thrust. The
-    frame does not exist in free fall (a = g), where the thrust is parallel to the velocity or the heading, or, for yaw
-    along the velocity, where the path stops; `defined` is false there. Rate and acceleration are exact; they use the
-    third and the fourth derivative of the path. A frame with a function as heading cannot be saved.
+    The x axis is not the tangent, but the direction of the velocity, or the heading, projected perpendicular to the
+    thrust. `defined` is false where the frame does not exist: in free fall (a = g); for a given heading, where the
+    thrust is parallel to the heading; for yaw along the velocity, where the thrust is parallel to the velocity or the
+    speed is zero. Rate and acceleration are exact; they use the third and the fourth derivative of the path. A frame
+    whose heading is a function cannot be saved.
 
     **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
     or has the wrong shape.
@@ -71,11 +72,11 @@ class ThrustAligned(AbstractFrame):
         return THRUST_ALIGNED
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at t = 0; the time matters only if the heading is a function of time."""
+        """Return the trihedral at t = 0; the time is relevant only if the heading is a function of time."""
         return self.at(jnp.zeros_like(duration), r, duration)
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at the time `t` [s] from r and its first four derivatives, world axes."""
+        """Return the trihedral at the time `t` [s] from r and its first four time derivatives, in world axes."""
         i, duration = Invariants(r), duration.astype(r.dtype)
         gravity = self.gravity.astype(r.dtype)
         f = (r[2] - gravity, r[3], r[4])
@@ -87,14 +88,14 @@ class ThrustAligned(AbstractFrame):
             W, F * C
         )
         z = unit(f[0], axis(r[2], 2))
-        side = w[0] - z * (z @ w[0])  # orthogonal to the thrust to round-off, even where w has lost most of its digits
+        side = w[0] - z * (z @ w[0])  # orthogonal to the thrust to within round-off, even if w has lost most digits
         y = unit(jnp.where(exists, side, 0.0), _fallback_y(z))
         x = jnp.cross(y, z)
         rate, acceleration = _rates((x, y, z), f, w, inverse_root(F, exists), inverse_root(W, exists))
         return with_axes(i, duration, x, y, rate, acceleration, exists)
 
     def _level(self, t: Scalar) -> Three:
-        """The direction of the heading and its time derivatives."""
+        """Return the direction of the heading and its first two time derivatives."""
         if not callable(self.heading):
             psi = self.heading.astype(t.dtype)
             still = jnp.zeros((3,), t.dtype)
@@ -107,10 +108,10 @@ class ThrustAligned(AbstractFrame):
 
 
 def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tuple[Vec3, Vec3]:
-    """ω [rad/s] and ε [rad/s²] in the frame's own axes, with z = f/|f| and y = w/|w|.
+    """Return ω [rad/s] and ε [rad/s²] in the frame's own axes, with z = f/|f| and y = w/|w|.
 
-    ω = (−f'·y/|f|, f'·x/|f|, −w'·x/|w|) (Mellinger and Kumar, eqs 7 and 8, write the first two as h_ω), and ε is its
-    derivative.
+    ω = (−f'·y/|f|, f'·x/|f|, −w'·x/|w|), and ε is its derivative. (Mellinger and Kumar, eqs 7 and 8, denote the first
+    two components by h_ω.)
     """
     x, y, z = axes
     log_f_rate, log_w_rate = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # logarithmic derivatives of |f| and |w|
@@ -125,7 +126,7 @@ def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tup
 
 
 def _cross(a: Three, b: Three) -> Three:
-    """a × b with its first two derivatives."""
+    """Return a × b and its first two time derivatives."""
     first = jnp.cross(a[1], b[0]) + jnp.cross(a[0], b[1])
     second = jnp.cross(a[2], b[0]) + 2 * jnp.cross(a[1], b[1]) + jnp.cross(a[0], b[2])
     return jnp.cross(a[0], b[0]), first, second
@@ -136,7 +137,7 @@ def _direction(psi: Scalar) -> Vec3:
 
 
 def _fallback_y(z: Vec3) -> Vec3:
-    """The y axis used where there is no heading: for a heading along world x, or along world y if z is near x."""
+    """Return the y axis for a fallback heading along world x, or along world y if `z` is close to world x."""
     steep: Flag = z[0] ** 2 > STEEP
     side = jnp.cross(z, jnp.where(steep, axis(z, 1), axis(z, 0)))
     return unit(side, axis(z, 1))

@@ -1,4 +1,4 @@
-"""Recorded tracks: the measured positions of a vehicle, sample by sample."""
+"""Define recorded tracks: the measured positions of a vehicle at a sequence of times."""
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,37 +12,41 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import labels_of
 
 MIN_SAMPLES = 4
-"""Fewer samples do not determine a curve."""
+"""Minimum number of samples that determine a curve."""
 
 CHORDS = 24
-"""Number of chords for the length, and for the direction of travel without recorded velocities. The chords are long
+"""Number of chords for the length, and for the direction of travel if no velocities were recorded. The chords are long
 compared with the noise, and short enough to follow eight whole turns."""
 
 STANDING = 0.05
-"""Below this fraction of the maximum speed a sample has no direction of travel."""
+"""Fraction of the maximum speed below which a sample has no direction of travel."""
 
 STANDSTILL = 0.1
-"""[m] A track that stays within this distance of its mean position is at rest: its velocities are only noise."""
+"""If all positions are within this distance [m] of their mean, the track is at rest and its velocities are noise."""
 
 RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, not normalised"
+RECORDED_RATE = "recorded angular rate, axes of the gyro"
+VERTICAL_RATE = "recorded angular rate about the vertical axis of the vehicle, positive to the left"
 
 
 @storable
 class Track(AbstractResult):
     """A recording of the motion of a vehicle.
 
-    `times` (n,) [s] and `positions` (n, 3) [m] are required. `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
-    quaternions body to world, scalar first, of any nonzero norm, are optional. Positions and velocities are in world
-    axes.
+    `times` (n,) [s] and `positions` (n, 3) [m] are required. `velocities` (n, 3) [m/s], `attitudes` (n, 4) and `rates`
+    [rad/s] are optional. Attitudes are quaternions from body to world, scalar first, with any nonzero norm. Positions
+    and velocities are in world axes. `rates` are angular rates (n, 3) in the axes of the gyro, or (n, 1): only the rate
+    about the vertical axis of the vehicle, positive to the left.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
-    message names the sample.
+    message contains the number of the sample.
     """
 
     times: Float[Array, " n"]
     positions: Float[Array, "n 3"]
     velocities: Float[Array, "n 3"] | None
     attitudes: Float[Array, "n 4"] | None
+    rates: Float[Array, "n axes"] | None
 
     def __init__(
         self,
@@ -50,6 +54,7 @@ class Track(AbstractResult):
         positions: ArrayInput,
         velocities: ArrayInput | None = None,
         attitudes: ArrayInput | None = None,
+        rates: ArrayInput | None = None,
     ):
         self.times = _times(times)
         count = self.times.shape[0]
@@ -58,47 +63,57 @@ class Track(AbstractResult):
         self.attitudes = None if attitudes is None else _samples(attitudes, "attitudes", count, 4)
         if self.attitudes is not None:
             _require_nonzero(self.attitudes)
+        size = 1 if rates is not None and as_float(rates).shape == (count, 1) else 3
+        self.rates = None if rates is None else _samples(rates, "rates", count, size)
         warn_if_coarse(self.positions, "a recorded track")
 
     def record(self) -> Record:
-        """The samples over `time`, on the recording's own clock; `qtraj.read_track` reads them as CSV."""
+        """Return the samples over `time`, on the clock of the recording.
+
+        `qtraj.read_track` can read a CSV file of these samples.
+        """
         columns = {"position": self.positions, "velocity": self.velocities, "quaternion": self.attitudes}
         recorded = {name: x for name, x in columns.items() if x is not None}
         variables = {name: CHANNELS[name].labelled(x, "time") for name, x in recorded.items()}
         if "quaternion" in variables:
             variables["quaternion"] = variables["quaternion"]._replace(meaning=RECORDED_ATTITUDE)
+        if self.rates is not None and self.rates.shape[-1] == 1:
+            variables["vertical_rate"] = Quantity(self.rates[..., 0], "rad s-1", VERTICAL_RATE, ("time",))
+        elif self.rates is not None:
+            variables["rate"] = Quantity(self.rates, "rad s-1", RECORDED_RATE, ("time", "body"))
         time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))
         summary = f"{self.times.shape[-1]} samples, {extent(self.times, 's')}: {', '.join(variables)}"
         return Record(summary, variables, {"time": time}, {"frame": "world"}, labels_of(""))
 
     @property
     def start_time(self) -> Scalar:
-        """The time of the first sample [s], on the recording's own clock."""
+        """The time [s] of the first sample, on the clock of the recording."""
         return self.times[0]
 
     @property
     def duration(self) -> Scalar:
-        """The time from the first to the last sample [s]."""
+        """The time [s] from the first to the last sample."""
         return self.times[-1] - self.times[0]
 
     @property
     def elapsed(self) -> Float[Array, " n"]:
-        """Times since the first sample (n,) [s], which are the times on a path that starts with the track."""
+        """The times (n,) [s] since the first sample, which are path times if the path starts with the track."""
         return self.times - self.times[0]
 
     @property
     def turn(self) -> Scalar:
-        """The turn of the horizontal direction of travel from the first to the last sample, left positive [rad].
+        """The turn [rad] of the horizontal direction of travel from the first to the last sample, left positive.
 
-        Computed from the recorded velocities, or from chords between positions. Samples slower than a twentieth of the
-        maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean position.
+        The turn is computed from the recorded velocities, or from chords between positions. Samples slower than a
+        twentieth of the maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean
+        position.
         """
         return as_array(travel_turn(self), self.positions.dtype)
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
-        """The samples with t0 ≤ time ≤ t1, on the recording's own clock [s].
+        """Return the samples with t0 ≤ time ≤ t1 [s], on the clock of the recording.
 
-        **Raises:** ValueError if t0 ≥ t1, the window extends beyond the recording, or has fewer than 4 samples.
+        **Raises:** ValueError if t0 ≥ t1, or if the window extends beyond the recording or has fewer than 4 samples.
         """
         times = to_float64(self.times)
         start, end = float(np.asarray(t0)), float(np.asarray(t1))
@@ -110,36 +125,40 @@ class Track(AbstractResult):
         first, last = np.searchsorted(times, start, "left"), np.searchsorted(times, end, "right")
         if last - first < MIN_SAMPLES:
             raise ValueError(
-                f"the window {start:.9g} to {end:.9g} s has {last - first} samples, but at least {MIN_SAMPLES} "
-                f"are needed. Widen it; {span}."
+                f"the window {start:.9g} to {end:.9g} s contains {last - first} samples, but at least {MIN_SAMPLES} "
+                f"are needed. Pass a wider window; {span}."
             )
         chosen = slice(int(first), int(last))
         velocities = None if self.velocities is None else part(self.velocities, chosen)
         attitudes = None if self.attitudes is None else part(self.attitudes, chosen)
-        return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes)
+        rates = None if self.rates is None else part(self.rates, chosen)
+        return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes, rates)
 
 
 def to_float64(x: Array) -> np.ndarray:
-    """The values of a recording as a NumPy array in float64.
+    """Return the values of a recording as a NumPy array in float64.
 
     **Raises:** ValueError inside a trace, where the values are not concrete.
     """
     values = concrete(x)
     if values is None:
         raise ValueError(
-            "the values of a recorded track must be concrete here, but they are traced inside jit, grad or vmap"
+            "the values of a recorded track must be concrete, but they are traced inside jit, grad or vmap"
         )
     return values.astype(np.float64)
 
 
 def elapsed_times(track: Track) -> np.ndarray:
-    """The times since the first sample [s], in float64."""
+    """Return the times [s] since the first sample, in float64."""
     times = to_float64(track.times)
     return times - times[0]
 
 
 def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
-    """The signed turn of the horizontal direction of travel [rad]; 0 if the track stays within `standstill` [m]."""
+    """Return the signed turn [rad] of the direction of travel.
+
+    The turn is 0 for a track that stays within `standstill` [m] of its mean position.
+    """
     if spread_radius(track) <= standstill:
         return 0.0
     if track.velocities is not None:
@@ -149,25 +168,28 @@ def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
     direction = directions(chords / seconds[:, None])[1]
     if len(direction) < 2:
         return 0.0
-    # A chord has the direction at its midpoint, so the turn is extrapolated by half a chord at both ends.
+    # A chord has the direction of the path at its midpoint, so extrapolate the turn by half a chord at both ends.
     end_turns = direction[1] - direction[0] + direction[-1] - direction[-2]
     return float(direction[-1] - direction[0] + 0.5 * end_turns)
 
 
 def travel_length(track: Track) -> float:
-    """The horizontal length of the track [m], along chords, so that noise has little effect."""
+    """Return the horizontal length [m] of the track, measured along chords to reduce the effect of noise."""
     chords, _ = _chords(track)
     return float(np.hypot(*chords.T).sum())
 
 
 def spread_radius(track: Track) -> float:
-    """The largest horizontal distance of a sample from the mean position [m]."""
+    """Return the largest horizontal distance [m] of a sample from the mean position."""
     positions = to_float64(track.positions)[:, :2]
     return float(np.hypot(*(positions - positions.mean(axis=0)).T).max())
 
 
 def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (m,) of the samples that move, and their continuous horizontal directions (m,) [rad]."""
+    """Return the indices (m,) of the velocities that have a direction, and their continuous directions (m,) [rad].
+
+    A velocity has a direction if its horizontal magnitude exceeds `STANDING` times the largest horizontal magnitude.
+    """
     speed = np.hypot(*velocities[:, :2].T)
     moving = np.flatnonzero(speed > STANDING * speed.max(initial=0.0))
     x, y = velocities[moving, :2].T
@@ -175,7 +197,7 @@ def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chord_marks(count: int) -> np.ndarray:
-    """The indices, among `count` samples, of the ends of the chords."""
+    """Return the indices of the samples, of `count` samples in all, at which the chords start and end."""
     return np.linspace(0, count - 1, min(count, CHORDS + 1)).round().astype(int)
 
 
@@ -189,7 +211,7 @@ def _times(values: ArrayInput) -> Float[Array, " n"]:
     times = as_float(values)
     if times.ndim != 1 or times.shape[0] < MIN_SAMPLES:
         raise ValueError(
-            f"the times of a track must be a vector of at least {MIN_SAMPLES}, "
+            f"the times of a track must be a vector of at least {MIN_SAMPLES} times, "
             f"but an array of shape {times.shape} was given"
         )
     _require_finite(times, "times")

@@ -1,8 +1,8 @@
-"""Trihedra along a path: the natural one (τ, n, b) of paper S and the upright one of vehicles.
+"""Define trihedra along a path: the natural trihedral (τ, n, b) of paper S and the upright frame of vehicles.
 
-Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral rotates at
-ω⁰ = (vχ, 0, |c|/v²) in its own axes, and ε⁰ = dω⁰/dt. Where |r'| or |c| is zero there is no natural trihedral:
-`defined` is false there, and all values and gradients are finite.
+Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the angular rate of the natural trihedral in
+its own axes is ω⁰ = (vχ, 0, |c|/v²), with ε⁰ = dω⁰/dt. Where |r'| or |c| is zero the natural trihedral does not exist:
+`defined` is false, and all values and gradients are finite.
 """
 
 import abc
@@ -37,12 +37,13 @@ from qtraj.path.route import Route
 class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
-    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; they are the body axes x, y and z. The x axis is the
-    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] describe
-    the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in `axes`: "body", the trihedral's own, or
-    "inertial", the world's. `defined` is false where the trihedral does not exist; the values there are finite fallback
-    values. The type of frame is not stored, so trihedra of all frames have the same tree structure, as the branches of
-    `jax.lax.cond` must have.
+    `tangent`, `normal` and `binormal` are unit vectors (3,) in world axes along the body axes x, y and z. The x axis is
+    the tangent of the path, except in the frame `ThrustAligned`, and in the frame `Driving` at a stop or in reverse.
+    `speed` [m/s], `curvature` and `torsion` [1/m] describe the path. `rate` [rad/s] and `acceleration` [rad/s²] are the
+    angular rate and acceleration (3,) in `axes`, which is "body" for the trihedral's own axes or "inertial" for world
+    axes. `defined` is false where the trihedral does not exist; its values are then finite fallback values. The type of
+    frame is not stored, so trihedra of all frames have the same tree structure, which the branches of `jax.lax.cond`
+    require.
     """
 
     tangent: Vec3
@@ -57,21 +58,24 @@ class Trihedral(AbstractResult):
     axes: str = eqx.field(static=True, default=BODY)
 
     def dcm(self) -> Mat3:
-        """Direction cosines α: rows τ, n, b; maps world components to trihedral components (paper S)."""
+        """Return the direction cosines α (rows τ, n, b), which map world to trihedral components (paper S)."""
         return jnp.stack([self.tangent, self.normal, self.binormal])
 
     def quaternion(self) -> Quat:
-        """The unit quaternion, trihedral to world, of either sign (`rotation.continuous` makes a sequence agree)."""
+        """Return the unit quaternion, trihedral to world, whose first non-zero component is positive.
+
+        `rotation.continuous` makes the signs of consecutive quaternions continuous.
+        """
         return rotation.from_dcm(self.dcm())
 
     def gibbs(self) -> Vec3:
-        """The Gibbs vector G = e·tan(Φ/2), singular at Φ = π."""
+        """Return the Gibbs vector G = e·tan(Φ/2), which is infinite at Φ = π."""
         return rotation.to_gibbs(self.quaternion())
 
     def in_axes(self, axes: str) -> "Trihedral":
-        """The same trihedral with rate and acceleration in these `axes`, "body" or "inertial".
+        """Return the same trihedral with rate and acceleration in these `axes`, "body" or "inertial".
 
-        **Raises:** ValueError for other axes.
+        **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
         """
         require_axes(axes)
         if axes == self.axes:
@@ -81,7 +85,7 @@ class Trihedral(AbstractResult):
         return dataclasses.replace(self, **dict(zip(("rate", "acceleration"), vectors, strict=True)), axes=axes)
 
     def record(self) -> Record:
-        """The fields with the names of `qtraj.evaluate`, the axes as `dcm`; for many trihedra, batch axes first."""
+        """Return the fields with the names used in `qtraj.evaluate`, batch axes first; `dcm` contains the axes."""
         dcm = jnp.stack([self.tangent, self.normal, self.binormal], axis=-2)
         values = {
             "dcm": dcm,
@@ -101,7 +105,7 @@ class Trihedral(AbstractResult):
 
 
 class AbstractFrame(eqx.Module):
-    """A rule that assigns a trihedral to each point of a path."""
+    """A rule that assigns a trihedral to each instant of a path."""
 
     @property
     def name(self) -> str:
@@ -110,16 +114,16 @@ class AbstractFrame(eqx.Module):
 
     @abc.abstractmethod
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral from r and its first four derivatives, world axes, on a path of this duration [s]."""
+        """Return the trihedral from r and its first four time derivatives in world axes, and the `duration` [s]."""
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at the time `t` [s]; only frames that depend on time override this."""
+        """Return the trihedral at the time `t` [s]; only frames that depend on time override this method."""
         return self.trihedral(r, duration)
 
     def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
-        """The frame from the components of a path's derivatives in its moving basis, or None if it has no such form.
+        """Return the frame from the derivatives of a path in its moving basis, or None if this form is not available.
 
-        Arrays have any shape. With this form, many instants are evaluated in one loop, without world axes.
+        Arrays may have any shape. With this form, many instants are evaluated in one loop, without world axes.
         """
         return None
 
@@ -127,11 +131,12 @@ class AbstractFrame(eqx.Module):
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
 ) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s], in `frame`: by default upright for a route, else natural.
+    """Compute the trihedral of `path` at one instant `t` [s].
 
-    `axes` are the axes of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
+    The default of `frame` is `Upright()` for a route and `Natural()` for any other path. `axes` are the axes of rate
+    and acceleration: "body" for the trihedral's own axes, or "inertial" for world axes.
 
-    **Raises:** ValueError for an array of instants, other axes, or an invalid `frame`.
+    **Raises:** ValueError for an array of instants, unknown `axes`, or an invalid `frame`.
     """
     require_axes(axes)
     if frame is None:
@@ -156,7 +161,7 @@ def _trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: s
 
 
 def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration: Scalar) -> Trihedral | None:
-    """The trihedral of a frame that has components; at many instants all numbers are computed in one loop."""
+    """Return the trihedral of a frame that provides components; all numbers are computed in one loop."""
     duration = duration.astype(i.S.dtype)
     found = frame.components(i, basis, duration)
     if found is None:
@@ -167,7 +172,7 @@ def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration
             root(i.S),
             curvature(i, duration),
             torsion(i, duration),
-            jnp.where(found.defined, jnp.ones_like(i.S), 0.0),  # a flag by itself would repeat most of the loop
+            jnp.where(found.defined, jnp.ones_like(i.S), 0.0),  # an array of bool would need a second loop
             *(jnp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
         ]
     )
@@ -178,7 +183,7 @@ def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration
 
 
 def _from_rows(frame: AbstractFrame, r: Float[Array, "5 3"], duration: Scalar) -> Any:
-    """The trihedral of a frame that has components, from r and its derivatives, world axes."""
+    """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
     return _from_components(frame, Invariants([triple(row) for row in r]), Basis(), duration)
 
 
@@ -187,11 +192,11 @@ class Natural(AbstractFrame):
     """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, errata corrected)."""
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The natural trihedral from r and its first four derivatives, world axes."""
+        """Return the natural trihedral from r and its first four time derivatives, in world axes."""
         return _from_rows(self, r, duration)
 
     def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
-        """The natural trihedral in components."""
+        """Return the natural trihedral in components."""
         return frame_components.natural(i, basis, duration)
 
 
@@ -199,9 +204,10 @@ class Natural(AbstractFrame):
 class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 
-    `up` (3,), world axes, need not be normalised. The frame does not exist where the path is parallel to `up`.
+    `up` (3,), in world axes, need not be normalised. The frame does not exist where the velocity is zero or parallel to
+    `up`.
 
-    **Raises:** ValueError for an `up` that is zero, not finite or has another shape.
+    **Raises:** ValueError for an `up` that is zero, not finite, or of another shape.
     """
 
     up: Vec3
@@ -216,15 +222,15 @@ class Upright(AbstractFrame):
         return shown(self)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The upright trihedral from r and its first four derivatives, world axes."""
+        """Return the upright trihedral from r and its first four time derivatives, in world axes."""
         return _from_rows(self, r, duration)
 
     def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
-        """The upright frame in components."""
+        """Return the upright frame in components."""
         return frame_components.upright(i, basis, duration, triple(self.unit_up(duration.dtype)))
 
     def unit_up(self, dtype: Any) -> Vec3:
-        """The unit vector along `up`."""
+        """Return the unit vector along `up`."""
         up = self.up.astype(dtype)
         return unit(up, axis(up, 2))
 
@@ -232,7 +238,7 @@ class Upright(AbstractFrame):
 def with_axes(
     i: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
-    """The trihedral with the unit axes x and y, on the path with these invariants."""
+    """Create a trihedral from the unit axes x and y, for a path with the invariants `i` and the `duration` [s]."""
     duration = duration.astype(x.dtype)
     return Trihedral(
         tangent=x,
@@ -248,5 +254,5 @@ def with_axes(
 
 
 def axis(v: Vec3, k: int) -> Vec3:
-    """The unit vector along axis `k`, in the precision of `v`."""
+    """Return the unit vector along axis `k` (0, 1 or 2), in the precision of `v`."""
     return jnp.zeros_like(v).at[k].set(1.0)

@@ -1,4 +1,4 @@
-"""Values of path quantities at one instant."""
+"""Compute path quantities at one instant."""
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -10,35 +10,48 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
+from qtraj.path.standstill import ORDER as STANDSTILL_ORDER, driven_invariants
 from qtraj.path.vehicle import RoadParameters
 
 
 def invariants_at(
     path: AbstractHodograph, t: ScalarLike, order: int, vehicle: RoadParameters | None = None
 ) -> Invariants:
-    """The invariants of a path's derivatives up to `order` at `t`, computed in its moving basis if it has one."""
+    """Return the invariants of the derivatives up to `order` at `t` [s], in the moving basis of the path if available.
+
+    With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
+    """
     polynomials = path.polynomials()
+    order = order if vehicle is None else max(order, STANDSTILL_ORDER)
     if polynomials is None:
-        return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)], vehicle=vehicle)
-    x, y, z, angle = polynomials.series(t, order)
-    return Invariants(in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0]), vehicle)
+        up, rows = None, [(row[0], row[1], row[2]) for row in path.derivatives(t, order)]
+    else:
+        x, y, z, angle = polynomials.series(t, order)
+        rows, up = in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0])
+    if vehicle is None:
+        return Invariants(rows, up)
+    return driven_invariants(rows, up, vehicle, jnp.asarray(t, path.duration.dtype), path.duration)
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
-    """The square of one path quantity at one instant; of a signed one that of its positive part."""
+    """Return the square of a path quantity at one instant `t` [s], or 0 if the quantity is negative.
+
+    The square of a quantity with a `factor` is divided by the square of the factor.
+    """
     entry = quantity(name)
-    return jnp.asarray(entry.squared(invariants_at(path, t, max(entry.order, 1), vehicle)), path.duration.dtype)
+    i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
+    return jnp.asarray(entry.squared(i), path.duration.dtype)
 
 
 def value(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
-    """One path quantity at one instant, in its unit; infinite at a pole."""
+    """Return the path quantity `name` at one instant, in its unit; infinite at a pole."""
     entry = quantity(name)
-    i = invariants_at(path, t, max(entry.order, 1), vehicle)
-    return jnp.asarray(entry.value(i), path.duration.dtype)
+    i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
+    return jnp.asarray(entry.scale(vehicle) * entry.value(i), path.duration.dtype)
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:
-    """The world's vertical in the moving basis at this `angle`; None if it is the third axis."""
+    """Return the world's vertical in the moving basis at this `angle`, or None if the vertical is the third axis."""
     if placement is None:
         return None
     zero = jnp.zeros_like(angle)
@@ -46,5 +59,5 @@ def vertical(placement: Placement | None, angle: Array) -> Triple | None:
 
 
 def to_turned_basis(vector: Array, angle: Array) -> Triple:
-    """The components of a vector in a basis that is rotated about the third axis by `angle`."""
+    """Return the components of a vector in a basis that is rotated about the third axis by `angle`."""
     return rotated_z(vector, jnp.cos(angle), -jnp.sin(angle))

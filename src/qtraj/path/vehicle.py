@@ -1,4 +1,4 @@
-"""The parameters of a vehicle and of the road under it, for forces, friction and power along a path."""
+"""Define the parameters of a vehicle and of the road, for forces, friction and power along a path."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from jaxtyping import Array, Float
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.naming import naming
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE
+from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
 
 GRAVITY, AIR_DENSITY = 9.80665, 1.225
 """Standard gravity [m/s²], and the density of air at sea level in the International Standard Atmosphere [kg/m³]."""
@@ -24,10 +27,12 @@ Number = Float[Array, "*batch"]
 
 
 class RoadParameters(NamedTuple):
-    """What the formulas of `contact` use, in any type of numbers.
+    """The parameters of a vehicle and its road in the formulas of path quantities, of any numeric type.
 
-    `drag` is ½ρC_dA/m [1/m]: the deceleration by the air is drag·v². `cos` and `sin` are those of the bank angle,
-    `inv_long` and `inv_lat` the inverses of the coefficients of friction.
+    `drag` is ½ρC_dA/m [1/m], so that air drag causes the deceleration drag·v². `cos` and `sin` are the cosine and sine
+    of the bank angle. `inv_long` and `inv_lat` are the inverses of the coefficients of friction. `inertia_tangent` and
+    `inertia_binormal` [kg m²] are the moments of inertia about τ and b; both are zero without an inertia, and NaN if τ,
+    n and b are not principal axes.
     """
 
     mass: Any
@@ -38,28 +43,35 @@ class RoadParameters(NamedTuple):
     sin: Any
     inv_long: Any
     inv_lat: Any
+    inertia_tangent: Any
+    inertia_binormal: Any
 
 
-NO_VEHICLE = RoadParameters(1.0, GRAVITY, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
-"""Numbers in place of those of a vehicle, where nothing depends on it."""
+NO_VEHICLE = RoadParameters(1.0, GRAVITY, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+"""Parameters for formulas that do not depend on the vehicle."""
 
 
 @storable
 class Vehicle(eqx.Module):
-    """A vehicle on a road: a point mass with the grip of its tyres, resistance and, for moments, an inertia.
+    """A vehicle on a road, modelled as a point mass with tyre friction, resistance and, for moments, an inertia.
 
     - `mass` [kg].
-    - `inertia`: None, or the tensor (3, 3) in the vehicle's axes [kg m²]; a scalar or (3,) principal moments also do.
+    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The
+      vehicle's axes are those of the frame, rolled by the bank about the first axis: forward, left, and normal to the
+      road for an upright frame.
     - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag is ½ρC_dA v².
-    - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load.
+    - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load. It is a moment on
+      each wheel, so it contributes to the power, but not to the forces of the road on the tyres.
     - `friction` (2,): the coefficients of friction μ along and across the vehicle [-], the semi-axes of the friction
-      ellipse; one number stands for both. With the default 1 the use of the grip is the friction that the road needs.
-    - `bank` [rad]: the angle by which the road is rolled about the direction of motion, from level across; positive
-      where it leans to the left, as in a left turn.
+      ellipse, or one number for both. With the default 1, the path quantity `friction` is the coefficient of friction
+      that the path requires.
+    - `bank` [rad]: the rotation of the road about the direction of motion. It is 0 if the road is level in the lateral
+      direction, and positive if the left side is lower, as in a banked left turn. By the right-hand rule this is a
+      negative rotation about the forward axis. In the opposite direction, the same road has the opposite bank.
     - `air_density` ρ [kg/m³], `gravity` g [m/s²], along −z.
 
-    All numbers are data: other vehicles do not recompile anything. Fields with a batch dimension, as from `jax.vmap`,
-    are one vehicle for each path of a batch.
+    All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
+    by `jax.vmap`, represent one vehicle for each path of a batch.
 
     **Raises:** ValueError for a mass or friction that is not positive, a negative resistance, density or gravity, a
     bank of a right angle or more, or an invalid inertia.
@@ -87,14 +99,18 @@ class Vehicle(eqx.Module):
     ):
         self.mass = _scalar(mass, "mass", "kg")
         require_positive(self.mass, "the mass of a vehicle", "kg")
-        self.inertia = None if inertia is None else inertia_matrix(inertia)
+        with naming("vehicle: "):
+            self.inertia = None if inertia is None else inertia_matrix(inertia)
         self.drag_area = _not_negative(drag_area, "drag area", "m²")
         self.rolling_resistance = _not_negative(rolling_resistance, "rolling resistance", "-")
         self.friction = _friction(friction)
         self.bank = _scalar(bank, "bank", "rad")
         value = concrete(self.bank)
         if value is not None and not np.all(np.abs(value) < MAX_BANK):
-            raise ValueError(f"the bank of a road must be less than a right angle, but {value.tolist()} rad was given")
+            raise ValueError(
+                "the bank of a road must be between -pi/2 and pi/2 rad (3 degrees are 0.0524 rad), but "
+                f"{value.tolist()} rad was given"
+            )
         self.air_density = _not_negative(air_density, "air density", "kg/m³")
         self.gravity = _not_negative(gravity, "gravity", "m/s²")
 
@@ -102,23 +118,37 @@ class Vehicle(eqx.Module):
         return shown(self, mass="kg", inertia="kg m²", drag_area="m²", bank="rad", air_density="kg/m³", gravity="m/s²")
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
-        """The numbers that the formulas use, (*batch) each: NumPy arrays where the fields are known."""
+        """Return the parameters of the formulas, (*batch) each, as NumPy arrays if all fields are concrete."""
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
-        is_concrete = all(concrete(x) is not None for x in (*fields, self.friction))
+        is_concrete = all(concrete(x) is not None for x in (*fields, self.friction, self.inertia) if x is not None)
         xp: Any = np if is_concrete else jnp
         dtype = self.mass.dtype if dtype is None else dtype
         mass, gravity, area, density, rolling, bank = (xp.asarray(x, dtype) for x in fields)
         inverse = 1 / xp.asarray(self.friction, dtype)
         drag = 0.5 * density * area / mass
+        cos, sin = xp.cos(bank), xp.sin(bank)
+        about_tangent = about_binormal = xp.zeros_like(mass)
+        if self.inertia is not None:
+            inertia = inertia_in_frame(xp.asarray(self.inertia, dtype), cos, sin, xp)
+            about_tangent, about_binormal = principal_moments(inertia, xp)
         return RoadParameters(
-            mass, gravity, drag, rolling, xp.cos(bank), xp.sin(bank), inverse[..., 0], inverse[..., 1]
+            mass, gravity, drag, rolling, cos, sin, inverse[..., 0], inverse[..., 1], about_tangent, about_binormal
         )
+
+    def inertia_in_frame(self) -> Float[Array, "*batch 3 3"]:
+        """Return the inertia tensor in the axes of the frame, in which the bank rolls the vehicle about the first axis.
+
+        **Raises:** ValueError for a vehicle without inertia.
+        """
+        inertia: Any = require_inertia(self, "the inertia in the axes of the frame").inertia
+        bank = self.bank.astype(inertia.dtype)
+        return inertia_in_frame(inertia, jnp.cos(bank), jnp.sin(bank), jnp)
 
 
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
-    """The vehicle.
+    """Return the vehicle, or raise an error if there is none.
 
-    **Raises:** ValueError, saying `what` needs it, if there is none.
+    **Raises:** ValueError if `vehicle` is not a Vehicle; the message states that `what` needs one.
     """
     if not isinstance(vehicle, Vehicle):
         given = "none was given" if vehicle is None else f"{vehicle!r} was given"
@@ -126,15 +156,64 @@ def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
     return vehicle
 
 
+def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
+    """Return the vehicle, or raise an error if it has no inertia.
+
+    **Raises:** ValueError if there is no vehicle or no inertia; the message states that `what` needs it.
+    """
+    vehicle = require_vehicle(vehicle, what)
+    if vehicle.inertia is None:
+        raise ValueError(f"{what} needs an inertia: pass vehicle=Vehicle(mass=..., inertia=...)")
+    return vehicle
+
+
+def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
+    """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
+
+    **Raises:** ValueError if there is no such inertia; the message states that `what` needs it.
+    """
+    vehicle = require_inertia(vehicle, what)
+    if has_principal_inertia(vehicle):
+        return vehicle
+    given = np.asarray(concrete(vehicle.inertia)).reshape(-1, 3, 3)
+    diagonal = np.all(given == given * np.eye(3), axis=(1, 2))
+    reason = "a bank that is not zero rotates its principal axes" if np.all(diagonal) else "it has products of inertia"
+    raise ValueError(
+        f"{what} needs an inertia whose principal axes are τ, n and b, but {given[np.argmin(diagonal)].tolist()} kg m² "
+        f"was given: {reason}. The output 'moment' of evaluate accepts any inertia and bank."
+    )
+
+
+def has_principal_inertia(vehicle: Vehicle | None) -> bool:
+    """Return whether the vehicle has an inertia with principal axes along τ, n and b; true for traced values."""
+    if vehicle is None or vehicle.inertia is None:
+        return False
+    known = concrete(vehicle.parameters().inertia_tangent)
+    return known is None or not np.any(np.isnan(known))
+
+
+REQUIREMENTS = {VEHICLE: require_vehicle, INERTIA: require_inertia, PRINCIPAL: require_principal_inertia}
+
+
+def require(vehicle: Vehicle | None, needs: str, what: str) -> Vehicle | None:
+    """Return the vehicle, or raise an error if it lacks what a quantity `needs`; `what` names the quantity.
+
+    **Raises:** ValueError, see the functions in `REQUIREMENTS`.
+    """
+    return REQUIREMENTS[needs](vehicle, what) if needs else vehicle
+
+
 def _scalar(value: ArrayInput, name: str, unit: str) -> Array:
     try:
         number = as_float(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"the {name} of a vehicle must be a number [{unit}], but {value!r} was given") from error
+    if isinstance(value, bool | np.bool_):
+        raise ValueError(f"the {name} of a vehicle must be a number [{unit}], but {value!r} was given")
     if number.ndim != 0:
         raise ValueError(
             f"the {name} of a vehicle must be one number, but an array of shape {number.shape} was given; "
-            "jax.vmap makes many vehicles"
+            "create many vehicles with jax.vmap"
         )
     if not np.all(np.isfinite(0.0 if (known := concrete(number)) is None else known)):
         raise ValueError(f"the {name} of a vehicle must be finite [{unit}], but {value!r} was given")
@@ -156,8 +235,8 @@ def _friction(value: ArrayInput) -> Array:
         raise ValueError(f"the friction of a vehicle must be one or two numbers, but {value!r} was given") from error
     if friction.shape not in ((), (2,)):
         raise ValueError(
-            "the friction of a vehicle must be one number or two, along and across, but an array of shape "
-            f"{friction.shape} was given"
+            "the friction of a vehicle must be one number, or two (along and across the vehicle), but an array of "
+            f"shape {friction.shape} was given"
         )
     require_positive(friction, "the friction of a vehicle", "-")
     return jnp.broadcast_to(friction, (2,)) if friction.ndim == 0 else friction

@@ -1,7 +1,7 @@
-"""Layer 6: scenarios, the TOML files that commands read. This module is the registry of their kinds.
+"""Layer 6: models of the TOML scenarios that commands read, and the registry of the kinds of scenarios.
 
-A kind has a model of its keys, in a module that also builds the task of the command and is imported when needed. The
-help of the commands, and the page that docs/scenarios.py writes, come from the kinds.
+For each kind, a module defines the keys of the scenario and builds the task of the command; the module is imported when
+it is needed. The help of the commands and the page that docs/scenarios.py writes are generated from the registry.
 """
 
 import importlib
@@ -15,10 +15,11 @@ DATA = Path(__file__).parents[1] / "io" / "data"
 
 
 class Kind(NamedTuple):
-    """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
+    """A kind of scenario.
 
-    Its model and its builder are in the module `home`, under the names `model_name` and `builder_name`. `renamed` maps
-    old dotted keys, which are read until 1.0, to their new names.
+    `commands`: the commands that read such scenarios. `about`: what the scenarios describe. `file`: the built-in
+    scenario in `DATA`. `home`: the module with the model `model_name` and the builder `builder_name`. `renamed` maps
+    old dotted keys, which are read until 1.0, to the new names.
     """
 
     commands: tuple[str, ...]
@@ -31,17 +32,18 @@ class Kind(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The commands in words."""
-        return " and ".join(f"`qtraj {command}`" for command in self.commands)
+        """The commands as text, such as "`qtraj tune` and `qtraj evaluate`"."""
+        *others, last = (f"`qtraj {command}`" for command in self.commands)
+        return f"{', '.join(others)} and {last}" if others else last
 
     @property
     def embedded(self) -> Path:
-        """The built-in scenario, which runs if no file is given."""
+        """The built-in scenario, which commands use if no file is specified."""
         return DATA / self.file
 
     @property
     def model(self) -> Any:
-        """The model of its keys, a subclass of `part.Part`."""
+        """The model of the keys, a subclass of `part.Part`."""
         return self._named(self.model_name)
 
     @property
@@ -54,8 +56,10 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
-    "route": Kind(("route",), "a recorded drive", "route.toml", "route", "RouteScenario", "fit_recording"),
+    "path": Kind(
+        ("tune", "evaluate", "retime"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"
+    ),
+    "route": Kind(("route", "retime"), "a recorded drive", "route.toml", "route", "RouteScenario", "fit_recording"),
     "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
     "loop": Kind(
         ("simulate",),
@@ -67,4 +71,4 @@ KINDS = {
         {"program.turn": "program.slew"},
     ),
 }
-"""All kinds of scenarios by name. To add one, write a module and add a line here."""
+"""All kinds of scenarios by name; to add a kind, write a module and add an entry to this dictionary."""

@@ -1,4 +1,4 @@
-"""Scenarios of `qtraj simulate`: their keys, and the closed loop that they describe."""
+"""Define the scenario keys of `qtraj simulate`, and build the closed loop."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -47,13 +47,13 @@ FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, TH
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
-"""Relative tolerance: a duration that exceeds the program's by less is the same, written with fewer digits."""
+"""Fraction by which a duration may exceed the duration of the program, because users may copy rounded digits."""
 
 
 class ProgramPart(Part):
     """The attitude program: a slew, the frame of a path, or a saved program."""
 
-    slew: SlewPart | None = key("a slew within its limits", "a table [program.slew]", None)
+    slew: SlewPart | None = key("a slew within limits", "a table [program.slew]", None)
     path: Text | None = key(
         "a path whose frame is the program",
         "the name of a path scenario or a saved path, relative to the scenario",
@@ -64,7 +64,7 @@ class ProgramPart(Part):
         | None
     ) = key(
         "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
-        "binormal, which flips where the curvature changes sign; 'rotation-minimizing', zero rate about the tangent; "
+        "binormal, which flips at inflections of the path; 'rotation-minimizing', zero rate about the tangent; "
         "or 'thrust-aligned', z along the thrust, for multirotors",
         "'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
         None,
@@ -86,10 +86,10 @@ class ProgramPart(Part):
         sources = self.given("slew", "path", "file")
         if len(sources) != 1:
             problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
-            raise ValueError(f"{problem}: give one of {SOURCES}")
+            raise ValueError(f"{problem}: specify one of {SOURCES}")
         if self.path is None and (extra := self.given("frame", "up", "heading")):
             raise ValueError(
-                f"the key '{extra[0]}' requires a program along a path: give path in [program], or remove the key"
+                f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
             )
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
             raise ValueError("the key 'up' is valid only with frame = 'upright', and must not be zero")
@@ -98,7 +98,7 @@ class ProgramPart(Part):
         return self
 
     def describe(self, program: AbstractProgram) -> str:
-        """The program in words."""
+        """Describe the program in words."""
         if self.path is not None:
             return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
         if self.file is not None:
@@ -106,7 +106,7 @@ class ProgramPart(Part):
         return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
 
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
-        """The frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
+        """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         name = (chosen or self.frame or UPRIGHT).replace("_", "-")
         frame: Frame = FRAMES[name]()
         if name == THRUST_ALIGNED and self.heading is not None:
@@ -117,22 +117,22 @@ class ProgramPart(Part):
             other = NATURAL if name == UPRIGHT else UPRIGHT
             raise ValueError(
                 f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): use frame = "
-                f"'{other}' or '{MINIMIZING}', or --frame with one of them"
+                f"'{other}' or '{MINIMIZING}', or --frame with one of these values"
             )
         return FrameProgram(path, frame)
 
 
 class SimulationPart(Part):
-    """Times and tolerances."""
+    """The times and tolerances of the simulation."""
 
     duration: Positive | None = key(
-        "simulated time; default: the duration of the program; longer only if the program ends at rest",
+        "simulated time; default: the duration of the program; it may be longer only if the program ends at rest",
         SECONDS,
         None,
     )
     samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
         "number of instants in the table; the option --samples overrides it",
-        f"a whole number from 2 to {MAX_SAMPLES}, the instants of the table",
+        f"an integer from 2 to {MAX_SAMPLES}, the number of instants",
         601,
     )
     settled: Positive | None = key(
@@ -149,11 +149,11 @@ class SimulationPart(Part):
 
 
 class LoopScenario(NamedPart):
-    """A body that follows a program under a feedback law, with disturbance, sensor and actuator."""
+    """A body that follows a program under a feedback law, with an optional disturbance, sensor and actuator."""
 
     angles: Angles = key("the unit of angles", ANGLES)
     program: ProgramPart = key("the attitude program", "a table [program]")
-    law: FeedbackPart = key("the feedback", "a table [law]")
+    law: FeedbackPart = key("the feedback law", "a table [law]")
     error: ErrorPart = key("the initial error of the body", "a table [error]", ErrorPart())
     disturbance: DisturbancePart | None = key("an external disturbance", "a table [disturbance]", None)
     sensor: SensorPart | None = key("the sensor; default: exact and continuous", "a table [sensor]", None)
@@ -179,7 +179,7 @@ class LoopScenario(NamedPart):
             raise ValueError("error.gauge = 'gibbs' is valid only with laws of kind 'body' or 'inertial'")
         if self.error.gauge == "gibbs" and self.error.sign == "far":
             raise ValueError(
-                "error.sign = 'far' contradicts error.gauge = 'gibbs', which has μ0 = 1: remove one of them"
+                "error.sign = 'far' contradicts error.gauge = 'gibbs', which means μ0 = 1: remove one of these keys"
             )
         if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
             raise ValueError(
@@ -189,16 +189,16 @@ class LoopScenario(NamedPart):
         samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
         if len(set(samplings)) > 1:
             raise ValueError(
-                "sensor.sampling and actuator.sampling differ: give both the same period, or only one of them a period"
+                "sensor.sampling and actuator.sampling differ: use the same period for both, or remove one of them"
             )
         return self
 
 
 @dataclass(frozen=True)
 class LoopTask:
-    """A closed loop: the arguments of `qtraj.simulate`.
+    """The closed loop of a scenario, as arguments of `qtraj.simulate`.
 
-    `times` (n,) [s] are the instants of the table; `renewals` [s] are the sampling instants of the command, None if the
+    `times` (n,) [s]: the instants of the table. `renewals` [s]: the sampling instants of the command, or None if the
     command is continuous.
     """
 
@@ -216,12 +216,12 @@ class LoopTask:
 
     @property
     def jumps(self) -> np.ndarray | None:
-        """The instants at which the program's acceleration may jump [s]; None if there are none."""
+        """The instants [s] at which the acceleration of slews may jump, or None for a program without slews."""
         return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
 
 
 def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
-    """The closed loop of a scenario; `samples` and `frame` override the values of the scenario.
+    """Build the closed loop of a scenario; `samples` and `frame` override the values of the scenario.
 
     **Raises:** OSError if a file cannot be read; ValueError for invalid data.
     """
@@ -247,7 +247,8 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
     part, angles = loaded.scenario.program, loaded.scenario.angles
     if frame is not None and part.path is None:
         raise ValueError(
-            f"--frame {frame} requires a program along a path, but [program] has no path: give one, or omit --frame"
+            f"--frame {frame} requires a program along a path, but [program] has no path: add path in [program], or "
+            "omit --frame"
         )
     if part.slew is not None:
         with naming("in [program.slew], "):
@@ -259,17 +260,17 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:
-    """The instants of the table; they may exceed the end of the program only if it ends at rest."""
+    """Return the instants [s] of the table; some may be after the end of the program if the program ends at rest."""
     end = float(program.duration)
     duration = scenario.simulation.duration or end
     if duration <= 0:
-        raise ValueError("the program has zero duration: give simulation.duration [s]")
+        raise ValueError("the program has zero duration: specify simulation.duration [s]")
     moving = isinstance(program, EulerTurn) and float(program.profile.end_rate) != 0
     rests = isinstance(program, EulerTurn | SlewSequence) and not moving
     if duration > end * (1 + LONGER) and not rests:
         raise ValueError(
-            f"the key 'simulation.duration' has the value {duration:.15g}, but expected at most {end:.15g} s: this "
-            f"program ends there{', while still rotating' if moving else ''}"
+            f"the key 'simulation.duration' has the value {duration:.15g}, but must be at most {end:.15g} s, the "
+            f"duration of the program{', which does not end at rest' if moving else ''}"
         )
     duration = duration if rests else min(duration, end)
     return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

@@ -1,4 +1,4 @@
-"""Tables of a closed loop: the law with its gains, the initial error, disturbance, sensor and actuator."""
+"""Define the scenario tables of a closed loop: law, gains, initial error, disturbance, sensor and actuator."""
 
 from typing import Annotated, Any, Literal
 
@@ -40,19 +40,23 @@ from qtraj.scenario.part import (
 LINEAR = ("body", "inertial", "additive")
 """Acceleration laws whose error equation is exactly linear."""
 BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
-"""Established feedback laws, whose error equation is not linear."""
+"""Established feedback laws whose error equation is not linear."""
 KIND = "'body', 'inertial', 'additive', 'rate', 'quaternion', 'geometric' or 'logarithmic'"
 GAINS = ("k1", "k", "settling_time", "damping", "weights")
 WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
-GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of them"
-INERTIA = "a positive finite number, three of them, or three rows of three finite numbers [kg m²]"
+GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of finite numbers"
+INERTIA = "one or three positive finite numbers, or three rows of three finite numbers [kg m²]"
 SEEDS = 2**63
-"""Upper bound of the seeds of `jax.random`, exclusive."""
-AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis', angle per s² (per s for a rate law)"
+"""Exclusive upper bound of the seeds of `jax.random`."""
+AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis', angle per s² (angle per s for a rate law)"
 
 
 def _gain(value: Any) -> Any:
-    """A positive number, a list of numbers for a diagonal, or a square matrix; stability is not required."""
+    """Return `value` if it is a positive number, a list of numbers for a diagonal, or a square matrix of numbers.
+
+    Lists and matrices may contain negative numbers, because gains of unstable loops are allowed. For other values, the
+    function raises a PydanticCustomError.
+    """
     rows = value if isinstance(value, list) else [value]
     square = all(isinstance(row, list) and len(row) == len(rows) for row in rows)
     entries = [entry for row in rows for entry in row] if square else rows
@@ -63,7 +67,12 @@ def _gain(value: Any) -> Any:
 
 
 def _numbers(value: Any, *sizes: int) -> list[Any]:
-    """A number, a list of one of these `sizes`, or rows of three, as one flat list; an error for anything else."""
+    """Return a number, a list of numbers, or rows of three numbers, as a flat list.
+
+    `sizes` contains the allowed numbers of elements of a list or of all rows together.
+
+    **Raises:** PydanticCustomError for other values.
+    """
     flat = value if isinstance(value, list) else [value]
     if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
         flat = [entry for row in flat for entry in row]
@@ -87,35 +96,36 @@ Gain = Annotated[Any, PlainValidator(_gain)]
 
 
 class WeightsPart(Part):
-    """Weights of the linear-quadratic regulator, which minimises ∫(w_e x² + w_r ẋ² + w_c ẍ²) dt.
+    """The weights of the linear-quadratic regulator, which minimises ∫(w_e x² + w_r ẋ² + w_c ẍ²) dt.
 
     The keys error, rate and command are the weights w_e, w_r and w_c.
     """
 
     error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
-    rate: NotNegative = key("weight of its rate", "a non-negative finite number [1/s²]", 0.0)
+    rate: NotNegative = key("weight of the rate of the error", "a non-negative finite number [1/s²]", 0.0)
     command: Positive = key("weight of the command", "a positive finite number", 1.0)
 
 
 class FeedbackPart(Part):
-    """The feedback law and its gains, in one of several forms.
+    """The feedback law and its gains.
 
-    With 'body', 'inertial' and 'additive' the error x satisfies ẍ + k1ẋ + k2x = 0, with 'rate' ẋ + kx = 0. The laws
-    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains in one of
-    four ways: (k1, k2), settling_time, (damping, frequency), or [law.weights]. The law 'rate' needs k or settling_time.
+    With the laws 'body', 'inertial' and 'additive', the error x satisfies ẍ + k1ẋ + k2x = 0; with the law 'rate', it
+    satisfies ẋ + kx = 0. The laws 'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison.
+    Specify the gains in one of four ways: k1 and k2, settling_time, damping and frequency, or [law.weights]. The law
+    'rate' needs k or settling_time.
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
-        "the law", KIND, "body"
+        "the feedback law", KIND, "body"
     )
-    k1: Gain | None = key("gain on the rate of the error", f"{GAIN} [1/s]", None)
-    k2: Gain | None = key("gain on the error", f"{GAIN} [1/s²]", None)
+    k1: Gain | None = key("gain of the rate of the error", f"{GAIN} [1/s]", None)
+    k2: Gain | None = key("gain of the error", f"{GAIN} [1/s²]", None)
     k: Gain | None = key("gain of the rate law", f"{GAIN} [1/s]", None)
     settling_time: Positive | None = key(
         "time in which the critically damped error decays to the fraction 'residual'", SECONDS, None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
-        "fraction of the initial error that remains at settling_time", "a number between 0 and 1", 0.02
+        "fraction of the initial error at settling_time", "a number between 0 and 1", 0.02
     )
     damping: Positive | None = key("damping ratio", "a positive finite number, the damping ratio", None)
     frequency: Positive | None = key("undamped natural frequency", "a positive finite number [rad/s]", None)
@@ -126,18 +136,20 @@ class FeedbackPart(Part):
         for a, b in (("k1", "k2"), ("damping", "frequency")):
             if len(set_keys := self.given(a, b)) == 1:
                 missing = b if set_keys == [a] else a
-                raise ValueError(f"the key '{missing}' is missing: {a} and {b} must be given together")
+                raise ValueError(f"the key '{missing}' is missing: {a} and {b} must be specified together")
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
             if forms:
-                raise ValueError(f"the gains are given in several ways ({', '.join(forms)}): use only one of {ways}")
-            raise ValueError(f"there are no gains: give one of {ways}")
+                raise ValueError(
+                    f"the gains are specified in several ways ({', '.join(forms)}): specify only one of {ways}"
+                )
+            raise ValueError(f"there are no gains: specify one of {ways}")
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
-            raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': give {ways}")
+            raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': specify {ways}")
         if self.settling_time is None and "residual" in self.model_fields_set:
-            raise ValueError("the key 'residual' requires settling_time, which is not given")
+            raise ValueError("the key 'residual' requires 'settling_time', which is missing")
         return self
 
     @model_validator(mode="after")
@@ -147,13 +159,13 @@ class FeedbackPart(Part):
             value = getattr(self, name)
             if isinstance(value, list) and len(value) != size:
                 raise ValueError(
-                    f"the key '{name}' has a gain of size {len(value)}, but expected a number, {size} for a "
-                    f"diagonal, or {size} × {size} for a law of kind '{self.kind}'"
+                    f"the key '{name}' has a gain of size {len(value)}, but must be a number, {size} numbers for a "
+                    f"diagonal, or a {size} × {size} matrix for a law of kind '{self.kind}'"
                 )
         return self
 
     def law(self) -> AbstractLaw:
-        """The law."""
+        """Return the feedback law."""
         if self.kind == "rate":
             if self.settling_time is not None:
                 return RateLaw(gains.rate_from_settling_time(self.settling_time, self.residual))
@@ -172,31 +184,32 @@ class FeedbackPart(Part):
 
 
 class ErrorPart(AttitudePart):
-    """The initial error of the body, λ = λ⁰∘μ, in body axes; without an attitude the error is zero."""
+    """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: Vector = key(
-        "the body's rate minus the program's", f"{THREE}, angle per s: the body's minus the program's", [0.0, 0.0, 0.0]
-    )
+    rate: Vector = key("rate of the body minus rate of the program", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
     sign: Literal["auto", "near", "far"] = key(
-        "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the larger minimum of |μ|; 'near', "
-        "μ0 ≥ 0; or 'far', μ0 ≤ 0, which gauge = 'gibbs' excludes; not for the laws 'quaternion', 'geometric' and "
-        "'logarithmic'",
+        "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
+        "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
+        "the laws 'quaternion', 'geometric' and 'logarithmic'",
         "'auto', 'near' or 'far'",
         "auto",
     )
     gauge: Literal["unit", "gibbs"] = key(
-        "initial |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values for which the Gibbs vector of the error satisfies the "
-        "linear equation of the law",
+        "initial values of |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values with which the Gibbs vector of the error "
+        "satisfies the linear equation of the law",
         "'unit' or 'gibbs'",
         "unit",
     )
 
     def state(self, angles: str, start: Attitude, law: AbstractLaw) -> tuple[Quat, Quat]:
-        """The initial λ and ω."""
+        """Return the initial λ and ω, for the initial attitude `start` of the program."""
         mu = self.unit_quaternion(angles)
         mu = jnp.asarray([1.0, 0.0, 0.0, 0.0]) if mu is None else mu
         if self.gauge == "gibbs" and abs(float(mu[0])) < HALF_TURN:
-            raise ValueError("error.gauge = 'gibbs' is not possible at a half turn, which has no Gibbs vector")
+            raise ValueError(
+                "error.gauge = 'gibbs' is not possible for an error of a half turn, which has no Gibbs vector: use "
+                "error.gauge = 'unit'"
+            )
         return place(law, start, mu, radians(angles) * jnp.asarray(self.rate), self.sign, self.gauge)
 
 
@@ -212,15 +225,15 @@ class DisturbancePart(Part):
     @model_validator(mode="after")
     def _one(self) -> "DisturbancePart":
         if len(self.given("acceleration", "torque")) != 1:
-            raise ValueError("give either acceleration, or torque and inertia")
+            raise ValueError("specify either acceleration, or torque and inertia")
         if len(self.given("torque", "inertia")) == 1:
-            raise ValueError("torque and inertia must be given together, because ε = J⁻¹M")
+            raise ValueError("torque and inertia must be specified together, because ε = J⁻¹M")
         if self.period is None and "phase" in self.model_fields_set:
-            raise ValueError("the key 'phase' requires 'period', which is not given")
+            raise ValueError("the key 'phase' requires 'period', which is missing")
         return self
 
     def disturbance(self, scale: float) -> AbstractDisturbance:
-        """The disturbance; `scale` converts angles to radians."""
+        """Return the disturbance; `scale` converts angles to radians."""
         amplitude = self.torque if self.acceleration is None else [scale * x for x in self.acceleration]
         function: Any = jnp.asarray(amplitude, float)
         if self.period is not None:
@@ -246,7 +259,7 @@ class SensorPart(Part):
     attitude_noise: NotNegative = key(
         "standard deviation of each sample of the attitude; not for gyros", "a non-negative finite angle", 0.0
     )
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", "a whole number from 0 to 2⁶³ − 1", 0)
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", "an integer from 0 to 2⁶³ − 1", 0)
 
     @model_validator(mode="after")
     def _sampled(self) -> "SensorPart":
@@ -257,7 +270,7 @@ class SensorPart(Part):
         return self
 
     def sensor(self, scale: float) -> AbstractSensor:
-        """The sensor; `scale` converts angles to radians."""
+        """Return the sensor; `scale` converts angles to radians."""
         rate_bias, attitude_bias = (scale * np.array(bias) for bias in (self.rate_bias, self.attitude_bias))
         rate_noise, attitude_noise = scale * self.rate_noise, scale * self.attitude_noise
         random = jax.random.key(self.seed) if rate_noise or attitude_noise else None
@@ -267,7 +280,7 @@ class SensorPart(Part):
 
 
 class ActuatorPart(Part):
-    """The limit of the physical command, and its sampling."""
+    """The limit and the sampling of the command; the limit applies to the physical part."""
 
     limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit of the command", AXIS_LIMIT, None)
     saturation: Literal["norm", "axis"] = key(
@@ -282,6 +295,6 @@ class ActuatorPart(Part):
         return self
 
     def actuator(self, scale: float) -> Actuator:
-        """The actuator; `scale` converts angles to radians."""
+        """Return the actuator; `scale` converts angles to radians."""
         limit = None if self.limit is None else scale * np.asarray(self.limit, float)
         return Actuator(limit, self.saturation, self.sampling)

@@ -1,7 +1,7 @@
-"""Types of the keys of scenario files, and attitudes.
+"""Define the types of the keys of scenario files, and the tables of attitudes.
 
-The `title` of a key is its meaning. Its `description` states the valid values and completes "expected …" in error
-messages. docs/scenarios.md contains both.
+The `title` of a key states its meaning. The `description` of a key states the valid values and completes "expected …"
+in error messages. docs/scenarios.md contains both.
 """
 
 import math
@@ -18,7 +18,7 @@ from qtraj.foundation.types import Quat
 
 
 def _form(value: Any) -> str:
-    """The form of a range; invalid values are validated as a pair."""
+    """Return the form of a range, "open" or "pair"; other values count as a pair, so that validation reports them."""
     return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
 
 
@@ -35,49 +35,52 @@ Text = Annotated[str, Field(min_length=1)]
 Angles = Literal["deg", "rad"]
 
 RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
-"""Ranges by name: [low, high], or only {min = low} or {max = high}."""
+"""Ranges by name, each of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
 
 SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
-SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', no axis twice in succession"
+SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', with different successive axes"
 LONGER = 1e-9
-"""Relative tolerance by which a rotation vector may exceed a half turn."""
+"""Relative tolerance by which a rotation vector may exceed half a turn."""
 
 
 def key(title: str, description: str, *default: Any) -> Any:
-    """A key of a table: its meaning, its valid values, and its default; without a default it is required."""
+    """Return a key of a table with the meaning `title`, the valid values `description`, and a `default`.
+
+    A key without a default is required.
+    """
     return Field(*default, title=title, description=description)
 
 
 def is_number(x: Any) -> bool:
-    """Whether a value of a TOML file is a finite number within the range of a float."""
+    """Return whether a value of a TOML file is a finite number within the range of a float."""
     return isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
 
 
 class Part(BaseModel):
-    """A table of a scenario file; unknown keys, wrong types and infinite numbers are rejected."""
+    """A table of a scenario file; unknown keys and values of the wrong type are rejected."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     def given(self, *names: str) -> list[str]:
-        """The names of the keys that are set."""
+        """Return the names of the keys that are set."""
         return [name for name in names if getattr(self, name) is not None]
 
 
 class NamedPart(Part):
-    """Name and description of a scenario."""
+    """A table with the name and the description of a scenario."""
 
-    name: Text | None = key("name, for titles", "a string", None)
-    description: Text | None = key("description, for the output", "a string", None)
+    name: Text | None = key("the name of the scenario, used in titles", "a string", None)
+    description: Text | None = key("a description, which the commands print", "a string", None)
 
 
 class AttitudePart(Part):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     quaternion: Quaternion | None = key(
-        "quaternion; its norm is ignored", "four finite numbers, scalar first, not all zero", None
+        "quaternion, which need not be normalised", "four finite numbers, scalar first, not all zero", None
     )
     euler: Vector | None = key("Euler angles [angle]", "three finite angles in the order of 'sequence'", None)
     sequence: Text | None = key("axes of the Euler angles", SEQUENCE, None)
@@ -90,10 +93,12 @@ class AttitudePart(Part):
     def _one_form(self) -> Self:
         forms = self.given(*FORMS)
         if len(forms) > 1:
-            raise ValueError(f"there are several attitudes ({', '.join(forms)}): give one of {', '.join(FORMS)}")
+            raise ValueError(
+                f"the attitude is specified in several forms ({', '.join(forms)}): specify one of {', '.join(FORMS)}"
+            )
         if (self.euler is None) != (self.sequence is None):
             raise ValueError(
-                f"euler and sequence must be given together: euler is three angles, sequence is {SEQUENCE}"
+                f"euler and sequence must be specified together: euler is three angles, sequence is {SEQUENCE}"
             )
         if self.sequence is not None:
             rotation.from_euler(self.sequence, jnp.zeros(3))  # raises for an unknown sequence
@@ -102,9 +107,9 @@ class AttitudePart(Part):
         return self
 
     def unit_quaternion(self, angles: str) -> Quat | None:
-        """The attitude as a unit quaternion, with the sign of the key `quaternion`; None if no form is given.
+        """Return the attitude as a unit quaternion, or None if no form is specified; `angles` is "deg" or "rad".
 
-        `angles`: "deg" or "rad".
+        The sign of the key `quaternion` is not changed.
         """
         scale = radians(angles)
         if self.quaternion is not None:
@@ -116,7 +121,7 @@ class AttitudePart(Part):
         return None if self.gibbs is None else _unit([1.0, *self.gibbs])
 
     def beyond_half_turn(self, angles: str) -> float | None:
-        """The length [rad] of a rotation vector that is longer than a half turn; else None."""
+        """Return the angle [rad] of the rotation vector if it is more than half a turn, otherwise None."""
         if self.rotation_vector is None:
             return None
         length = radians(angles) * math.hypot(*self.rotation_vector)
@@ -129,21 +134,21 @@ class KnownAttitudePart(AttitudePart):
     @model_validator(mode="after")
     def _required(self) -> "KnownAttitudePart":
         if not self.given(*FORMS):
-            raise ValueError(f"there is no attitude: give one of {', '.join(FORMS)}")
+            raise ValueError(f"there is no attitude: specify one of {', '.join(FORMS)}")
         return self
 
     def attitude(self, angles: str) -> np.ndarray:
-        """The unit quaternion (4,)."""
+        """Return the attitude as a unit quaternion (4,); `angles` is "deg" or "rad"."""
         return np.asarray(self.unit_quaternion(angles))
 
 
 def radians(angles: str) -> float:
-    """The factor from the unit `angles`, "deg" or "rad", to radians."""
+    """Return the factor from the unit `angles`, "deg" or "rad", to radians."""
     return math.pi / 180 if angles == "deg" else 1.0
 
 
 def _unit(components: Sequence[float]) -> Quat:
-    """The unit quaternion of components whose squares may overflow or underflow."""
+    """Normalise four components, even if their squares overflow or underflow."""
     largest = max(map(abs, components))
     q = np.array([x / largest for x in components])
     return jnp.asarray(q / np.linalg.norm(q), float)

@@ -1,4 +1,4 @@
-"""Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning problem that they define."""
+"""Define the scenario keys of a path, and build the path and the tuning problem."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -12,17 +12,17 @@ from qtraj.foundation.naming import naming
 from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
+from qtraj.path.path_quantity import PRINCIPAL
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
-from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, Vehicle
+from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
 from qtraj.scenario.part import (
     SECONDS,
     THREE,
     NamedPart,
     NotNegative,
-    Number,
     Part,
     Positive,
     Quaternion,
@@ -31,7 +31,7 @@ from qtraj.scenario.part import (
     Wholes,
     key,
 )
-from qtraj.scenario.path_parts import FitPart, TrackPart, TunePart
+from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 
 
@@ -41,7 +41,9 @@ class StatePart(Part):
     position: Vector = key("position", f"{THREE} [m]")
     velocity: Vector = key("velocity", f"{THREE} [m/s]")
     acceleration: Vector | None = key(
-        "acceleration, only of a hermite path and at both ends: ρ, φ, h are then quintics", f"{THREE} [m/s²]", None
+        "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics",
+        f"{THREE} [m/s²]",
+        None,
     )
 
 
@@ -57,10 +59,10 @@ class PlacementPart(Part):
 
 
 class LimitedPart(Part):
-    """Upper bounds on path quantities, on the whole path."""
+    """Upper bounds on quantities of the whole path."""
 
     def limits(self) -> dict[str, float]:
-        """The limits that are set, by name."""
+        """Return the limits that are set, by name."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
 
 
@@ -70,16 +72,20 @@ _limits: dict[str, Any] = {
     for name, entry in QUANTITIES.items()
 }
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
-"""One key for each entry of the registry of path quantities."""
+"""The table [limits], with one key for each entry of the registry of path quantities."""
 
 
 class VehiclePart(Part):
-    """The vehicle, for limits on friction, power and forces: a point mass with tyres, on a banked road."""
+    """The vehicle, for limits on friction, power, forces and moments: a point mass with tyres, on a banked road."""
 
     mass: Positive = key("mass", "a positive finite number [kg]")
-    inertia: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = key(
-        "principal moments of inertia about the vehicle's axes, used only for moments",
-        "three positive numbers [kg m²]",
+    inertia: (
+        Annotated[list[Positive], Field(min_length=3, max_length=3)]
+        | Annotated[list[Vector], Field(min_length=3, max_length=3)]
+        | None
+    ) = key(
+        "principal moments of inertia about the vehicle's axes, or the whole tensor; used only for moments",
+        "three positive numbers, or three rows of three numbers [kg m²]",
         None,
     )
     drag_area: NotNegative = key("drag coefficient times frontal area", "a finite number, 0 or more [m²]", 0.0)
@@ -87,94 +93,106 @@ class VehiclePart(Part):
         "rolling resistance divided by the load on the road", "a finite number, 0 or more [-]", 0.0
     )
     friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
-        "coefficients of friction along and across the vehicle, or one for both; with 1, the limit `friction` is the "
-        "coefficient that the road must have",
+        "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
+        "quantity `friction` is the coefficient of friction that the path requires of the road",
         "one or two positive finite numbers [-]",
         1.0,
     )
-    bank: Number = key(
-        "roll of the road about the direction of motion, positive to the left", "a finite number [rad]", 0.0
+    bank: Annotated[float, Field(gt=-MAX_BANK, lt=MAX_BANK, allow_inf_nan=False)] = key(
+        "bank angle of the road, positive if the left side is lower, as in a banked left turn",
+        "a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
+        0.0,
     )
     air_density: NotNegative = key("density of the air", "a finite number, 0 or more [kg/m³]", AIR_DENSITY)
     gravity: NotNegative = key("gravity, downwards", "a finite number, 0 or more [m/s²]", GRAVITY)
 
     def vehicle(self) -> Vehicle:
-        """The vehicle."""
+        """Return the vehicle of this table."""
         return Vehicle(**self.model_dump())
 
 
 def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
-    """Raise a ValueError for a purpose of a limit that is not set, or a limit without the vehicle that it needs."""
+    """Raise a ValueError if a key of `purpose` names no limit, or if a limit needs a vehicle that is missing."""
     needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
     if needing and vehicle is None:
-        raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
+        raise ValueError(f"limits.{needing[0]} needs a vehicle: add a table [vehicle] with the mass")
     if extra := sorted(set(purpose) - set(limits.limits())):
         raise ValueError(
-            f"purpose.{extra[0]}: there is no limit {extra[0]!r} in [limits]: add the limit, or remove the purpose"
+            f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the purpose"
         )
+    if vehicle is None:
+        return
+    for name in needing:
+        if QUANTITIES[name].needs == PRINCIPAL and vehicle.inertia is None:
+            raise ValueError(f"limits.{name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
+        require(vehicle.vehicle(), QUANTITIES[name].needs, f"limits.{name}")
 
 
 def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
-    """The limits of a scenario, with its vehicle."""
+    """Return the limits of a scenario, combined with its vehicle."""
     return Limits(**limits.limits(), vehicle=None if vehicle is None else vehicle.vehicle())
 
 
 class PathScenario(NamedPart):
-    """A scenario: one path (a track, two boundary states, or a saved path), limits, and settings of the tuning."""
+    """A scenario with one path (a track, two boundary states, or a saved path), limits and settings of the tuning."""
 
-    track: TrackPart | None = key("the path from a recording", "a table [track]", None)
-    fit: FitPart | None = key("how the recording is fitted", "a table [fit]", None)
+    track: TrackPart | None = key("the recording to which the path is fitted", "a table [track]", None)
+    fit: FitPart | None = key("settings of the fit", "a table [fit]", None)
     start: StatePart | None = key("the first of two boundary states", "a table [start]", None)
     end: StatePart | None = key("the second of two boundary states", "a table [end]", None)
     path: Text | None = key("a saved path", "the name of a saved path, relative to the scenario", None)
-    placement: PlacementPart | None = key("the axis of a path from two states", "a table [placement]", None)
+    placement: PlacementPart | None = key("the axis of a path between two states", "a table [placement]", None)
     duration: Positive | None = key(
-        "duration of a path between two states; default: from their rates about the axis", SECONDS, None
+        "duration of a path between two states; default: computed from their rates about the axis", SECONDS, None
     )
-    turns: Wholes | None = key("additional whole turns of a path between two states", "a whole number, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns of a path between two states", "an integer, 0 or more", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "the limits of the tuned path", "a table [limits]", LimitsPart()
     )
     vehicle: VehiclePart | None = key(
-        "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
+        "the vehicle, for limits on friction, power, forces and moments", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
         "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
     tune: TunePart = key("settings of the tuning", "a table [tune]", TunePart())
+    retime: RetimePart = key("settings of the retiming", "a table [retime]", RetimePart())
 
     @property
     def motion(self) -> str:
-        """The motion of the tuned path: the value in [tune], or the default for the source of the path."""
+        """The motion of the tuned path, which is the value in [tune] or the default for the source of the path."""
         return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
     @model_validator(mode="after")
     def _one_path(self) -> "PathScenario":
         states, sources = self.given("start", "end"), self.given("track", "start", "end", "path")
         if not sources:
-            raise ValueError('there is no path: give [track], or [start] and [end], or path = "a saved path"')
+            raise ValueError('there is no path: specify [track], or [start] and [end], or path = "a saved path"')
         if len(states) == 1 and len(sources) == 1:
             raise ValueError(f"[{states[0]}] requires [{'end' if states == ['start'] else 'start'}], which is missing")
         if len(sources) > 1 and sources != ["start", "end"]:
-            raise ValueError(f"there are several paths ({', '.join(sources)}): give one of track, start and end, path")
+            raise ValueError(
+                f"there are several paths ({', '.join(sources)}): specify only [track], or only [start] and [end], or "
+                'only path = "a saved path"'
+            )
         return self
 
     @model_validator(mode="after")
     def _consistent(self) -> "PathScenario":
         if self.fit is not None and self.track is None:
-            raise ValueError("[fit] requires [track], which is not given")
+            raise ValueError("[fit] requires [track], which is missing")
         for name in self.given("placement", "duration", "turns"):
             if self.start is None:
                 raise ValueError(
-                    f"{name} is valid only with [start] and [end]: a track or a saved path defines its own"
+                    f"{name} is valid only with [start] and [end]: a track or a saved path already defines its {name}"
                 )
         if self.tune.turns is not None and self.start is None:
             raise ValueError(
-                "tune.turns is valid only with [start] and [end]: a track or a saved path defines its own turn"
+                "tune.turns is valid only with [start] and [end]: a track or a saved path already defines its turn"
             )
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
-                raise ValueError(f"{name} and tune.{name} are the same setting: give one of them")
+                raise ValueError(f"{name} and tune.{name} are the same setting: specify one of them")
         return self
 
     @model_validator(mode="after")
@@ -185,7 +203,7 @@ class PathScenario(NamedPart):
 
 @dataclass(frozen=True)
 class PathTask:
-    """The original path, and the arguments of `qtraj.tune` that do not depend on [tune] alone."""
+    """The task of `qtraj tune`: the original path, and the arguments of `qtraj.tune`; `part` is the table [tune]."""
 
     path: SpiralHelix
     start: BoundaryState
@@ -202,7 +220,7 @@ class PathTask:
     fitted: Fitted | None = None
 
     def tuning(self) -> dict[str, Any]:
-        """The arguments of `qtraj.tune`."""
+        """Return the arguments of `qtraj.tune`."""
         names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
         arguments = {name: getattr(self, name) for name in names}
         return arguments | {"placement": self.path.placement} | self.part.arguments()
@@ -214,19 +232,22 @@ def lay(
     objective: str | None = None,
     starts: int | None = None,
 ) -> PathTask:
-    """The path of a scenario and its tuning problem; the arguments override the values of the scenario.
+    """Build the path of a scenario and its tuning problem.
 
-    **Raises:** OSError if a file cannot be read; ValueError, naming the scenario, if the data do not define a path.
+    `motion`, `objective` and `starts` override the values of the scenario.
+
+    **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if the data do not define a
+    path.
     """
     scenario = loaded.scenario
     chosen: dict[str, Any] = {
         "objective": objective or scenario.tune.objective,
         "motion": motion or scenario.motion,
         "starts": scenario.tune.starts if starts is None else starts,
-        "limits": limits_with(scenario.limits, scenario.vehicle),
         "part": scenario.tune,
     }
     with naming(f"{loaded.file}: "):
+        chosen["limits"] = limits_with(scenario.limits, scenario.vehicle)
         if scenario.track is not None:
             track = scenario.track.read(loaded.beside)
             fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
@@ -237,10 +258,10 @@ def lay(
 
 
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
-    """The task of an existing path: its ends are the boundary states, and its turn is kept."""
+    """Return the task that keeps the turn of an existing path; the boundary states are the ends of this path."""
     keeps = chosen["motion"] == "hermite" or chosen["objective"] == "smoothest"
     duration = part.duration or (float(path.duration) if keeps else None)
-    # A path without mismatch has the same structure as a tuned path, so both use the same executables.
+    # A path without the field `mismatch` has the same structure as a tuned path, so both use the same executables.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
     states = sampled(plain)
     start, end = states.ends
@@ -248,9 +269,9 @@ def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
 
 
 def _between(scenario: PathScenario, part: TunePart, **chosen: Any) -> PathTask:
-    """The task between two boundary states."""
+    """Return the task between two boundary states."""
     if scenario.start is None or scenario.end is None:
-        raise ValueError("there are no [start] and [end]")
+        raise ValueError("[start] and [end] are missing")
     start, end = (BoundaryState(**s.model_dump(exclude_none=True)) for s in (scenario.start, scenario.end))
     placement = None if scenario.placement is None else Placement(**scenario.placement.model_dump(exclude_none=True))
     duration, turns = part.duration or scenario.duration, part.turns or scenario.turns or 0

@@ -1,4 +1,4 @@
-"""Tables of a path scenario: how a recording is read and fitted, and the settings of the tuning."""
+"""Define tables of a path scenario: the recording, and the settings of its fit, the tuning and the retiming."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -14,7 +14,20 @@ from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_file import read_track
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, Angles, Counts, Pair, Part, Positive, RangeMap, Text, Vector, Wholes, key
+from qtraj.scenario.part import (
+    SECONDS,
+    Angles,
+    Counts,
+    NotNegative,
+    Pair,
+    Part,
+    Positive,
+    RangeMap,
+    Text,
+    Vector,
+    Wholes,
+    key,
+)
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
     Motion = str
@@ -25,26 +38,28 @@ else:
 Method = Literal["sqp", "lbfgs", "adam"]
 
 MOTION, OBJECTIVE, METHOD = either(MOTIONS), either(OBJECTIVES), "'sqp', 'lbfgs' or 'adam'"
-VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same for 'end', 'duration'"
-COUNT = "a whole number, 1 or more"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
+COUNT = "an integer, 1 or more"
+SPEED = "a finite number, 0 or more [m/s]"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 LEARNING_RATE = 0.01
-"""The default for "adam"."""
+"""Default learning rate of "adam"."""
 
 
 class AnglesPart(Part):
-    """The convention of the roll, pitch and heading of a recording; every key is required."""
+    """The convention of recorded roll, pitch and heading; all keys are required."""
 
     sequence: Text = key(
-        "order of the rotations: x roll, y pitch, z heading; upper case about moving axes, lower about fixed ones",
+        "order of the rotations: x roll, y pitch, z heading; upper case for moving axes, lower case for fixed axes",
         "three letters such as 'ZYX'",
     )
     heading: Literal["north-clockwise", "x-anticlockwise"] = key(
-        "zero direction and positive sense of the heading", "'north-clockwise' or 'x-anticlockwise'"
+        "zero direction and positive sense of rotation of the heading", "'north-clockwise' or 'x-anticlockwise'"
     )
     unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
     body: Literal["forward-right-down", "forward-left-up"] = key(
-        "the body axes x, y, z about which roll and pitch are right-handed", "'forward-right-down' or 'forward-left-up'"
+        "directions of the body axes x, y, z, about which roll and pitch are right-handed",
+        "'forward-right-down' or 'forward-left-up'",
     )
 
 
@@ -53,16 +68,18 @@ class TrackPart(Part):
 
     file: Text = key("the recording: CSV with a header, or TUM", "the name of a text file, relative to the scenario")
     window: Pair | None = key(
-        "the part of the recording to use; default: all of it",
+        "time interval of the recording to use; default: the whole recording",
         "two finite times [t0, t1] in seconds on the recording's own clock",
         None,
     )
-    columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = key(
-        "names of columns that are not recognised",
+    columns: dict[Literal["time", "position", "velocity", "attitude", "rate"], Text | list[Text]] | None = key(
+        "names of columns that are not recognised automatically",
         "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
         None,
     )
-    angles: AnglesPart | None = key("convention of recorded roll, pitch and heading", "a table [track.angles]", None)
+    angles: AnglesPart | None = key(
+        "the convention of recorded roll, pitch and heading", "a table [track.angles]", None
+    )
     projection: Literal["tangent-plane", "tangent_plane"] | None = key(
         "conversion of latitude, longitude and height to metres; default: positions are in metres",
         "'tangent-plane': east, north and up on the tangent plane of WGS 84",
@@ -74,19 +91,21 @@ class TrackPart(Part):
         None,
     )
     source: Text | None = key(
-        "its attribution, kept in the results", "a string: the source and the licence of the recording", None
+        "attribution of the recording, copied to the results",
+        "a string: the source and the licence of the recording",
+        None,
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> "TrackPart":
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'window' has the value {self.window}, but expected [t0, t1] with t0 < t1")
+            raise ValueError(f"the key 'window' has the value {self.window}, but must be [t0, t1] with t0 < t1")
         if self.origin is not None and self.projection is None:
             raise ValueError("the key 'origin' is valid only with projection = 'tangent-plane'")
         return self
 
     def read(self, beside: Callable[[str], Path]) -> Track:
-        """The window of the recording; `beside` maps the name of its file to a path."""
+        """Read the window of the recording; `beside` maps the name of the file to a path."""
         columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
@@ -96,7 +115,7 @@ class TrackPart(Part):
 
 
 class FitPart(Part):
-    """How the recording is fitted."""
+    """The settings of the fit of a path to a recording."""
 
     motion: Motion | None = key(
         "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", MOTION, None
@@ -116,7 +135,7 @@ class FitPart(Part):
     )
 
     def fit(self, track: Track, motion: str) -> Fitted:
-        """The path fitted to a recording, with the motion of this table if it is set, else with `motion`."""
+        """Fit a path to a recording, with the motion of this table, or with `motion` if the table has no motion."""
         settings = self.model_dump(exclude_none=True)
         if self.radius_bounds is not None:
             settings["radius_bounds"] = tuple(map(float, self.radius_bounds))
@@ -124,24 +143,25 @@ class FitPart(Part):
 
 
 class TunePart(Part):
-    """Settings of the tuning."""
+    """The settings of the tuning."""
 
     objective: Objective = key(
-        "what is minimised: the change of the boundary velocities (not of the path), the duration, or the jerk",
+        "the quantity to minimise: the change of the boundary velocities (not of the path), the duration, or the jerk",
         OBJECTIVE,
         "nearest",
     )
     motion: Motion | None = key(
-        "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], else 'uniform'",
+        "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], otherwise 'uniform'",
         MOTION,
         None,
     )
     duration: Positive | None = key(
-        "initial duration of a hermite path, fixed for the objective 'smoothest'; default: from the given rates",
+        "initial duration of a hermite path, fixed for the objective 'smoothest'; default: computed from the rates of "
+        "the given states",
         SECONDS,
         None,
     )
-    turns: Wholes | None = key("additional whole turns about the axis", "a whole number, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns about the axis", "an integer, 0 or more", None)
     fixed: list[Text] = key(
         f"variables that are held fixed: {VARIABLES}; also 'start.heading' and 'end.heading'",
         'a list of names, as in fixed = ["end.V_h"]',
@@ -154,12 +174,14 @@ class TunePart(Part):
         {},
     )
     corridor: Positive | None = key(
-        "maximum distance between the two paths at the same fraction of their durations; the angle about the axis "
-        "counts by its arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
+        "maximum distance between the two paths at the same fraction of their durations; the azimuth difference "
+        "enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
         "a positive finite number [m]",
         None,
     )
-    starts: Counts = key("number of starts: the given states, and perturbations of them", COUNT, 8)
+    starts: Counts = key(
+        "number of starting points of the search: the specified states, and perturbations of these states", COUNT, 8
+    )
     method: Method = key(
         "search method: sequential quadratic programming, which is by far the fastest, or for comparison an augmented "
         "Lagrangian with an optax optimiser",
@@ -167,7 +189,7 @@ class TunePart(Part):
         "sqp",
     )
     max_steps: Counts | None = key(
-        "maximum number of iterations of 'sqp', or of outer iterations of the others; default: 300", COUNT, None
+        "maximum number of iterations of 'sqp', or of outer iterations of 'lbfgs' or 'adam'; default: 300", COUNT, None
     )
     inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", COUNT, None)
     learning_rate: Positive | None = key(
@@ -189,12 +211,12 @@ class TunePart(Part):
 
     @property
     def ranges(self) -> dict[str, tuple[float | None, float | None]]:
-        """Lower and upper bound of each bounded variable by name; None where a bound is missing."""
+        """The lower and the upper bound of each bounded variable by name; None for a missing bound."""
         bounds = self.bounds.items()
         return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in bounds}
 
     def arguments(self) -> dict[str, Any]:
-        """The arguments of `qtraj.tune` that depend only on this table."""
+        """Return the arguments of `qtraj.tune` that depend only on this table."""
         options = self.options
         rate = options.pop("learning_rate", LEARNING_RATE)
         method = _adam(rate) if self.method == "adam" else self.method
@@ -207,9 +229,48 @@ class TunePart(Part):
         }
 
 
+class RetimePart(Part):
+    """Settings of `qtraj retime`; other commands ignore this table."""
+
+    shape: Literal["route", "spiral-helix"] | None = key(
+        "the class of path fitted to a [track]; default: a route, unless [fit] or [tune] has keys of a spiral-helix",
+        "'route' or 'spiral-helix'",
+        None,
+    )
+    start_speed: NotNegative | None = key(
+        "speed at the start, 0 for rest; default: as high as the limits allow", SPEED, None
+    )
+    end_speed: NotNegative | None = key(
+        "speed at the end, 0 for rest; default: as high as the limits allow", SPEED, None
+    )
+    knots: Counts = key(
+        "number of cells of the timing of each drive between two stops; with more cells, the duration is "
+        "closer to the minimum",
+        "a power of two, at least 16",
+        512,
+    )
+    stop_speed: NotNegative | None = key(
+        "on a route, motion that is slower than this and stays within `stop_distance` counts as a stop, 0 for none; "
+        "default: 0.2 m/s, at most 2 % of the highest speed",
+        SPEED,
+        None,
+    )
+    stop_distance: NotNegative | None = key(
+        "largest distance within which slow motion counts as a stop; default: 0.2 m",
+        "a finite number, 0 or more [m]",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _power_of_two(self) -> "RetimePart":
+        if self.knots < 16 or self.knots & (self.knots - 1):
+            raise ValueError(f"the key 'knots' has the value {self.knots}, but must be a power of two, at least 16")
+        return self
+
+
 @lru_cache(maxsize=8)
 def _adam(learning_rate: float) -> Any:
-    """One optimiser for each rate, so that its compiled search is reused."""
-    import optax  # here, because most scenarios do not need it
+    """Return the optimiser 'adam'; equal learning rates give the same object, so the compiled search is reused."""
+    import optax  # imported here, because most scenarios do not need it
 
     return optax.adam(learning_rate)

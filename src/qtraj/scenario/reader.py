@@ -1,4 +1,4 @@
-"""Reads scenario files. An error is one message with the file, the key, its value, and the expected value."""
+"""Read scenario files; an error is one message with the file, the key, its value, and the expected value."""
 
 import difflib
 import hashlib
@@ -17,10 +17,10 @@ from qtraj.scenario import KINDS, Kind
 
 HASH_DIGITS = 16
 LIKE = 0.7
-"""Minimum similarity, from 0 to 1, of a suggested key: 'duration' and 'acceleration' have 0.6."""
+"""Minimum similarity, from 0 to 1, of a suggested key; 'duration' and 'acceleration' have a similarity of 0.6."""
 
 PATHS = ("track", "start", "path")
-"""A path scenario contains one of these keys, but none of them is required by itself."""
+"""Keys of which a path scenario contains at least one, although each of them is optional."""
 
 Location = Sequence[int | str]
 S = TypeVar("S", bound=BaseModel)
@@ -28,9 +28,9 @@ S = TypeVar("S", bound=BaseModel)
 
 @dataclass(frozen=True)
 class ScenarioFile(Generic[S]):
-    """A scenario and its file; `hash` has the first 16 hexadecimal digits of the SHA-256 of the file's bytes.
+    """A scenario and its file.
 
-    `warnings` list the keys that have been renamed.
+    `hash`: the first 16 hexadecimal digits of the SHA-256 of the file's bytes. `warnings`: messages about renamed keys.
     """
 
     file: Path
@@ -39,16 +39,18 @@ class ScenarioFile(Generic[S]):
     warnings: tuple[str, ...] = ()
 
     def beside(self, name: str) -> Path:
-        """The file with this name, relative to the folder of the scenario."""
+        """Return the path of the file with this name, relative to the folder of the scenario."""
         return self.file.parent / name
 
 
 def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
-    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; the built-in one if `file` is None.
+    """Read the scenario in a TOML file, or the built-in scenario if `file` is None.
 
-    **Raises:** OSError if the file cannot be read. ValueError if it is not a valid scenario of this kind: the message
-    names the file and either the line and column of a syntax error, or the key with its value and the expected value,
-    or the command that reads such a file.
+    `kind`: the name of a kind in `qtraj.scenario.KINDS`.
+
+    **Raises:** OSError if the file cannot be read. ValueError if the file is not a valid scenario of this kind: the
+    message names the file and either the line and column of a syntax error, or the key with its value and the expected
+    value, or the command that reads such a file.
     """
     entry = KINDS[kind]
     path = entry.embedded if file is None else Path(file)
@@ -62,19 +64,19 @@ def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
     except ValidationError as error:
         text = _misplaced(data, entry) or explain(error, entry.model)
         for old, new in renamed.items():
-            text = text.replace(new, old)  # the user's own names
+            text = text.replace(new, old)  # show the names in the user's file
         raise ValueError(f"{path}: {text}") from None
     warnings = (f"{path}: '{old}' is now '{new}'" for old, new in renamed.items())
     return ScenarioFile(path, scenario, content_hash(content), tuple(warnings))
 
 
 def content_hash(content: bytes) -> str:
-    """The first 16 hexadecimal digits of the SHA-256 of a file's bytes."""
+    """Return the first 16 hexadecimal digits of the SHA-256 of a file's bytes."""
     return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]
 
 
 def _rename(data: Any, old: Sequence[str], new: str) -> bool:
-    """Rename a key within its table unless the new key exists as well; return whether it was renamed."""
+    """Rename a key within its table unless the new key exists too; return whether the key was renamed."""
     *tables, last = old
     new = new.rpartition(".")[2]
     for name in tables:
@@ -98,14 +100,14 @@ def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
 
 
 def _misplaced(data: Mapping[str, Any], kind: Kind) -> str | None:
-    """The message for a file that is a saved object or a scenario of another kind; else None."""
+    """Return the message for a file that is a saved object or a scenario of another kind, otherwise None."""
     if "format" in data and "type" in data:
         return (
-            f"this is a saved {data['type']}, not a scenario: `qtraj simulate` follows a saved program, with file = "
-            "'its name' in [program]; `qtraj evaluate` tabulates a saved path"
+            f"this is a saved {data['type']}, not a scenario: for a saved program, use `qtraj simulate` with file = "
+            "'its name' in [program]; for a saved path, use `qtraj evaluate`"
         )
     fitting = [other for other in KINDS.values() if _fits(data, other)]
-    return None if kind in fitting or not fitting else f"this is a scenario of {fitting[0].title}"
+    return None if kind in fitting or not fitting else f"this is a scenario for {fitting[0].title}"
 
 
 def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
@@ -116,7 +118,7 @@ def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
 
 
 def _recorded(file: Path, kind: Kind) -> str:
-    """The message for a recording that was passed instead of a scenario of this kind."""
+    """Return the message for a recording that was passed instead of a scenario of this kind."""
     what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
     if kind is KINDS["path"]:
         return f"{what}: write a .toml file with {table}, and with [limits]; `qtraj route` reads a whole recording"
@@ -124,9 +126,9 @@ def _recorded(file: Path, kind: Kind) -> str:
 
 
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
-    """The message for a validation error of a `root` model: its first error, and the number of further ones."""
+    """Return the message for a validation error of a `root` model: the first error and a count of other faulty keys."""
     faults = error.errors(include_url=False)
-    first = min(faults, key=lambda fault: fault["type"] == "missing")  # a misspelt key comes before the missing key
+    first = min(faults, key=lambda fault: fault["type"] == "missing")  # report a misspelt key before a missing key
     keys = {_dotted(_within(fault["loc"], root)) for fault in faults}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     return f"{_fault(dict(first), root)}{more}"
@@ -142,7 +144,7 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     expected = _expected(where, root)
     if fault["type"] == "missing":
         return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' has the value {quoted(fault['input'])}, but expected {expected}"
+    return f"the key '{_dotted(where)}' has the value {quoted(fault['input'])}: expected {expected}"
 
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:
@@ -150,14 +152,14 @@ def _unknown(where: Location, root: type[BaseModel]) -> str:
     for step in where[:-1]:
         model = _table(model, step) or model
     keys, name = list(model.model_fields), str(where[-1])
-    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened the key or misspelt it
+    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened or misspelt the key
     near = difflib.get_close_matches(name, begun or keys, n=1, cutoff=0.0 if begun else LIKE)
     hint = f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
     return f"unknown key '{_dotted(where)}'; {hint}"
 
 
 def _within(location: Location, root: type[BaseModel]) -> Location:
-    """A location without the steps that pydantic adds, such as the member of a union or '[key]'."""
+    """Return a location without the steps added by pydantic, such as the member of a union or '[key]'."""
     model: type[BaseModel] | None = root
     kept: list[int | str] = []
     for step in location:
@@ -179,7 +181,7 @@ def _dotted(location: Location) -> str:
 
 
 def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
-    """The model of the table, or of each table of the array, under a key; None for a plain value."""
+    """Return the model of the table at a key, or of each table if the key is an array; None if it is a plain value."""
     field = model.model_fields.get(str(key))
     if field is None:
         return None
@@ -189,7 +191,7 @@ def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
 
 
 def _expected(location: Location, root: type[BaseModel]) -> str:
-    """The description of the key at a location, or of the nearest key above it."""
+    """Return the description of the key at a location, or of the nearest key above it."""
     model, description = root, "another value"
     for step in location:
         if isinstance(step, int):
@@ -200,6 +202,6 @@ def _expected(location: Location, root: type[BaseModel]) -> str:
         description = field.description or description
         inner = _table(model, step)
         if inner is None:
-            break  # below a plain value, as in [tune.bounds], names are not keys of the model
+            break  # names inside a plain value, as in [tune.bounds], are not keys of the model
         model = inner
     return description

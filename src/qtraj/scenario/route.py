@@ -1,4 +1,4 @@
-"""Scenario keys of `qtraj route`: a recording, the settings of the fit, and limits; construction of the route."""
+"""Define the scenario keys of `qtraj route` (recording, fit, limits, tuning), and fit the route."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,18 +10,19 @@ from qtraj.design.fitting.fit_route import fit_route
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route.tune_route import require_suitable
+from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.recording import is_recording
 from qtraj.path.track import Track
 from qtraj.scenario.part import SECONDS, Counts, NamedPart, Part, Positive, Text, key
 from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
-from qtraj.scenario.path_parts import COUNT, TrackPart
+from qtraj.scenario.path_parts import COUNT, RetimePart, TrackPart
 from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
 
 class RouteFitPart(Part):
-    """Settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
+    """The settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
     spacing: Positive | None = key("time between the knots of the route", SECONDS, None)
     smoothing: Positive | None = key(
@@ -30,26 +31,36 @@ class RouteFitPart(Part):
         None,
     )
     tolerance: Positive | None = key(
-        "use the largest smoothing whose RMS distance does not exceed this",
+        "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used",
         "a positive finite number [m]",
+        None,
+    )
+    position_sigma: Positive | None = key(
+        "standard deviation of a recorded position; by default estimated from the residuals",
+        "a positive finite number [m]",
+        None,
+    )
+    velocity_sigma: Positive | None = key(
+        "standard deviation of a recorded velocity; by default estimated from the residuals",
+        "a positive finite number [m/s]",
         None,
     )
 
     @model_validator(mode="after")
     def _one_smoothing(self) -> "RouteFitPart":
         if self.smoothing is not None and self.tolerance is not None:
-            raise ValueError("smoothing and tolerance were both given: give one of them")
+            raise ValueError("smoothing and tolerance were both specified: specify one of them")
         return self
 
 
 class RouteTunePart(Part):
-    """How the route may change; without this table its limits are only checked."""
+    """The settings of the tuning; without this table, the limits are only checked."""
 
     tube: Positive = key(
         "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5
     )
     objective: Literal["nearest", "smoothest", "fastest"] = key(
-        "what is minimised: the change of the route, the jerk, or the duration",
+        "the quantity to minimise: the change of the route, the jerk, or the duration",
         "'nearest', 'smoothest' or 'fastest'",
         "nearest",
     )
@@ -57,20 +68,21 @@ class RouteTunePart(Part):
 
 
 class RouteScenario(NamedPart):
-    """A scenario: a recording, and limits that are checked along its whole route."""
+    """A scenario with a recording, and limits that are checked on the whole route fitted to it."""
 
     track: TrackPart = key("the recording", "a table [track]")
-    fit: RouteFitPart = key("how the route is fitted", "a table [fit]", RouteFitPart())
+    fit: RouteFitPart = key("settings of the fit", "a table [fit]", RouteFitPart())
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "limits to check on the whole route", "a table [limits]", LimitsPart()
     )
     vehicle: VehiclePart | None = key(
-        "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
+        "the vehicle, for limits on friction, power, forces and moments", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
         "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
-    tune: RouteTunePart | None = key("how the route may change", "a table [tune]", None)
+    tune: RouteTunePart | None = key("settings of the tuning", "a table [tune]", None)
+    retime: RetimePart = key("settings of the retiming", "a table [retime]", RetimePart())
 
     @model_validator(mode="after")
     def _with_limits(self) -> "RouteScenario":
@@ -84,18 +96,35 @@ class RouteScenario(NamedPart):
 
 @dataclass(frozen=True)
 class RouteTask:
-    """The recording, the route fitted to it, the limits, and how to tune; None where the scenario has none."""
+    """The recording of a scenario, the route fitted to the recording, and the limits and the settings of the tuning.
+
+    `limits` and `tune` are None if the scenario does not contain them.
+    """
 
     track: Track
     fitted: FittedRoute
     limits: Limits | None
     tune: RouteTunePart | None
 
+    def tuned(self) -> TunedRoute:
+        """Return the tuned route.
+
+        **Raises:** ValueError if the scenario has no limits or no table [tune], or for limits that the tuning does not
+        support.
+        """
+        from qtraj.design.tuning_route.tune_route import tune_route
+
+        if self.limits is None or self.tune is None:
+            raise ValueError("a tuning needs the tables [limits] and [tune]")
+        part = self.tune
+        return tune_route(self.fitted.path, self.limits, part.tube, part.objective, max_steps=part.max_steps)
+
 
 def read_route(file: Path | None) -> ScenarioFile[Any]:
-    """The scenario in a file; a recording is treated as a scenario without limits.
+    """Read the scenario in a file; a recording is read as a scenario without limits.
 
-    **Raises:** OSError if the file cannot be read; ValueError, naming it, if it is not a valid scenario or recording.
+    **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not a valid
+    scenario or recording.
     """
     if file is None or not is_recording(file):
         return read_scenario(file, "route")
@@ -106,11 +135,13 @@ def read_route(file: Path | None) -> ScenarioFile[Any]:
 def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     """Fit a route to the recording of a scenario.
 
-    **Raises:** OSError if a file cannot be read; ValueError, naming the scenario, if no route can be fitted.
+    **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if no route can be fitted.
     """
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
+        limits = limits_with(scenario.limits, scenario.vehicle)  # checked first, because the fit takes longer
         track = scenario.track.read(loaded.beside)
-        fitted = fit_route(track, scenario.fit.spacing, scenario.fit.tolerance, scenario.fit.smoothing)
-        limits = limits_with(scenario.limits, scenario.vehicle)
+        part = scenario.fit
+        sigmas = part.position_sigma, part.velocity_sigma
+        fitted = fit_route(track, part.spacing, part.tolerance, part.smoothing, *sigmas)
         return RouteTask(track, fitted, limits if limits.given() else None, scenario.tune)

@@ -1,4 +1,4 @@
-"""Scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`; construction of the program."""
+"""Define the scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`, and build the slew."""
 
 from typing import Any, Literal
 
@@ -33,20 +33,22 @@ KIND = "'time_optimal', 's_curve', 'cubic', 'quintic' or 'septic'"
 LIMITS = ("max_rate", "max_acceleration", "max_jerk")
 END_RATES = ("start_rate", "end_rate")
 NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
-"""Required limits of the profiles for which a duration is not enough."""
+"""The limits that are required even if a duration is specified."""
 JERKY = ("time_optimal", "cubic")
-"""Profiles whose acceleration jumps, within the slew or at its ends, so that a jerk limit is impossible."""
+"""Profiles whose acceleration jumps during the slew or at its ends, so that the jerk cannot be limited."""
 
 
 class SlewLawPart(Part):
-    """The profile of the angle of each slew.
+    """The motion profile of each slew.
 
-    A time_optimal slew needs max_acceleration. An s_curve needs both max_acceleration and max_jerk. The polynomials
-    (cubic, quintic, septic) need a limit or a duration. Without a duration the slew has the minimum duration within its
-    limits.
+    A time_optimal slew needs max_acceleration. An s_curve slew needs max_acceleration and max_jerk. The polynomials
+    (cubic, quintic, septic) need a limit or a duration. Without a duration, the slew has the minimum duration within
+    the limits.
     """
 
-    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the profile", KIND, "time_optimal")
+    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key(
+        "the motion profile", KIND, "time_optimal"
+    )
     max_rate: Positive | None = key("limit of the rate", "a positive finite number, angle per s", None)
     max_acceleration: Positive | None = key("limit of the acceleration", "a positive finite number, angle per s²", None)
     max_jerk: Positive | None = key(
@@ -71,7 +73,7 @@ class SlewLawPart(Part):
         needed = NEEDED.get(self.kind)
         for name in needed or ():
             if getattr(self, name) is None:
-                raise ValueError(f"the key '{name}' is missing: a slew of kind '{self.kind}' needs it")
+                raise ValueError(f"a slew of kind '{self.kind}' needs the key '{name}', which is missing")
         if self.kind in JERKY and self.max_jerk is not None:
             other = "'s_curve'" if self.kind == "time_optimal" else "'quintic', 'septic' or 's_curve'"
             raise ValueError(
@@ -89,17 +91,21 @@ class SlewLawPart(Part):
         for name in self.given(*END_RATES):
             if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
                 raise ValueError(
-                    f"the key '{name}' has the value {getattr(self, name)!r}, but expected at most max_rate = "
+                    f"the key '{name}' has the value {getattr(self, name)!r}, but must be at most max_rate = "
                     f"{self.max_rate!r}"
                 )
         return self
 
     def limits(self, angles: str) -> dict[str, float]:
-        """The limits that are set, by name, in radians."""
+        """Return the limits that are set, by name, with angles in radians; `angles` is "deg" or "rad"."""
         return {name: radians(angles) * getattr(self, name) for name in self.given(*LIMITS)}
 
     def law(self, angles: str, limited: bool = False) -> AbstractProfile:
-        """The profile; with a fixed duration a polynomial has limits only if `limited`, else they are checked later."""
+        """Return the motion profile.
+
+        For a polynomial with a fixed duration, the profile has limits only if `limited` is true; otherwise the limits
+        are checked later.
+        """
         more: dict[str, Any] = {} if self.duration is None else {"duration": self.duration}
         if limited or self.duration is None or self.kind in NEEDED:
             more |= self.limits(angles)
@@ -110,15 +116,16 @@ class SlewLawPart(Part):
 
 
 class BodyPart(Part):
-    """The inertia of the body, and its torque limit."""
+    """The inertia and the torque limit of the body."""
 
     inertia: Positive | Vector | list[Vector] = key(
         "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
-        "a positive number, three of them, or three rows of three",
+        "a positive number, three positive numbers, or three rows of three numbers",
     )
     max_torque: Positive | Vector | None = key(
-        "torque limit [N m]: on the norm, or on each component in body axes; the slew is slowed down to satisfy it",
-        "a positive number, or three of them",
+        "limit of the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
+        "down",
+        "a positive number, or three positive numbers",
         None,
     )
 
@@ -129,9 +136,7 @@ class BodyPart(Part):
         except ValueError as error:
             raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
         if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            raise ValueError(
-                f"the key 'max_torque' has the value {self.max_torque!r}, but expected positive numbers [N m]"
-            )
+            raise ValueError(f"the key 'max_torque' has the value {self.max_torque!r}, but must be positive [N m]")
         return self
 
 
@@ -143,8 +148,8 @@ class SlewPart(Part):
         "intermediate attitudes, at which the body comes to rest", "tables [[via]] with one attitude each", []
     )
     end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
-    law: SlewLawPart = key("the profile of the angle", "a table [law]")
-    body: BodyPart | None = key("the body, for torques and their limit", "a table [body]", None)
+    law: SlewLawPart = key("the motion profile", "a table [law]")
+    body: BodyPart | None = key("the body, for torques and a limit of the torque", "a table [body]", None)
 
     @model_validator(mode="after")
     def _at_rest(self) -> "SlewPart":
@@ -155,15 +160,16 @@ class SlewPart(Part):
         return self
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
-        """All attitudes in their order, by the names of their tables."""
+        """Return all attitudes in order of time, by the names of their tables."""
         return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
 
     def program(self, angles: str, strict: bool = False) -> EulerTurn | SlewSequence:
-        """One slew, or a sequence through [[via]], slowed down to its torque limit.
+        """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
 
-        The limits of a slew with a duration or end rates are checked later, or here if `strict`.
+        If the slew has a duration or end rates, its limits are checked here only if `strict` is true; otherwise the
+        caller checks them.
 
-        **Raises:** ValueError if no such slew is possible in the duration.
+        **Raises:** ValueError if no such slew is possible within the duration.
         """
         attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
         program, law = self._within(attitudes, angles), self.law
@@ -171,7 +177,7 @@ class SlewPart(Part):
             if strict and law.limits(angles) and law.duration is not None:
                 limited = law.law(angles, limited=True)
                 for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
-                    limited.profile(angle)  # raises, naming the limit that would be violated
+                    limited.profile(angle)  # raises an error that names the limits
             body = self.body
             if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
                 return program
@@ -190,9 +196,9 @@ class SlewScenario(NamedPart, SlewPart):
 
 
 def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
-    """The program of a scenario.
+    """Return the program of a scenario.
 
-    **Raises:** ValueError, naming the scenario, if no such slew is possible in the duration.
+    **Raises:** ValueError, which names the scenario, if the slew is impossible within the duration and the limits.
     """
     with naming(f"{loaded.file}: "):
         return loaded.scenario.program(loaded.scenario.angles)

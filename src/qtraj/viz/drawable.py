@@ -1,4 +1,4 @@
-"""Converts paths and results to the dataset that figures and reports draw."""
+"""Convert paths and results to the dataset that figures and reports draw."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,27 +8,32 @@ import xarray
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
+from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.result import AbstractResult
 from qtraj.io.dataset import path_dataset
+from qtraj.io.retimed_dataset import retimed_dataset
 from qtraj.motion.programs.rotation_minimizing import Frame
+from qtraj.path.channel import provided
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.vehicle import Vehicle
+from qtraj.path.vehicle_data import vehicle_from
 
 COEFFICIENTS = ("radius", "angle", "height", "duration")
-"""The variables of a dataset that stores the coefficients of a spiral-helix instead of samples."""
+"""The variables of a dataset with the coefficients of a spiral-helix instead of samples."""
 
 
 def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
-    """The dataset of samples of a path or of a tuned or fitted path, or the dataset of any other result.
+    """Return the samples of a path, or of a tuned, retimed or fitted path, or the `to_xarray()` of any other result.
 
-    A dataset of samples is returned unchanged. A dataset of path coefficients (`tuned.to_xarray()`,
-    `helix.to_xarray()`) is evaluated. `frame` is the frame of paths that are evaluated here; None for the natural
-    frame.
+    A dataset of samples is returned unchanged. A path whose coefficients are in a dataset (`tuned.to_xarray()`,
+    `helix.to_xarray()`) is evaluated at samples. `frame` is the frame of the samples that are computed, or None for the
+    default frame.
 
-    **Raises:** ValueError for more than one path, or an object of another type.
+    **Raises:** ValueError for more than one path, or an object of any other type.
     """
     if isinstance(source, xarray.Dataset):
         whole = all(name in source for name in COEFFICIENTS) and "time" not in source.variables
@@ -39,6 +44,9 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
         return path_dataset(
             {"after": path}, limits, attributes=notes, frame=frame, findings={"after": source.certificate}
         )
+    if isinstance(source, Retimed):
+        _one(source.path)
+        return retimed_dataset(source, frame=frame)
     if isinstance(source, Fitted):
         return path_dataset({"fitted": _one(source.path)}, frame=frame, fitted=source)
     if isinstance(source, AbstractHodograph):
@@ -46,15 +54,15 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
     if isinstance(source, AbstractResult):
         return source.to_xarray()
     raise ValueError(
-        "expected a path, a result or a dataset of samples, such as from qtraj.io.dataset.path_dataset, but got "
-        f"{type(source).__name__}"
+        "a path, a result, or a dataset of samples as returned by qtraj.io.dataset.path_dataset was expected, but "
+        f"{type(source).__name__} was given"
     )
 
 
 def path_samples(source: Any) -> xarray.Dataset:
-    """Samples over the dimensions `path` and `sample`, as from `qtraj.io.dataset.path_dataset`.
+    """Return a dataset with the dimensions `path` and `sample`, like the results of `qtraj.io.dataset.path_dataset`.
 
-    **Raises:** ValueError for a dataset without them; the message names what is missing.
+    **Raises:** ValueError if the dataset of `source` does not contain such samples; the message names what is missing.
     """
     dataset = drawable(source)
     missing = [name for name in ("path", "sample") if name not in dataset.dims]
@@ -68,38 +76,39 @@ def path_samples(source: Any) -> xarray.Dataset:
 
 
 def limits_of(tuned: Tuned) -> Limits:
-    """The limits of a tuning, from its certificate, except those that need a second path or a vehicle."""
-    return _path_limits({name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+    """Return the limits of a tuning from its certificate, except a corridor, which depends on a second path."""
+    return _path_limits({name: limit for name, (_, _, limit) in tuned.certificate.worst.items()}, tuned.vehicle)
 
 
-def _path_limits(given: Mapping[str, Any]) -> Limits:
-    """The limits in a mapping that depend on the path alone."""
-    names = [name for name, entry in QUANTITIES.items() if not entry.needs_vehicle]
-    return Limits(**{name: limit for name, limit in given.items() if name in names})
+def _path_limits(given: Mapping[str, Any], vehicle: Vehicle | None) -> Limits:
+    """Select the limits on a single path, except limits for which `vehicle` is missing or lacks a property."""
+    available = provided(vehicle)
+    names = [name for name, entry in QUANTITIES.items() if entry.needs in available]
+    return Limits(**{name: limit for name, limit in given.items() if name in names}, vehicle=vehicle)
 
 
 def _one(path: AbstractHodograph) -> Any:
     if jnp.ndim(path.duration):
         raise ValueError(
-            f"expected one path, but got a batch of {path.duration.shape[0]}: select one of them, "
+            f"one path was expected, but a batch of {path.duration.shape[0]} was given: select one of them, "
             "result[k] or jax.tree.map(lambda x: x[k], paths), or draw the table of qtraj.evaluate"
         )
     return path
 
 
 def _sampled(dataset: xarray.Dataset, frame: Frame | None) -> xarray.Dataset:
-    """Samples of the path with the coefficients of a dataset, with the limits of the dataset."""
+    """Return samples of the path whose coefficients are in a dataset, with the limits of the dataset."""
     placement = None
     if "origin" in dataset:
         placement = Placement(dataset["origin"].values, dataset["orientation"].values)
     if dataset["duration"].ndim:
         count = dataset["duration"].size
-        raise ValueError(f"expected one path, but the dataset has {count}: select one of them first")
+        raise ValueError(f"one path was expected, but the dataset contains {count}: select one of them first")
     radius, angle, height, duration = (dataset[name].values for name in COEFFICIENTS)
     path = SpiralHelix(radius, angle, height, duration, placement)
     limits = None
     if "bound" in dataset and dataset["bound"].dims == ("limit",):
         names = dataset["limit"].values.tolist()
-        limits = _path_limits(dict(zip(names, dataset["bound"].values.tolist(), strict=True)))
+        limits = _path_limits(dict(zip(names, dataset["bound"].values.tolist(), strict=True)), vehicle_from(dataset))
     kept = {name: text for name, text in dataset.attrs.items() if name in ("title", "scenario_file", "recording")}
     return path_dataset({"path": path}, limits, attributes=kept, frame=frame)

@@ -1,7 +1,7 @@
-"""Figures for documents: pure functions that return a matplotlib Figure and do not use matplotlib's global state.
+"""Provide figures for documents: pure functions that return a matplotlib Figure and change no global state.
 
-Axes in space have equal scales, and every axis has a unit. Colours and line styles can be distinguished with any colour
-vision and in greyscale. `save` writes png, svg or pdf files.
+Axes in space have equal scales, and every axis has a unit. Colours can be distinguished with all common
+forms of colour blindness, and line styles even in greyscale. `save` writes png, svg or pdf files.
 """
 
 import warnings
@@ -16,6 +16,7 @@ from qtraj.viz.route_figure import route_figure
 from qtraj.viz.simulation_figure import simulation_figure
 from qtraj.viz.slew_figure import slew_figure
 from qtraj.viz.space import path_figure
+from qtraj.viz.speed_profile_figure import speed_profile_figure
 from qtraj.viz.style import save
 from qtraj.viz.table_figure import table_figure
 
@@ -30,12 +31,13 @@ __all__ = [
     "save",
     "simulation_figure",
     "slew_figure",
+    "speed_profile_figure",
     "table_figure",
     "tuning_figure",
 ]
 
 _RENAMED = {"turn_figure": "slew_figure", "track_figure": "simulation_figure"}
-"""Deprecated names and their replacements; the old names warn until 1.0."""
+"""Deprecated names and their replacements; the old names issue a warning until version 1.0."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Path quantities against time with their limits, and the figure of a tuning."""
+"""Plot path quantities and their limits against time, with or without the paths in space."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
@@ -18,16 +18,17 @@ from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, titl
 
 ALWAYS = ("curvature", "lateral_acceleration")
 PANEL = 1.7  # height [inch]
-FLAT = 0.85  # relative to the largest value: if all values are larger, an axis from zero would flatten the curves
+# If all values are above this fraction of the largest value, the curves would look flat on an axis from zero.
+FLAT = 0.85
 
 
 def tuning_figure(dataset: Any) -> Figure:
-    """Paths in space with trihedra and recorded points; curvature, lateral acceleration, limited quantities over time.
+    """Plot paths in space, and curvature, lateral acceleration and all limited quantities over time.
 
-    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to it. All paths are
-    drawn, the last one with trihedra, and each variable with a limit has its own panel.
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it. All
+    paths and the recorded points are drawn, the last path with trihedra. Each quantity has its own panel.
 
-    **Raises:** ValueError for a dataset without paths, or an object of another type.
+    **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
     dataset = path_samples(dataset)
     panels, name = _panels(dataset), dataset.attrs.get("title", "")
@@ -46,20 +47,22 @@ def tuning_figure(dataset: Any) -> Figure:
 
 
 def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
-    """Quantities of every path against its own time, one panel each, with the limits of the dataset.
+    """Plot quantities of every path against its own time, one panel each, with the limits of the dataset.
 
-    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to it. `names` are
-    names of `qtraj.Limits`; the default is curvature, lateral acceleration and all limited quantities.
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it.
+    `names` are names of `qtraj.Limits`; the default is curvature, lateral acceleration and all limited quantities.
 
-    **Raises:** ValueError for an unknown name, a dataset without paths, or an object of another type.
+    **Raises:** ValueError for an unknown name, a dataset without paths, or an object of any other type.
     """
     dataset = path_samples(dataset)
     unknown = set(names or ()) - set(LIMIT_VARIABLES)
     if unknown:
-        raise ValueError(f"unknown path quantity {min(unknown)!r}; choose from {', '.join(LIMIT_VARIABLES)}")
+        raise ValueError(
+            f"unknown path quantity {min(unknown)!r}; the known quantities are {', '.join(LIMIT_VARIABLES)}"
+        )
     panels = _panels(dataset) if names is None else [LIMIT_VARIABLES[name] for name in names]
     if absent := [name for name in panels if name not in dataset]:
-        raise ValueError(f"the dataset does not contain {absent[0]!r}: give its limits a vehicle")
+        raise ValueError(f"the dataset does not contain {absent[0]!r}: pass limits with a vehicle to path_dataset")
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = PANEL * len(panels) + 0.65 + band
@@ -71,8 +74,8 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
 
 
 def _panels(dataset: xarray.Dataset) -> list[str]:
-    """Variables to draw against time: the variables with a limit and those in `ALWAYS`."""
-    known = [name for name in LIMIT_VARIABLES.values() if name in dataset]  # forces only with a vehicle
+    """Return the variables to plot against time: all variables with a limit, and the variables in `ALWAYS`."""
+    known = [name for name in LIMIT_VARIABLES.values() if name in dataset]  # forces are present only with a vehicle
     return [name for name in known if name in ALWAYS or "limit" in dataset[name].attrs]
 
 
@@ -86,23 +89,26 @@ def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], mar
 
 
 def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> None:
-    """One quantity of every path against its own time, with its limit."""
+    """Plot one quantity of every path against its own time, with its limit."""
     variable = dataset[name]
     for k, path in enumerate(dataset["path"].values):
         values = variable.isel(path=k).values
-        axes.plot(dataset["time"].isel(path=k).values, np.abs(values), label=str(path), **path_line(str(path), k))
+        shown = bounded_values(name, values)
+        axes.plot(dataset["time"].isel(path=k).values, shown, label=str(path), **path_line(str(path), k))
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
-    drawn = [y for line in axes.lines for y in line.get_ydata()]
-    sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata()]
+    drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]  # without load, friction is infinite
+    sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]
+    lowest = min(0.0, *drawn) if drawn else 0.0
     if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise a single stop would determine the scale
         top = max(cut[0], 1.08 * (limit or 0.0))
-        axes.set_ylim(-0.03 * top, top)
+        axes.set_ylim(max(1.08 * lowest, -top) - 0.03 * top, top)
         if max(sampled) > top:
-            note = f"values up to {max(sampled):.3g} are not shown"
+            note = f"larger values, up to {max(sampled):.3g}, are not shown"
             axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
-    elif min(drawn) < FLAT * max(drawn):
-        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # so that lines at both ends stay visible
+    elif drawn and min(drawn) < FLAT * max(drawn):
+        # keeps lines at both ends of the range visible
+        axes.set_ylim(1.08 * lowest - 0.03 * max(drawn), 1.08 * max(drawn))
     if limit is not None:
         top = axes.get_ylim()[1]
         axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)

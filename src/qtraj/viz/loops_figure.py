@@ -1,4 +1,4 @@
-"""The figure that compares closed loops: error angles, deviations from the closed form, and commands."""
+"""Plot a comparison of closed loops: error angles, deviations from the closed form, and commands."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,8 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.viz.style import CLOSED, LIMIT, MIN_ANGLE, RC, WIDTH, above, frame, head, series
 
 PANEL = 2.3  # height [inch]
-MIN_DEVIATION, MIN_TOP = 1e-17, 1e-13  # minimum range of the deviations, so that round-off looks flat
+# The axis of the deviations includes at least this range, so that round-off looks flat.
+MIN_DEVIATION, MIN_TOP = 1e-17, 1e-13
 
 
 def loops_figure(
@@ -21,21 +22,21 @@ def loops_figure(
     settled: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Error angle (logarithmic) and magnitude of the physical command of closed loops, by name.
+    """Plot the error angle (on a logarithmic axis) and the norm of the physical command of several closed loops.
 
-    `solutions` are results of `qtraj.simulate`. `closed_forms` contains, for some of the names, the error quaternion
-    (n, 4) of `qtraj.error_response` at the times of the solution, for a body or inertial error. It is drawn over the
-    simulation, and a panel shows the largest component of the deviation. `settled` [rad]: a line is drawn at this
-    angle.
+    `solutions` contains results of `qtraj.simulate` by name. `closed_forms` contains, for some of the names, the error
+    quaternions (n, 4) that `qtraj.error_response` returns at the times of the solution, either for a body error or for
+    an inertial error. The angle of the closed form is drawn over the simulated angle, and an additional panel shows the
+    largest component of the deviation. A line is drawn at the angle `settled` [rad].
 
-    **Raises:** ValueError if `solutions` is empty, a solution has no commands, or a name of `closed_forms` is not in
+    **Raises:** ValueError if `solutions` is empty, a solution has no commands, or a name in `closed_forms` is not in
     `solutions`.
     """
     closed = dict(closed_forms or {})
     if not solutions or any(solution.command is None for solution in solutions.values()):
-        raise ValueError("a figure of closed loops needs solutions with commands, from qtraj.simulate")
+        raise ValueError("a figure of closed loops needs at least one solution, and all solutions need commands")
     if unknown := closed.keys() - solutions.keys():
-        raise ValueError(f"closed_forms contains {min(unknown)!r}, but solutions does not")
+        raise ValueError(f"closed_forms contains {min(unknown)!r}, but solutions does not contain this name")
     panels = 3 if closed else 2
     with mpl.rc_context(RC):
         height = PANEL * panels + 0.8

@@ -1,4 +1,4 @@
-"""The colours of a map of a path, by curvature: the same in figures and in reports."""
+"""Compute the colours of a map of a path from its curvature, for figures and reports."""
 
 from typing import NamedTuple
 
@@ -6,21 +6,22 @@ import numpy as np
 import xarray
 
 COLOURED = 0.95
-"""Quantile of the curvature at which the colour scale ends, because curvature is infinite at stops."""
+"""Quantile of the curvature at which the colour scale ends, because the curvature is infinite at stops."""
 
 SLOW = 0.05
-"""Samples below this part of the largest speed count as a stop: they have colour 0 and do not change the scale."""
+"""Samples slower than this fraction of the largest speed count as stops: they do not affect the colour scale, and are
+drawn in the colour of zero curvature."""
 
 
 class MapColours(NamedTuple):
-    """The curvature to colour at each sample (n,) [1/m], and the end of the colour scale, which starts at 0."""
+    """Curvatures (n,) [1/m] that determine the colours of samples, and the end [1/m] of the colour scale."""
 
     values: np.ndarray
     top: float
 
 
 def map_colours(path: xarray.Dataset) -> MapColours:
-    """The colours of one path, from its curvature and, if the dataset contains it, its speed."""
+    """Compute the colours of one path from its curvature and, if the dataset contains it, its speed."""
     curvature = np.abs(path["curvature"].values.astype(float))
     moving = np.isfinite(curvature)
     if "speed" in path:

@@ -1,4 +1,4 @@
-"""The figure of an orientation over time: quaternion, Gibbs vector, angle, and singular points."""
+"""Plot an orientation over time: quaternion, Gibbs vector, angle, and singular points."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ from qtraj.viz.style import BAND, MARK, RC, SUBSCRIPTS, above, component, frame,
 
 SIZE = (7.6, 6.05)  # [inch] without a title
 JUMP = np.cos(np.pi / 4)
-"""If |⟨λ, λ⟩| of two neighbours is smaller, they differ by more than 90°: the frame flips between them."""
+"""Consecutive attitudes differ by more than 90°, and so count as a jump, if |⟨λ_{k−1}, λ_k⟩| is below this value."""
 HALF_TURN = 1e-9
-"""A unit quaternion with a smaller |λ0| counts as a rotation by 180°, for which the Gibbs vector is infinite."""
+"""Value of |λ0| below which a unit quaternion counts as a rotation by 180°, whose Gibbs vector is infinite."""
 MAX_GIBBS = 4.0  # axis limit, because the Gibbs vector is infinite at 180°
 INFINITE = {"color": MARK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 1.2}
 FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
@@ -24,9 +24,9 @@ FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
 def orientation_figure(
     times: ArrayLike, quaternions: ArrayLike, defined: ArrayLike | None = None, title: str = ""
 ) -> Figure:
-    """λ, G = λ_v/λ0 and the angle of the shorter rotation over `times` (n,) [s], with singular points marked.
+    """Plot λ, G = λ_v/λ0 and the angle of the shorter rotation over `times` (n,) [s], with singular points marked.
 
-    `quaternions` (n, 4) need not be normalised and may have either sign; signs are made continuous. The figure marks
+    `quaternions` (n, 4) may have any nonzero norm and either sign; the signs are made continuous. The figure marks
     instants at which the Gibbs vector is infinite (λ0 = 0, Φ = 180°) or the attitude jumps by more than 90°. Samples at
     which `defined` (n,) is false are not drawn.
     """
@@ -81,13 +81,13 @@ def _draw_gibbs(axes: Any, t: np.ndarray, q: np.ndarray, breaks: np.ndarray) -> 
 
 
 def _interrupted(t: np.ndarray, values: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A curve with a gap after each sample at which `breaks` (n−1,) is true."""
+    """Return a curve with a gap between samples k and k + 1 if element k of `breaks` (n−1,) is true."""
     places = np.flatnonzero(breaks) + 1
     return np.insert(t, places, t[places - 1]), np.insert(values, places, np.nan)
 
 
 def _crossing_times(t: np.ndarray, scalar: np.ndarray, crossings: np.ndarray) -> np.ndarray:
-    """The instants at which λ0 vanishes, by linear interpolation."""
+    """Return the instants at which λ0 is zero, by linear interpolation."""
     k = np.flatnonzero(crossings)
     return t[k] + (t[k + 1] - t[k]) * scalar[k] / (scalar[k] - scalar[k + 1])
 
@@ -98,7 +98,7 @@ def _mark(axes: Any, times: np.ndarray, line: dict[str, Any], label: str) -> Non
 
 
 def _shade(axes: Any, t: np.ndarray, lasting: np.ndarray) -> None:
-    """Shade intervals of two or more samples."""
+    """Shade the intervals of two or more consecutive samples at which `lasting` is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lasting, [False]]).astype(int)))
     for k, (first, last) in enumerate(zip(edges[::2], edges[1::2] - 1, strict=True)):
         if last > first:

@@ -1,4 +1,4 @@
-"""The work-precision figure."""
+"""Plot a work-precision diagram."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ from qtraj.viz.style import BAND, MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
 COLUMNS, ROW = 3, 0.17  # of the legend: number of columns, height of a row [inch]
-FEW = 8  # up to this number of different work values, each is a tick of the axis
+FEW = 8  # maximum number of different work values for which each value is a tick of the axis
 
 
 def precision_figure(
@@ -22,10 +22,11 @@ def precision_figure(
     round_off: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Error against work, one line with markers for each method, on logarithmic axes.
+    """Plot error against work on logarithmic axes, one line with markers for each method.
 
-    `series_by_name` contains (work, error) of each method, arrays of positive values; a method of order p has slope −p.
-    `work` and `error` are the axis labels, with units. Errors below `round_off` are drawn at `round_off`.
+    `series_by_name` contains a pair (work, error) of arrays of positive values for each method. The line of a method of
+    order p has slope −p. `work` and `error` are the axis labels, with units. Errors below `round_off` are drawn at
+    `round_off`.
 
     **Raises:** ValueError if there is no method, or a value is not positive.
     """
@@ -41,7 +42,7 @@ def precision_figure(
             x, y = np.asarray(x, float), np.asarray(y, float)
             y = y if round_off is None else np.maximum(y, round_off)
             if not ((x > 0).all() and (y > 0).all()):
-                raise ValueError(f"work and error values must be positive, but those of {name!r} are {x}, {y}")
+                raise ValueError(f"work and error values must be positive, but the values of {name!r} are {x}, {y}")
             works |= set(x.tolist())
             axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], ms=5, label=name, **series(k))
         axes.set_xscale("log")

@@ -1,4 +1,4 @@
-"""The figure of slew profiles: angle, rate and acceleration against time, and the phase plane."""
+"""Plot slew profiles: angle, rate and acceleration against time, and the phase plane."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -69,10 +69,11 @@ def profiles_figure(
 
 
 def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and Φ, Φ̇, Φ̈ (n, 3) in degrees.
+    """Return times (n,) [s] and the values of Φ, Φ̇, Φ̈ (n, 3) in degrees.
 
-    The times include each switch and the instant just before it, so that jumps are drawn as vertical lines. The last
-    sample is just before the duration, so that it shows the slew and not the rest after it.
+    The times include each switch and the floating-point number just before it, so that jumps are drawn as vertical
+    lines. The last sample is just before the end, because at the end the acceleration is already
+    zero.
     """
     switches = np.asarray(profile.switches, float)
     before = np.nextafter(switches, 0.0)
@@ -86,7 +87,7 @@ def _derivatives(profile: Profile, times: Float[Array, " n"]) -> Float[Array, "n
 
 
 def _bound(axes: Any, limit: float | None) -> None:
-    """Draw dotted lines at ± `limit`, the lower one only if a curve is below zero."""
+    """Draw a dotted line at `limit` (none if it is None) and, if a curve is below zero, another one at −`limit`."""
     if limit is None:
         return
     top = float(np.degrees(limit))

@@ -1,4 +1,4 @@
-"""The figure of a route: a map coloured by curvature; height, speed and limits against the distance travelled."""
+"""Plot a route as a map coloured by curvature, and its height, speed and limited quantities against the distance."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.ranges import spike
@@ -20,12 +20,12 @@ LEFT = 0.105
 
 
 def route_figure(dataset: Any) -> Figure:
-    """The last path of a dataset as a map, and its height, speed and limited quantities against the distance.
+    """Plot the last path of a dataset as a map, and its height, speed and limited quantities against the distance.
 
-    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that converts to it. Recorded positions are
-    drawn under the path. Parts of a curve that violate a limit are red.
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that can be converted to it. Recorded
+    positions are drawn as points behind the line of the path. Where a quantity violates its limit, the curve is red.
 
-    **Raises:** ValueError for a dataset without paths, or an object of another type.
+    **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
     dataset = path_samples(dataset)
     path = dataset.isel(path=-1)
@@ -55,13 +55,13 @@ def route_figure(dataset: Any) -> Figure:
 
 
 def distance(path: xarray.Dataset) -> np.ndarray:
-    """The distance travelled at each sample [m], by the trapezoidal rule."""
+    """Return the distance travelled [m] at each sample, by the trapezoidal rule."""
     speed, time = path["speed"].values, path["time"].values
     return np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
 
 
 def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.Dataset) -> None:
-    """Draw the positions from above, relative to their centre in whole metres, coloured by curvature."""
+    """Draw the horizontal positions relative to their centre (rounded to metres), coloured by curvature."""
     position = path["position"].values[:, :2]
     centre = np.round(position.mean(axis=0))
     points = position - centre
@@ -91,8 +91,8 @@ def _offset(letter: str, centre: float) -> str:
 
 
 def _draw_panel(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str) -> None:
-    """Draw one quantity against the distance, with its limit; values that violate the limit are red."""
-    values = path["position"].values[:, 2] if name == "height" else np.abs(path[name].values)
+    """Plot one quantity against the distance, with its limit; values that violate the limit are red."""
+    values = path["position"].values[:, 2] if name == "height" else bounded_values(name, path[name].values)
     axes.plot(way, values, color=COLOURS["after"], lw=1.0)
     limit = None if name == "height" else path[name].attrs.get("limit")
     if limit is not None:
@@ -100,7 +100,8 @@ def _draw_panel(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str) -> 
         axes.plot(way, np.where(values > limit, values, np.nan), color=MARK, lw=1.4)
     cut = None if name == "height" else spike([values])
     if cut is not None:
-        axes.set_ylim(0.0, max(cut[0], 1.3 * (limit or 0.0)))
+        top = max(cut[0], 1.3 * (limit or 0.0))
+        axes.set_ylim(max(-top, min(0.0, float(np.min(values)))), top)
     unit = "m" if name == "height" else symbol(path[name].attrs["units"])
     axes.set_ylabel(f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]", fontsize=8)
     axes.grid(alpha=0.25, lw=0.5)

@@ -1,4 +1,4 @@
-"""The figure of a simulated closed loop: error, rate and command over time, with closed form and limit."""
+"""Plot a simulated closed loop: error, rate and command over time, with closed form and limit."""
 
 from typing import Any
 
@@ -30,10 +30,10 @@ NORM = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
 
 def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
-    """Error angle (logarithmic) and error quaternion with the closed form; rates; physical and virtual command; |λ|.
+    """Plot error angle (logarithmic), error quaternion, body rate, physical and virtual command, and |λ| over time.
 
-    `dataset` is the table written by `qtraj simulate`. Lines mark the angle `settled` [rad] and the `limit` of the
-    command [rad/s or rad/s²].
+    `dataset` is the table written by `qtraj simulate`. The closed form of the error is drawn too, if it applies. Lines
+    mark the angle `settled` [rad] and the `limit` of the command [rad/s or rad/s²].
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
@@ -62,7 +62,7 @@ def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | li
 
 
 def _applies(dataset: xarray.Dataset) -> bool:
-    """Whether the closed form applies to this motion and is drawn; with a disturbance, for example, it does not."""
+    """Return whether the closed form applies to this motion; with a disturbance, for example, it does not apply."""
     return dataset.attrs.get("closed_form", "applies") == "applies"
 
 
@@ -96,7 +96,7 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
     values = np.degrees(dataset["command"].values)
-    if dataset.attrs.get("saturation") != "axis":  # with "axis" the limits apply to components
+    if dataset.attrs.get("saturation") != "axis":  # with "axis" the limits apply to components, not to the norm
         axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="norm", **NORM)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
@@ -128,7 +128,7 @@ def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
     values = dataset["norm"].values
     axes.plot(dataset["time"].values, values, color=COMPONENTS["w"], lw=1.5)
     middle, spread = np.nanmean(values), np.nanmax(values) - np.nanmin(values)
-    if spread < 1e-6 * middle:  # otherwise the axis would magnify round-off
+    if spread < 1e-6 * middle:  # an automatic range would magnify round-off
         axes.set_ylim(0.9 * middle, 1.1 * middle)
     axes.set_ylabel("norm |λ| [–]")
 

@@ -1,4 +1,4 @@
-"""The figure of a slew: angle, rate and acceleration with their limits, phase plane and quaternion."""
+"""Plot a slew: angle, rate and acceleration with their limits, phase plane and quaternion."""
 
 from typing import Any
 
@@ -24,13 +24,13 @@ from qtraj.viz.style import (
 
 HEIGHT = 6.25  # [inch] without a title
 ANGLE = "#0072B2"
-HEADROOM = 1.12  # relative to the limit or the peak, so that neither is at the border
+HEADROOM = 1.12  # top of the axis, divided by the larger of limit and peak
 
 
 def slew_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
-    """Φ, Φ̇ and Φ̈ in degrees against time with their limits; Φ̇ against Φ; the components of the quaternion.
+    """Plot Φ, Φ̇ and Φ̈ in degrees against time with their limits, Φ̇ against Φ, and the quaternion against time.
 
-    `dataset` contains angle [rad], angle_rate [rad/s], angle_acceleration [rad/s²] and quaternion over time; `limits`
+    `dataset` contains angle [rad], angle_rate [rad/s], angle_acceleration [rad/s²] and quaternion over time. `limits`
     may contain max_rate [rad/s] and max_acceleration [rad/s²].
     """
     with mpl.rc_context(RC):
@@ -58,7 +58,7 @@ def slew_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
 
 
 def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
-    """Draw the four components against time."""
+    """Plot the four components of the quaternion against time."""
     for label in dataset["component"].values:
         values = dataset["quaternion"].sel(component=label).values
         axes.plot(dataset["time"].values, values, label="λ" + SUBSCRIPTS[label], **component(label))
@@ -68,7 +68,7 @@ def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
 
 
 def _bound(axes: Any, limit: float, peak: float, text: str) -> None:
-    """Draw dotted lines at ± `limit`, the lower one only if a curve is below zero."""
+    """Draw a dotted line at `limit` and, if a curve is below zero, another one at −`limit`."""
     low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
     axes.axhline(limit, label=text, **BOUND)
     top = HEADROOM * max(limit, peak)

@@ -1,4 +1,4 @@
-"""Paths in space, with equal axis scales: lines, recorded points, trihedra, boundary values."""
+"""Plot paths in space, with equal axis scales: lines, recorded points, trihedra, boundary values."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from qtraj.viz.drawable import path_samples
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
-MIN_HEIGHT = 0.3  # relative to the extent of the path, so that the z axis of a flat path has space for ticks
+MIN_HEIGHT = 0.3  # relative to the extent of the path; gives the z axis of a flat path enough length for ticks
 ARROW = 0.16  # relative to the extent of the path
 BARB = np.sin(np.radians(16))  # sine of the angle between an arrow and the barbs of its head
 SIZE = (7.6, 5.6)  # [inch]
@@ -29,13 +29,14 @@ def path_figure(
     reference: bool = False,
     view: tuple[float | int, float | int] | None = None,
 ) -> Figure:
-    """Paths in space, with equal axis scales, and `trihedra` of the last one at equal time steps (0 for none).
+    """Plot paths in space with equal axis scales, and trihedra of the last path at equal time steps.
 
-    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to it. If
-    `velocities` is true, V_A and V_B are drawn at the ends; if `reference` is true, the world axes i, j, k at the
-    origin and the radius vectors of the ends are drawn. `view` is (elevation, azimuth) [°].
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it.
+    `trihedra` is the number of trihedra. If `velocities` is true, the velocities V_A and V_B are drawn at the ends A
+    and B. If `reference` is true, the world axes i, j, k at the origin and the radius vectors of the ends are drawn.
+    `view` is (elevation, azimuth) [°].
 
-    **Raises:** ValueError for a dataset without paths, or an object of another type.
+    **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
     dataset = path_samples(dataset)
     with mpl.rc_context(RC):
@@ -52,7 +53,10 @@ def path_figure(
 def draw_space(
     axes: Any, dataset: xarray.Dataset, trihedra: int = TRIHEDRA, velocities: bool = False, reference: bool = False
 ) -> None:
-    """Draw all paths relative to their common centre, to keep tick labels short for large world coordinates."""
+    """Plot all paths relative to their common centre, or relative to the origin if `reference` is true.
+
+    With positions relative to the centre, tick labels are short even if the world coordinates are large.
+    """
     positions = dataset["position"].values
     flat = positions.reshape(-1, 3)
     if reference:
@@ -77,7 +81,7 @@ def draw_space(
 
 
 def _frame(axes: Any, centre: np.ndarray, extent: float) -> None:
-    """Set equal axis scales, few ticks, and labels with the offset of the centre."""
+    """Set equal axis scales and few ticks, and label the axes with the subtracted coordinates of the centre."""
     low, high = axes.get_zlim()
     margin = max(MIN_HEIGHT * extent - (high - low), 0.0)
     axes.set_zlim(low - margin / 2, high + margin / 2)
@@ -103,9 +107,10 @@ def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: i
 
 
 def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **style: Any) -> None:
-    """Draw arrows (n, 3) with four barbs, which are visible from all sides; `head` is their relative length.
+    """Draw arrows (n, 3) with four barbs, which are visible from all sides.
 
-    Matplotlib's arrows have two barbs, which are invisible edge-on.
+    `head` is the length of the barbs divided by the length of the arrow. Matplotlib's arrows have two barbs, which are
+    invisible if viewed edge-on.
     """
     length = np.linalg.norm(arrows, axis=1, keepdims=True)
     along = arrows / np.where(length > 0, length, 1.0)
@@ -123,7 +128,7 @@ def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **s
 
 
 def _draw_reference(axes: Any, positions: np.ndarray, extent: float) -> None:
-    """Draw the world axes at the origin, and the radius vectors of the ends."""
+    """Draw the world axes at the origin, and the radius vectors of both ends."""
     length = 1.6 * ARROW * extent
     for direction, letter in zip(np.eye(3), "ijk", strict=True):
         _arrows(axes, np.zeros((1, 3)), length * direction[None], 0.2, color=WORLD_COLOUR, lw=1.3)
@@ -133,7 +138,7 @@ def _draw_reference(axes: Any, positions: np.ndarray, extent: float) -> None:
 
 
 def _draw_velocities(axes: Any, path: xarray.Dataset, centre: np.ndarray, extent: float) -> None:
-    """Draw the velocities at the ends; the longer arrow has a third of the path's extent."""
+    """Draw the velocities at both ends; the length of the longer arrow is a third of the path's extent."""
     velocities = path["velocity"].values[[0, -1]]
     scale = extent / 3 / max(np.linalg.norm(velocities, axis=1).max(), 1e-300)
     origin = path["position"].values[[0, -1]] - centre

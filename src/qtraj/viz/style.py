@@ -1,4 +1,4 @@
-"""The style of all figures: colours, line styles and labels. `save` writes figures to files."""
+"""Define the style of all figures (colours, line styles, labels), and write figures to files with `save`."""
 
 import os
 from typing import Any
@@ -9,24 +9,25 @@ from matplotlib.figure import Figure
 
 from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
 
-# Okabe and Ito's colours can be distinguished with any colour vision, and the line styles also in greyscale.
+# The colours of Okabe and Ito can be distinguished with all common forms of colour blindness, and the line styles
+# even in greyscale.
 COLOURS = {"before": "#D55E00", "after": "#0072B2"}
 STYLES = {"before": (0, (5, 2)), "after": "solid"}
-SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths with other names; different from AXIS_COLOURS
+SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths with other names; distinct from AXIS_COLOURS
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("solid", (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (7, 1.5, 1.5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1, 1, 1)))
 MARKERS = "os^Dvx+"
 AXIS_COLOURS = ("#009E73", "#CC79A7", "#E69F00")
-"""For the body axes x, y, z."""
+"""Colours of the body axes x, y, z."""
 RECORD, LIMIT, MARK = "0.45", "0.1", "#B00020"
 COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
-"""For the components of quaternions and vectors."""
+"""Line styles of the components of quaternions and vectors."""
 SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
 CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
-"""For a closed form, drawn over a simulation."""
+"""Style of a closed form, which is drawn over a simulation."""
 BOUND = {"color": LIMIT, "lw": 1.0, "ls": (0, (1, 1.5))}
-"""For a limit."""
+"""Style of a limit."""
 
 WIDTH = 10.0  # [inch]
 BAND = 0.35  # height of a title [inch]
@@ -45,7 +46,7 @@ RC: Any = {
 
 
 def save(figure: Figure, file: str | os.PathLike[str]) -> None:
-    """Write a figure in the format of the suffix (png, svg, pdf); equal figures give identical files."""
+    """Write a figure in the format of the suffix (png, svg, pdf); equal figures produce identical files."""
     suffix = os.fspath(file).rpartition(".")[2]
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
     with mpl.rc_context(RC):
@@ -53,12 +54,12 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
 
 
 def title(dataset: xarray.Dataset) -> str:
-    """The name of the scenario, or the name of its file if the scenario has none."""
+    """Return the name of the scenario, or the name of its file if the scenario has no name."""
     return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
 
 
 def body_axes(dataset: xarray.Dataset) -> FrameAxes:
-    """The names of the frame axes of a dataset; the natural trihedral if the dataset does not name a frame."""
+    """Return the names of the axes of a dataset's frame, which is the natural trihedral if no frame is stored."""
     return axes_of(str(dataset.attrs.get("frame", NATURAL)))
 
 
@@ -69,13 +70,13 @@ def frame(axes: Any) -> None:
 
 
 def head(figure: Figure, text: str, y: float = 0.985) -> None:
-    """Add the title of a figure, if it has one."""
+    """Add the title of a figure, unless it is empty."""
     if text:
         figure.suptitle(text, y=y, va="top", fontsize=11, fontweight="bold")
 
 
 def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
-    """Add a legend above the panel, where it does not hide curves."""
+    """Add a legend above the panel, where it hides no curves."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -89,7 +90,7 @@ def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
 
 
 def path_line(name: str, k: int) -> dict[str, Any]:
-    """Colour and style of the k-th path; "before" and "after" look the same in all figures."""
+    """Return colour and line style of the k-th path; "before" and "after" look the same in all figures."""
     return {
         "color": COLOURS.get(name, SPARE[k % len(SPARE)]),
         "ls": STYLES.get(name, DASHES[k % len(DASHES)]),
@@ -98,10 +99,10 @@ def path_line(name: str, k: int) -> dict[str, Any]:
 
 
 def series(k: int) -> dict[str, Any]:
-    """Colour and style of the k-th curve of a comparison."""
+    """Return colour and line style of the k-th curve of a comparison."""
     return {"color": SERIES[k % len(SERIES)], "ls": DASHES[k % len(DASHES)], "lw": 1.6}
 
 
 def component(label: str) -> dict[str, Any]:
-    """Colour and style of a component, "w", "x", "y" or "z"."""
+    """Return colour and line style of a component, "w", "x", "y" or "z"."""
     return {"color": COMPONENTS[label], "ls": LINES[label], "lw": 1.5}

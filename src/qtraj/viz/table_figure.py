@@ -1,4 +1,4 @@
-"""The figure of a table: its outputs against time, one panel each."""
+"""Plot the outputs of a table against time, one panel each."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,18 +14,18 @@ from qtraj.viz.style import AXIS_COLOURS, COMPONENTS, RC, SERIES, WIDTH, above, 
 PANEL, MARGINS = 1.55, 0.75  # heights [inch]: one panel, and both margins together
 MAX_PATHS = 8
 NOT_DRAWN = ("dcm", "defined")
-"""Outputs that are drawn only if they are named."""
+"""Outputs that are plotted only if they are requested."""
 PALE = 0.55
 
 
 def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
-    """Outputs of `qtraj.evaluate` against time, one panel each: `names`, or all but `dcm` and `defined`.
+    """Plot outputs of `qtraj.evaluate` against time, one panel each; by default all except `dcm` and `defined`.
 
-    `dataset` is the `to_xarray()` of a table. Components have the labels of its frame. At most eight paths are drawn;
-    the components of all paths except the first are pale. Outputs that depend on the frame are not drawn at instants at
-    which it is not defined.
+    `dataset` is the `to_xarray()` of a table, and `names` are the outputs to plot. Components have the labels of the
+    table's frame. At most eight paths are drawn; the components of all paths except the first are pale. Outputs that
+    depend on the frame are not drawn at instants at which the frame is not defined.
 
-    **Raises:** ValueError for an output that is not in the dataset, or if there are no outputs to draw.
+    **Raises:** ValueError for an output that the dataset does not contain, or if there are no outputs to plot.
     """
     if unknown := [name for name in names if name not in dataset.data_vars]:
         raise ValueError(
@@ -33,7 +33,7 @@ def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
         )
     drawn = list(names) or [str(name) for name in dataset.data_vars if name not in NOT_DRAWN]
     if not drawn:
-        raise ValueError(f"the table has no outputs to plot: it only contains {', '.join(map(str, dataset.data_vars))}")
+        raise ValueError(f"the table has no outputs to plot: it contains only {', '.join(map(str, dataset.data_vars))}")
     with mpl.rc_context(RC):
         height = PANEL * len(drawn) + MARGINS
         figure = Figure(figsize=(0.75 * WIDTH, height))
@@ -84,7 +84,7 @@ def _colour(label: str, column: int) -> str:
 
 
 def _exists(dataset: xarray.Dataset, variable: xarray.DataArray, k: int) -> np.ndarray:
-    """Whether the frame is defined at each instant, if the variable depends on the frame; otherwise always true."""
+    """Return whether the variable is defined at each instant; a variable without frame axes is always defined."""
     depends_on_frame = {"body", "quaternion_component"} & set(variable.dims)
     if "defined" not in dataset or not depends_on_frame:
         return np.ones(dataset["time"].shape[-1], bool)

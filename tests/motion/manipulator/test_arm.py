@@ -1,5 +1,7 @@
 """Serial arms: kinematics against homogeneous matrices, control against the closed form and a SciPy loop."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -81,7 +83,7 @@ def test_the_gripper_has_the_linear_error_of_a_free_body(kind):
     law, turn = qt.AccelerationLaw(2.0, 1.0, kind), program()
     motion = qt.simulate_arm(qt.stanford_arm(), turn, law, JOINTS, RATES, TIMES)
     assert motion.successful
-    assert np.abs(motion.missed).max() < 1e-10
+    assert motion.angular_acceleration_error.max() < 1e-10
     body = qt.quaternion.rotate(qt.quaternion.conjugate(motion.quaternion[0]), motion.rate[0, 1:])
     first = jnp.concatenate([jnp.zeros(1), body])
     closed = qt.control.closed_motion(law, jax.vmap(turn)(TIMES), motion.quaternion[0], first, jnp.asarray(TIMES))
@@ -126,7 +128,7 @@ def test_pose_against_an_independent_loop():
 
     start = np.concatenate([JOINTS, RATES, [0.0, 0.0]])
     expected = solve_ivp(flow, (0, 4), start, method="DOP853", rtol=1e-9, atol=1e-10, t_eval=TIMES).y.T
-    assert motion.smallest.min() > 0.06
+    assert motion.smallest_singular_value.min() > 0.06
     np.testing.assert_allclose(motion.joints, expected[:, :6], rtol=0, atol=1e-6)
     np.testing.assert_allclose(motion.joint_rates, expected[:, 6:12], rtol=0, atol=1e-6)
 
@@ -163,10 +165,11 @@ def test_a_singular_wrist():
     )
     assert motion.successful
     assert np.all(np.isfinite(motion.joints))
-    assert motion.smallest[0] < 0.01
+    assert motion.smallest_singular_value[0] < 0.01
     assert np.abs(motion.joint_accelerations).max() < 50.0
-    assert motion.missed.max() > 1e-3
-    assert "acceleration deviated from the command by up to" in motion.result
+    assert motion.angular_acceleration_error.max() > 1e-3
+    assert motion.acceleration_error.max() > 1e-3
+    assert re.search(r"deviated from the command by up to \S+ rad/s² and \S+ m/s²\.", motion.result)
 
 
 def test_redundant_joints_come_to_rest():
@@ -194,14 +197,24 @@ def test_storage_batches_and_invalid_arguments(tmp_path):
         (lambda: qt.Joint([0.0, 0, 0]), "must not be zero"),
         (lambda: qt.Joint([0.0, 0, 1], kind="ball"), "'revolute' or 'prismatic', but 'ball'"),
         (lambda: qt.Arm([], [0.0, 0, 1]), "non-empty sequence of Joint"),
-        (lambda: qt.Arm.from_dh(np.zeros((2, 3))), r"rows \(n, 4\)"),
+        (lambda: qt.Arm.from_dh(np.zeros((2, 3))), r"rows must have shape \(n, 4\)"),
         (lambda: qt.Arm.from_dh(np.zeros((2, 4)), ["revolute"]), "one entry for each of 2 rows"),
         (lambda: qt.simulate_arm(3.0, turn, LAW, JOINTS, RATES, TIMES), "the arm must be an Arm"),
-        (lambda: qt.simulate_arm(arm, 3.0, LAW, JOINTS, RATES, TIMES), "the program must be a program"),
+        (lambda: qt.simulate_arm(arm, 3.0, LAW, JOINTS, RATES, TIMES), "the program must be an attitude program"),
         (lambda: qt.simulate_arm(arm, turn, qt.RateLaw(1.0), JOINTS, RATES, TIMES), "have no discrete state"),
         (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS[:5], RATES, TIMES), r"the joints must have shape \(6,\)"),
         (lambda: qt.simulate_arm(short, turn, LAW, [0, 0, 0], [0, 0, 0], TIMES, qt.Curve(circle, 4.0)), "6 joints"),
         (lambda: qt.Damping(-1.0), "threshold of damping must be positive"),
+        (lambda: qt.Damping(idle=-1.0), "decay rate 'idle' must not be negative"),
+        (lambda: qt.Arm(3, [0.0, 0, 1]), "non-empty sequence of Joint"),
+        (lambda: qt.Arm(arm.joints, [0.0, 0, 1], np.zeros(4)), "home quaternion must not be zero"),
+        (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, TIMES, gains=4.0), r"two numbers, \(k1, k2\)"),
+        (
+            lambda: qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, TIMES, gains=(4.0, -1.0)),
+            "position gain k2 must be",
+        ),
+        (lambda: qt.simulate_arm(arm, turn, qt.HystereticLaw(LAW), JOINTS, RATES, TIMES), "have no discrete state"),
+        (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, TIMES, jumps=1.0), "jumps must be a vector"),
     ):
         with pytest.raises(ValueError, match=expected):
             call()

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj import dual_quaternion as dual
+from qtraj.motion.simulation.task import switches_of, within
 
 RNG = np.random.default_rng(20)
 TIMES = np.linspace(0.0, 2.4, 9)
@@ -17,6 +18,7 @@ LAW = qt.PoseLaw(qt.AccelerationLaw(2.0, 1.0), 3.0, [2.0, 2.5, 3.0])
 POSITION, VELOCITY = np.array([8.5, 2.0, 0.3]), np.array([0.5, 3.0, -0.4])
 QUATERNION, RATE = np.array([0.9, 0.2, -0.1, 0.5]), np.array([0.05, 0.3, -0.2, 0.4])
 CLOSED = 1e-8
+SIGNS = ("nearer", "as given")
 
 
 def program():
@@ -73,6 +75,24 @@ def test_the_errors_of_both_are_exactly_linear():
     np.testing.assert_allclose(motion.distance, np.linalg.norm(expected, axis=1), atol=CLOSED)
 
 
+def test_the_switches_of_a_program_and_the_knots_of_a_route_are_instants_of_the_integration():
+    """A body that starts on a time-optimal slew and a route stays on them, to round-off of the solver."""
+    turn = qt.EulerTurn([1.0, 0, 0, 0], [0.5, 0.5, 0.5, 0.5], qt.TimeOptimal(1.5, 2.0))
+    knots = np.array([0.0, 0.7, 1.3, 2.4])
+    rows = np.random.default_rng(20).normal(size=(3, 4, 3))
+    both = qt.PoseProgram(qt.Route(knots, *rows), turn)
+    place, attitude = both(0.0)
+    start = place[0], place[1], attitude.quaternion, [0.0, *attitude.rate]
+    motion = qt.simulate_pose(both, LAW, *start, TIMES)
+    assert motion.angle.max() < 1e-11
+    assert motion.distance.max() < 1e-11
+    whole = qt.simulate_pose(both, LAW, *start, TIMES, jumps=[])
+    assert max(whole.angle.max(), whole.distance.max()) > 10 * max(motion.angle.max(), motion.distance.max())
+    found = np.asarray(switches_of(turn, both.path))
+    np.testing.assert_allclose(found, np.unique([*turn.switches, *knots]))
+    assert within(jnp.asarray([0.5, 2.0]), jnp.asarray(found)).shape[0] < found.shape[0]
+
+
 def test_disturbed_motion_against_an_independent_loop():
     """SciPy with rotation matrices and constant disturbances; the position error at rest is push/k2."""
     both, push, twist = program(), np.array([0.3, -0.2, 0.1]), np.array([0.02, 0.03, -0.01])
@@ -110,17 +130,30 @@ def test_signs_storage_and_invalid_arguments(tmp_path):
     near = qt.simulate_pose(both, LAW, *state)
     far = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5])
     np.testing.assert_array_equal(near.quaternion, far.quaternion)
+    closed = {
+        sign: qt.closed_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5], sign=sign) for sign in SIGNS
+    }
+    given = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5], sign="as given")
+    for motion, sign in ((near, "nearer"), (given, "as given")):
+        pose = jax.vmap(dual.from_pose)(motion.position, motion.quaternion)
+        np.testing.assert_allclose(pose, closed[sign], atol=10 * CLOSED)
+    assert np.abs(closed["nearer"] - closed["as given"]).max() > 0.1
     near.save(tmp_path / "pose.toml")
     np.testing.assert_array_equal(qt.load(tmp_path / "pose.toml").error, near.error)
     for call, expected in (
         (lambda: qt.PoseProgram(both, both.attitude), "the path must be a position curve"),
-        (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be a program"),
+        (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be an attitude program"),
         (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no discrete state"),
         (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a scalar"),
         (lambda: qt.simulate_pose(both.path, LAW, *state), "must be a PoseProgram"),
         (lambda: qt.simulate_pose(both, LAW.attitude, *state), "must be a PoseLaw"),
         (lambda: qt.simulate_pose(both, LAW, *state, sign="far"), "sign must be"),
         (lambda: qt.simulate_pose(both, LAW, *state, push=[1.0]), r"the push must have shape \(3,\)"),
+        (lambda: qt.PoseLaw(qt.HystereticLaw(LAW.attitude), 1.0, 1.0), "have no discrete state"),
+        (lambda: qt.PoseLaw(LAW.attitude, [1.0, -2.0, 1.0], 1.0), "position gain k1 must be positive"),
+        (lambda: qt.closed_pose(both, LAW, np.zeros(4), *state[1:]), r"the position must have shape \(3,\)"),
+        (lambda: qt.closed_pose(both, LAW, *state, sign="far"), "sign must be"),
+        (lambda: qt.closed_pose(both, LAW, *state[:4], [0.5, 0.0]), "times must increase"),
     ):
         with pytest.raises(ValueError, match=expected):
             call()

@@ -160,7 +160,7 @@ def test_a_fixed_duration_meets_end_rates():
 def test_a_duration_too_short_is_refused_with_the_minimum(name):
     minimum = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
     with pytest.raises(
-        ValueError, match=f"needs at least {minimum:.14g}"[:26] + r".*violates a limit \(max_rate = 1 rad/s"
+        ValueError, match=f"needs at least {minimum:.14g}"[:26] + r".*within the limits \(max_rate = 1 rad/s"
     ):
         IN_TIME[name](1.0, 0.7, 2.0, 0.999 * minimum).profile(2.0)
     traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
@@ -214,7 +214,7 @@ def test_profiles_are_stored_exactly(make, suffix, tmp_path):
         (lambda: TimeOptimal(-1.0, 1.0), "max_rate must be positive"),
         (lambda: TimeOptimal(1.0, 0.0), "max_acceleration must be positive"),
         (lambda: TimeOptimal(1.0, math.inf), "max_acceleration must be positive and finite"),
-        (lambda: TimeOptimal(1.0, 1.0, end_rate=-1.5), "end_rate is -1.5 rad/s"),
+        (lambda: TimeOptimal(1.0, 1.0, end_rate=-1.5), "end_rate = -1.5 rad/s was given"),
         (lambda: TimeOptimal(1.0, 1.0, start_rate=math.nan), "start_rate must be finite"),
         (lambda: SCurve(1.0, 1.0, math.nan), "max_jerk must be positive"),
         (lambda: Quintic(), "needs a duration"),

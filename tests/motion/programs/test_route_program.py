@@ -9,6 +9,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
+from qtraj.path import headings
+from qtraj.path.driving import segments_of
 
 NEAR = 1e-9
 
@@ -78,6 +80,17 @@ def test_the_rate_is_continuous_at_joints_and_for_septics_the_acceleration(frame
     inside = np.linspace(0.01, float(route.duration) - 0.01, 211)
     inside = inside[np.min(np.abs(inside[:, None] - joints), axis=1) > 1e-3]
     consistent(program, inside, 1e-7)
+
+
+@pytest.mark.parametrize("route", [winding, reversing, stopping, lambda: stopping(2.5)])
+def test_the_rates_of_numpy_are_those_of_the_program(route):
+    """Forwards, at a stop and in reverse; the vehicle may be tilted."""
+    route, up = route(), np.array([0.1, -0.2, 2.0])
+    program = qt.FrameProgram(route, qt.Driving.along(route, up))
+    t = np.linspace(0.0, float(route.duration), 301)[1:-1]
+    segments = segments_of(route)
+    found = headings.body_rates(headings.along(segments, up), up, t, *segments.rows(t, 2)[1:])
+    np.testing.assert_allclose(found, attitudes(program, t).rate, rtol=1e-9, atol=1e-9)
 
 
 def test_without_a_frame_a_route_is_upright():

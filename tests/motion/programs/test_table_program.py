@@ -38,10 +38,12 @@ def table(count, step, seed=6):
 def test_a_missing_sample_is_named_without_printing_the_table():
     times, _, quaternions = table(500, 0.1)
     quaternions[[17, 40], 2] = math.nan
-    with pytest.raises(ValueError, match=r"sample 17 \(of 0 to 499\) is \[.*nan.*\], the first of 2 that") as error:
+    with pytest.raises(
+        ValueError, match=r"sample 17 \(samples are numbered from 0 to 499\) is \[.*nan.*\]; it is the first of 2"
+    ) as error:
         TableProgram(times, quaternions)
     assert len(str(error.value)) < 250
-    with pytest.raises(ValueError, match=r"sample 3 \(of 0 to 499\) is inf$"):
+    with pytest.raises(ValueError, match=r"sample 3 \(samples are numbered from 0 to 499\) is inf$"):
         TableProgram(np.where(np.arange(500) == 3, math.inf, times), np.ones((500, 4)))
 
 

@@ -210,8 +210,8 @@ GAP = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
     ("change", "message"),
     [
         ({"times": GAP}, r"gap of 0.7 s between sample 2 at 0.2 s and sample 3 at 0.9 s; the median interval is 0.1 s"),
-        ({"times": TIMES[[0, 1, 3, 2, 4]]}, r"times\[2\] = 0.3 s is followed by 0.2 s"),
-        ({"times": TIMES[:4]}, r"4 times need rates of shape \(4, 3\), but shape \(5, 3\)"),
+        ({"times": TIMES[[0, 1, 3, 2, 4]]}, r"times\[3\] = 0.2 s follows times\[2\] = 0.3 s"),
+        ({"times": TIMES[:4]}, r"rates must have shape \(4, 3\), one row for each time, but shape \(5, 3\)"),
         ({"rates": np.diag([0, 0, np.nan, 0, 0])[:, :3]}, "sample 2 at 0.2 s is"),
         ({"kind": "average"}, "'instantaneous', 'mean', 'increment', but 'average'"),
         ({"axes": "world"}, "'body' or 'inertial'"),

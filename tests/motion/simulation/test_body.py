@@ -171,7 +171,7 @@ def test_invalid_arguments(tmp_path):
         (lambda: qt.RigidBody(1.0, wheels=np.eye(3)), "wheels must be ReactionWheels"),
         (
             lambda: qt.RigidBody(1.0, wheels=qt.ReactionWheels(np.eye(3)), max_torque=1.0),
-            "limits thrusters. With wheels",
+            "limits thrusters, but wheels were given",
         ),
         (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "the body must be an object such as"),
         (

@@ -244,12 +244,12 @@ def test_invalid_arguments_are_refused():
     one, rest = [1.0, 0.0, 0.0, 0.0], np.zeros(4)
     for times, message in [
         ([0.0, 1.0, 1.0], "increase strictly"),
-        ([0.0, 2.0, 1.0], r"times\[1\] = 2 s is followed by 1 s"),
+        ([0.0, 2.0, 1.0], r"times\[2\] = 1 s follows times\[1\] = 2 s"),
         ([0.0, np.nan], "finite"),
         ([[0.0, 1.0]], "vector"),
         ([], "vector"),
         (1e5 + np.arange(3, dtype=np.float32) / 100, "increase|resolve"),
-        (np.float32(1e4) + np.arange(3, dtype=np.float32) / 64, "does not resolve steps of 0.0156"),
+        (np.float32(1e4) + np.arange(3, dtype=np.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
     ]:
         with pytest.raises(ValueError, match=message):
             integrate(still, one, rest, times)

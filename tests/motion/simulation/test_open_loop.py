@@ -107,7 +107,7 @@ def test_derivatives_and_batches():
 
 def test_invalid_arguments():
     for arguments, expected in (
-        ((lambda t: t, [0.0, 1.0]), "a program such as"),
+        ((lambda t: t, [0.0, 1.0]), "an attitude program such as"),
         ((Rest(), [0.0, 1.0], None, None, "world"), "axes must be 'body' or 'inertial'"),
         ((Rest(), [1.0, 0.0]), "times must increase strictly"),
         ((Rest(), [0.0, 1.0], [0.0, 0, 0, 0]), "must not be zero"),

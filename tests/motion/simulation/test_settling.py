@@ -44,5 +44,5 @@ def test_the_derivative_of_the_settling_time():
 
 
 def test_an_open_loop_has_no_settling_time():
-    with pytest.raises(ValueError, match="Use simulate for a closed loop"):
+    with pytest.raises(ValueError, match="use simulate for a closed loop"):
         qt.Solution(TIMES, np.ones((4, 4)), np.zeros((4, 4)), 0).settling_time(1.0)

@@ -158,10 +158,10 @@ def test_invalid_arguments_of_a_hysteretic_law(tmp_path):
         qt.HystereticLaw(qt.GeometricFeedback(2.0, 1.0))
     with pytest.raises(ValueError, match=r"in \[0, 1\), but 1.0 was given"):
         qt.HystereticLaw(LAW, 1.0)
-    with pytest.raises(ValueError, match="needs instants at which to update its sign"):
+    with pytest.raises(ValueError, match="updates its sign at sampling instants"):
         qt.simulate(Rest(), qt.HystereticLaw(LAW), tilted(1.0), STILL, TIMES)
     law = qt.HystereticLaw(LAW, sampling=0.1)
-    with pytest.raises(ValueError, match="have different sampling"):
+    with pytest.raises(ValueError, match="must have the same sampling"):
         qt.simulate(Rest(), law, tilted(1.0), STILL, TIMES, actuator=qt.Actuator(sampling=0.2))
     law = qt.HystereticLaw(qt.QuaternionFeedback(2.0, 1.0), 0.1, 0.05)
     law.save(tmp_path / "law.toml")

@@ -95,7 +95,7 @@ def test_noise_depends_on_its_key_and_has_its_standard_deviation():
         (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),
         (lambda: Sensor(rate_noise=0.1, sampling=0.1), "needs a key"),
         (lambda: Sensor(rate_noise=0.1, key=jax.random.key(0)), "needs sampling"),
-        (lambda: Gyros(0.1, noise=-1.0), "zero or positive"),
+        (lambda: Gyros(0.1, noise=-1.0), "a scalar and not negative"),
         (lambda: Gyros(0.1, bias=[1.0]), r"bias must have shape \(3,\)"),
         (lambda: Sinusoid([1.0, 0, 0], 0.0), "the period must be positive"),
         (lambda: Sinusoid([1.0, 0, 0], 1.0, np.nan), "phase"),
@@ -115,9 +115,9 @@ def test_contradictory_parts_are_refused():
 
     with pytest.raises(ValueError, match="a disturbance has no effect"):
         loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
-    with pytest.raises(ValueError, match="need a continuous rate"):
+    with pytest.raises(ValueError, match="needs a continuous rate"):
         loop(RateLaw(1.0), sensor=Gyros(0.1))
-    with pytest.raises(ValueError, match="have different sampling"):
+    with pytest.raises(ValueError, match="must have the same sampling"):
         loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
     with pytest.raises(ValueError, match=r"is later than times\[0\]"):
         loop(actuator=Actuator(sampling=[0.1, 0.2]))

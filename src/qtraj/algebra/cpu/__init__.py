@@ -1,7 +1,7 @@
-"""Functions that let compilers for CPUs combine much arithmetic into few fast loops; other devices are not slower.
+"""Functions that let CPU compilers combine many operations into a few fast loops; other devices are not slowed down.
 
-`in_one_loop` and `derivatives_in_one_loop` are identities that merge loops. `inverse_root`, `root` and `cos_sin` use
-only products and sums.
+`in_one_loop` and `derivatives_in_one_loop` are identities that merge loops. `inverse_root`, `root` and `cos_sin` use no
+root, no division and no library function.
 """
 
 from qtraj.algebra.cpu.inverse_root import inverse_root, root

@@ -1,8 +1,8 @@
-"""The inverse square root from products and sums only.
+"""Compute square roots and inverse square roots without roots or divisions.
 
-A compiler for CPUs considers roots and divisions too expensive to repeat, so it ends a loop at each of them and stores
-all intermediate results. This version computes an estimate from the bits of the number and refines it by Newton's
-iteration, which does not end a loop. Its error is below two units in the last place.
+XLA's CPU compiler does not duplicate roots and divisions, so it ends the fused loop at each of them and writes all
+intermediate results to memory. `inverse_root` computes an estimate from the bits of the number and refines it by
+Newton's iteration, whose products and sums do not end a fused loop. The error is below two units in the last place.
 """
 
 from functools import partial
@@ -16,15 +16,18 @@ from jaxtyping import Array, Bool, Float
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
-# For each type: the integer type of the same width; the constant from which the bit pattern, shifted right by one, is
-# subtracted, so that the estimate has an error of at most 3.5 % (Lomont 2003, Robertson 2012); and the number of
-# iterations to full precision. Each iteration changes an error e to 1.5 e².
+# For each dtype: the integer dtype of the same width, a constant, and the number of iterations to full precision. The
+# constant minus the bit pattern shifted right by one is the bit pattern of an estimate, whose error is at most 3.5 %
+# (Lomont 2003, Robertson 2012). Each iteration changes a relative error e to 1.5 e².
 _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
 @partial(jax.jit, inline=True)  # traced once for each shape
 def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
-    """1/√x where `exists` is true and x is a normal number, else 0 with derivative 0; NaN stays NaN."""
+    """Return 1/√x where `exists` is true and x is a positive normal number, otherwise 0 with derivative 0.
+
+    NaN yields NaN where `exists` is true.
+    """
     return _inverse_root(x, exists)
 
 
@@ -44,13 +47,13 @@ def _inverse_root(x: Numbers, exists: Choice) -> Numbers:
 @_inverse_root.defjvp
 def _inverse_root_jvp(primals: tuple[Numbers, Choice], tangents: tuple[Numbers, Any]) -> tuple[Numbers, Numbers]:
     y = inverse_root(*primals)
-    # Multiplied one by one, because the cube alone may overflow or underflow.
+    # Multiply step by step, because the cube of y may overflow or underflow.
     return y, -0.5 * (y * (y * (y * tangents[0])))
 
 
 @partial(jax.jit, inline=True)
 def root(x: Numbers) -> Numbers:
-    """√x; 0 with derivative 0 where x is not a positive normal number."""
+    """Return √x, or 0 with derivative 0 where x is not a positive normal number; infinity and NaN are unchanged."""
     return _root(x)
 
 

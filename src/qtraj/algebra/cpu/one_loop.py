@@ -1,9 +1,9 @@
 """Compute several arrays in one loop over their elements.
 
-XLA's compiler for CPUs generates a separate loop for each array and repeats in it everything that the arrays share;
-only a reduction can have several results. So the arrays are turned into a reduction: each is summed over an added axis
-with the elements (x, 0). Everything that does not depend on that axis is computed once. Other compilers do not need
-this.
+XLA's compiler for CPUs generates a separate loop for each array, and each loop repeats the computations that the arrays
+share; only a reduction can have several results. Therefore `in_one_loop` converts the arrays to one reduction: each
+array is summed over an added axis with the elements (x, 0). Everything that does not depend on that axis is computed
+once. XLA's compilers for other devices do not need this conversion.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 
 def in_one_loop(arrays: Sequence[Array]) -> list[Array]:
-    """The arrays, of one shape, unchanged; float arrays are computed in one loop, in which −0 may become 0."""
+    """Return arrays of one shape unchanged, but compute the float arrays in one loop, in which −0 may become 0."""
     floats = [jnp.issubdtype(x.dtype, jnp.inexact) for x in arrays]
     float_arrays = [x for x, is_float in zip(arrays, floats, strict=True) if is_float]
     outputs = iter(_identity.bind(*float_arrays, joined="values") if float_arrays else [])
@@ -25,7 +25,7 @@ def in_one_loop(arrays: Sequence[Array]) -> list[Array]:
 
 
 def derivatives_in_one_loop(arrays: Sequence[Array]) -> list[Array]:
-    """The float arrays, of one shape, unchanged; the reverse pass computes their cotangents in one loop."""
+    """Return float arrays of one shape unchanged; in reverse mode their cotangents are computed in one loop."""
     return _identity.bind(*arrays, joined="cotangents")
 
 
@@ -43,7 +43,7 @@ def _reduced(*arrays: Array, joined: str) -> list[Array]:
 
 
 def _transposed(cotangents: Sequence[Any], *arrays: Any, joined: str) -> list[Any]:
-    """The cotangents, joined in one loop if the values were not, and vice versa; symbolic zeros are omitted."""
+    """Join the cotangents in one loop, but only if the values were not joined; symbolic zeros are omitted."""
     nonzero = [x for x in cotangents if not isinstance(x, ad.Zero)]
     other = "cotangents" if joined == "values" else "values"
     outputs = iter(_identity.bind(*nonzero, joined=other) if nonzero else [])
@@ -58,7 +58,7 @@ def _batched(arrays: Sequence[Array], axes: Sequence[Any], joined: str) -> tuple
 
 
 def _without_unused(used: list[bool], equation: Any) -> tuple[list[bool], Any]:
-    """Remove unused arrays, which no compiler can remove from the joined loop."""
+    """Remove unused arrays, because no compiler can remove them from the joined loop."""
     if not any(used):
         return used, None
     kept = lambda variables: [v for v, is_used in zip(variables, used, strict=True) if is_used]  # noqa: E731

@@ -1,1 +1,1 @@
-"""Recorded windows fitted by spiral-helices."""
+"""Fit spiral-helices and routes to recordings."""

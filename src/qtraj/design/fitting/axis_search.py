@@ -1,27 +1,28 @@
-"""Grid search for the vertical axis of a recorded turn: computes the starts of the least-squares problem of `fit`.
+"""Compute the starting points of the least-squares problem of `fit` by a grid search for the vertical axis of a turn.
 
-For a fixed axis, the radii and azimuths of the samples are known, and the polynomials of ρ and φ follow by linear least
-squares. So a polar grid can cover the plane about the track. The starts are the best axis and the next best axes at a
-minimum distance from it, so that the fit does not depend on one start.
+If the axis is fixed, the radii and azimuths of the samples are known, and linear least squares gives the polynomials of
+the radius ρ and the azimuth φ. The search is therefore only over the axis, on a polar grid about the centre of the
+track. Several axes at a minimum distance from each other are chosen, so that the fit does not depend on a single start.
 """
 
 import numpy as np
 
 SAMPLES = 256
-"""Approximate number of equally spaced samples in the search."""
+"""Of a long recording, only every k-th sample is used, so that between one and two times this number remain."""
 
 RINGS, RAYS = 36, 72
 """Size of the polar grid of axes about the centre of the track; the rings are spaced geometrically."""
 
 MAX_STARTS, MIN_DISTANCE = 8, 0.25
-"""Number of starts, and the minimum distance between them as a fraction of the smaller radius."""
+"""Number of starts, and the minimum distance between them as a fraction of the smaller of their radii."""
 
 
 def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]) -> list[np.ndarray]:
-    """Start vectors (x, y, ρ coefficients, φ coefficients), best first.
+    """Return the starting points, best first, each as one vector (x, y, ρ coefficients, φ coefficients).
 
-    `positions` (n, 2) are relative to their centre. `basis` (n, terms) contains the values of the basis polynomials at
-    the samples; φ uses the first `angle_terms` of them. `bounds` apply to the radius, in the unit of the positions.
+    `positions` (n, 2) are relative to the centre of the window. `basis` (n, terms) contains the values of the basis
+    polynomials at the samples; φ uses the first `angle_terms` polynomials. `bounds` are the minimum and maximum radius,
+    in the unit of the positions.
     """
     stride = max(1, len(positions) // SAMPLES)
     positions, basis = positions[::stride], basis[::stride]
@@ -40,9 +41,9 @@ def _grid(positions: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
 def _mean_square_misfit(
     axes: np.ndarray, positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """Mean square distance of the samples from the best polynomials about each axis.
+    """Return the mean square distance of the samples from the best path about each axis, with a penalty.
 
-    Radii outside `bounds` add a penalty.
+    The penalty is the mean squared violation of `bounds` by the radii of the samples.
     """
     radius, angle = _polar(axes[:, None, :], positions)
     errors = _residual(radius, basis) ** 2 + (radius * _residual(angle, basis[:, :angle_terms])) ** 2
@@ -63,13 +64,13 @@ def _polar(axes: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _residual(values: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """The residual of each row of values after projection onto the span of the basis."""
+    """Return the residuals of `values` (…, n) after projection onto the columns of `basis` (n, terms)."""
     q, _ = np.linalg.qr(basis)
     return values - (values @ q) @ q.T
 
 
 def _select(axes: np.ndarray, cost: np.ndarray, positions: np.ndarray) -> list[np.ndarray]:
-    """The best axis, then repeatedly the best one that is far enough from all selected axes."""
+    """Return the best axis, then repeatedly the best axis that is far enough from all selected axes."""
     distance = np.sqrt(np.mean(np.sum((axes[:, None] - positions) ** 2, axis=2), axis=1))
     chosen: list[np.ndarray] = []
     available = np.isfinite(cost)

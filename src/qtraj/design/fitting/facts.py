@@ -1,4 +1,4 @@
-"""The facts about a fit as plain data and as text: one table for the terminal, JSON, datasets and reports."""
+"""Facts about a fit, as plain data and as text, for the terminal, JSON, datasets and reports."""
 
 import math
 from collections.abc import Mapping
@@ -33,16 +33,16 @@ FACTS = {
         "largest angle between the recorded attitude and the upright frame rotated by the mounting",
     ),
     "mounting_yaw": ("rad", "yaw of the recorder in the upright frame (Z-Y-X)"),
-    "mounting_pitch": ("rad", "pitch of the recorder in the upright frame (Z-Y-X), nose down"),
+    "mounting_pitch": ("rad", "pitch of the recorder in the upright frame (Z-Y-X), positive nose down"),
     "mounting_roll": ("rad", "roll of the recorder in the upright frame (Z-Y-X)"),
 }
-"""Unit and meaning of each number."""
+"""Unit and meaning of each number, by name."""
 
 
 def facts(fitted: Fitted) -> dict[str, Any]:
-    """The numbers of a fit, its axis and its result, in JSON types only; None for unknown numbers.
+    """Return the numbers of a fit, its axis and its result as JSON types; unknown numbers are None.
 
-    `warning` is the result text of a fit that is loose, poor or not converged.
+    The item `warning` is the result text of a fit that is loose, poor or not converged, and otherwise None.
     """
     residual, path = fitted.residual, fitted.path
     numbers = {name: getattr(residual, name) for name in _RESIDUAL} | {
@@ -69,7 +69,10 @@ def facts(fitted: Fitted) -> dict[str, Any]:
 
 
 def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
-    """The facts for a dataset, with the prefix `fit_`: scalar variables, the axis over `world`, and attributes."""
+    """Return the variables and the attributes of a dataset that contain the facts, with the prefix `fit_`.
+
+    All variables are scalars except the axis, which has the dimension `world`.
+    """
     fit = facts(fitted)
     variables = {
         f"fit_{name}": Quantity(np.asarray(fit[name]), unit, f"fit: {meaning}")
@@ -83,7 +86,7 @@ def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
 
 
 def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The facts in words: pairs of name and text."""
+    """Return the facts in words, as pairs of a name and a text."""
     degrees = math.degrees
     x, y = fit["axis"]
     rows = [
@@ -103,7 +106,7 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("velocities", "not recorded; taken from the fitted path"))
     if fit["attitude_rms"] is not None:
         rms, maximum, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
-        rows.append(("recorded attitude", f"differs from the frame by {rms:.2f}° RMS, {maximum:.2f}° maximum"))
+        rows.append(("recorded attitude", f"differs from the upright frame by {rms:.2f}° RMS, {maximum:.2f}° maximum"))
         rows.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
     return rows
 
@@ -113,5 +116,5 @@ def _finite_or_none(value: Any) -> float | None:
 
 
 def _percent(fraction: float | None) -> str:
-    """A fraction in percent, or a dash if an older document does not contain it."""
+    """Format a fraction as a percentage, or as a dash if an older document does not contain it."""
     return "-" if fraction is None or math.isnan(fraction) else f"{fraction:.1%}"

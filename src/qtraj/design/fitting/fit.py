@@ -1,13 +1,14 @@
-"""Fits a spiral-helix to a recorded turn: least squares over axis, radius, angle and height.
+"""Fit a spiral-helix to a recorded turn by least squares.
 
-The height is a separate, linear problem. In the horizontal plane, the Levenberg–Marquardt method from several starts
-finds the axis (x, y) and the polynomials of ρ and φ. The unit of length is the mean turning radius R = L/|θ| (path
-length over turn of the travel direction). The origin is the centre of the window, so that large world coordinates do
-not reduce the precision.
+The polynomial of the height h is the solution of a separate, linear problem. In the horizontal plane, the
+Levenberg–Marquardt method finds the axis (x, y) and the polynomials of the radius ρ and the azimuth φ, from several
+starting points. The unit of length is the mean turning radius R = L/|θ|, where L is the path length and θ the angle by
+which the travel direction turns. The origin is the centre of the window, so that large world coordinates do not reduce
+the precision.
 
 Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about an axis that touches the path,
-fit almost any curve. So ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. An augmented
-Lagrangian enforces the bounds: it alternates searches with updates of the multipliers.
+fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. The
+augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -35,10 +36,10 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Upright
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
-"""Number of coefficients of φ for each motion: linear, or cubic as between two boundary states."""
+"""Number of coefficients of φ for each motion: φ is linear in time for uniform motion, and cubic for Hermite motion."""
 
 BOUNDS = (0.25, 2.0)
-"""Default bounds of ρ in mean turning radii."""
+"""Default bounds of ρ, in mean turning radii."""
 
 ROUNDS, BOUND_TOLERANCE = 15, 1e-6
 """Maximum number of multiplier updates, and the tolerance on the bounds of ρ, in turning radii."""
@@ -54,27 +55,30 @@ def fit(
     *,
     throw: bool = False,
 ) -> Fitted:
-    """Fit a spiral-helix about a vertical axis to `track`; time 0 of the path is the first sample.
+    """Fit a spiral-helix about a vertical axis to `track`; time 0 of the path is the time of the first sample.
 
-    `motion` is "hermite" (cubic φ, for a vehicle that changes its speed) or "uniform" (constant φ̇, as in paper S); ρ
-    and h are cubics. To tune the path, pass the same motion to `tune`. The fit minimises the sum of the squared
-    position errors divided by `position_sigma` [m] and, if velocities are recorded, of the squared velocity errors
-    divided by `velocity_sigma` [m/s]. The ratio of the sigmas determines the weights. Windows shorter than 200
-    `position_sigma` are rejected. `radius_bounds` [m] bound ρ on the whole path; the default is a quarter to twice the
-    mean turning radius.
+    `motion` is "hermite" (the azimuth φ is cubic in time, for a vehicle that changes its speed) or "uniform" (φ̇ is
+    constant, as in paper S). The radius ρ and the height h are cubics in time. To tune the path, pass the same motion
+    to `tune`.
 
-    The result contains the fitted `path`, the `residual` of its fit to the track, and a `result` text that says what to
-    do, also if the radius is at a bound. A fit is loose if the RMS horizontal distance exceeds 3 % of the radius of the
-    turn (its length over its total turning), or if the speed differs by more than 25 % of the RMS recorded speed.
-    Beyond 10 % or 50 % it is poor, which counts as a failure. The fit does not use recorded attitudes; `attitude`
-    compares them with the upright frame of the path, by `compare_attitude`.
+    The fit minimises the sum of (position error / `position_sigma` [m])² over the samples and, if velocities are
+    recorded, of (velocity error / `velocity_sigma` [m/s])². Only the ratio of the sigmas changes the path. Windows
+    shorter than 200 `position_sigma` are rejected. `radius_bounds` (low, high) [m] bound ρ on the whole path; the
+    default is from a quarter of the mean turning radius to twice this radius.
 
-    Use float64. The data must be concrete: the fit cannot be differentiated with respect to the recording, but the
-    fitted path is differentiable like any other path.
+    The result contains the fitted `path`, the `residual` of the fit, and a `result` text with advice. A fit is loose if
+    the RMS horizontal distance of the samples from the path exceeds 3 % of the radius of the turn (its length divided
+    by its total turning angle), or if the speed differs from the recorded speed by more than 25 % of the RMS recorded
+    speed. Above 10 % or 50 %, respectively, a fit is poor, which counts as a failure. The fit does not use recorded
+    attitudes. The field `attitude` of the result contains the differences between recorded attitudes and the upright
+    frame of the path (see `compare_attitude`).
 
-    **Raises:** ValueError for an unknown motion, for sigmas or bounds that are not positive, for too few samples, or if
-    the vehicle stands still, hardly moves, drives nearly straight, or drives through bends that cancel. RuntimeError
-    with `throw` if the search did not converge or the fit is poor.
+    Use float64. The data must have concrete values, because the fit cannot be differentiated with respect to the
+    recording. The fitted path is differentiable like any other path.
+
+    **Raises:** ValueError for an unknown motion, for sigmas, bounds or `max_steps` that are not positive, for bounds
+    that allow no fit, for too few samples, or if the vehicle stands still, hardly moves, drives nearly straight, or
+    drives through bends that cancel. RuntimeError with `throw` if the search did not converge or the fit is poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
@@ -114,14 +118,18 @@ def _fit_plane(
     angle_terms: int,
     max_steps: int,
 ) -> tuple[np.ndarray, bool, int]:
-    """Axis, ρ and φ of the best of several searches, in units of `scale` about `centre`; convergence; steps."""
+    """Return the best result of several searches, whether it converged, and its number of steps.
+
+    The result is a vector of the axis (x, y) and the coefficients of ρ and φ, relative to `centre` [m] and in units of
+    `scale` [m].
+    """
     positions = (to_float64(track.positions)[:, :2] - centre[:2]) / scale
     basis, _ = legendre_basis(elapsed_times(track))
     axes = starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale))
     if not axes:
         raise ValueError(
             f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be fitted to this "
-            "window. Choose a window with one bend, or pass other radius_bounds."
+            "window. Choose a window with one bend, or pass different radius_bounds."
         )
     initial = np.zeros((MAX_STARTS, UNKNOWNS))
     initial[:, : 2 + TERMS + angle_terms] = [axes[k % len(axes)] for k in range(MAX_STARTS)]
@@ -141,13 +149,13 @@ def _fit_plane(
 
 
 def _best(misfit: np.ndarray, max_violation: np.ndarray) -> int:
-    """The index of the search with the smallest misfit, penalised by the squared violation of the bounds."""
+    """Return the index of the search with the smallest misfit plus penalty for violated bounds."""
     cost = misfit + PENALTY**2 * np.maximum(max_violation, 0.0) ** 2
     return int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
 
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
-    """Legendre coefficients of h by weighted linear least squares."""
+    """Return the Legendre coefficients of the height h by weighted linear least squares."""
     basis, slope = legendre_basis(elapsed_times(track))
     matrix, values = basis, to_float64(track.positions)[:, 2] - level
     if track.velocities is not None:
@@ -159,7 +167,7 @@ def _height(track: Track, level: float, ratio: float) -> np.ndarray:
 
 
 def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
-    """Ascending coefficients in t [s] of a Legendre series over [0, duration]."""
+    """Return the coefficients of 1, t, t², … (t in seconds) of a Legendre series over [0, duration]."""
     series = Legendre(coefficients, domain=(0.0, duration)).convert(kind=Polynomial, domain=(-1, 1), window=(-1, 1))
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
@@ -167,7 +175,7 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
 def _code(
     radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, quality: Quality
 ) -> ResultCode:
-    """The result code of a fit whose path has these coefficients of ρ."""
+    """Return the result code of a fit, where `radius` are the coefficients of ρ."""
     code = judge(quality)
     if not converged and code != ResultCode.poor_fit:
         return ResultCode.not_converged

@@ -1,8 +1,10 @@
-"""Fits a route to a whole recorded drive or flight: banded least squares for the states at the knots.
+"""Fit a route to a whole recorded drive or flight by banded linear least squares for the states at the knots.
 
-The fit minimises the weighted sum of squared distances of the samples and of squared errors of recorded velocities,
-plus `smoothing`·∫|r⃛|²dt. The weight of the velocities is the ratio of the two variances. The computation uses NumPy
-arrays relative to the first sample and O(samples) time; only the comparison with the recording is compiled.
+The fit minimises the sum of the squared distances of the samples, the weighted squared errors of recorded velocities,
+and `smoothing`·∫|r⃛|²dt. The weight of the velocities is the variance of the position errors divided by the variance of
+the velocity errors. Standard deviations of individual samples are converted to weights with mean 1. The computation
+uses NumPy and positions relative to the first sample. Its run time is proportional to the number of samples. Only the
+comparison with the recording is compiled.
 """
 
 from __future__ import annotations
@@ -17,21 +19,23 @@ from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.route_choice import Problem, Recording
 from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
+from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.rate_residual import compare_upright
 from qtraj.path.residual import compare
 from qtraj.path.route import Route
 from qtraj.path.track import STANDSTILL, Track, to_float64
 
 MAX_HALVINGS, MIN_GAIN = 3, 0.03
-"""Maximum number of times the spacing is halved, and the minimum relative decrease of the score for another halving."""
+"""Maximum number of halvings of the knot spacing, and the minimum relative decrease of the score by a halving."""
 
 GAP = 4.0
-"""Minimum length of a gap, in spacings of the knots and in time steps of the recording."""
+"""Minimum length of a gap, in knot spacings or in time steps of the recording, whichever is longer."""
 
 
 def fit_route(
@@ -39,30 +43,41 @@ def fit_route(
     knots: ArrayInput | None = None,
     tolerance: float | int | None = None,
     smoothing: float | int | None = None,
+    position_sigma: ArrayInput | None = None,
+    velocity_sigma: ArrayInput | None = None,
     *,
     throw: bool = False,
 ) -> FittedRoute:
-    """Fit a route to a whole `track`, with stops and straight parts; time 0 of the route is the first sample.
+    """Fit a route to a whole `track`, including stops and straight segments.
 
-    `knots` [s]: their spacing, or their times since the first sample, increasing from 0 to the duration. `smoothing`
-    [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances [m²]. By default both are chosen by
-    cross-validation: they minimise the error of the predicted velocities (of the positions, if no velocities are
-    recorded) in held-out intervals of 1.5 s. With a `tolerance` [m], the fit uses the largest smoothing for which the
-    RMS distance does not exceed the tolerance.
+    Time 0 of the route is the time of the first sample. `knots` [s] is the knot spacing, or an array of knot times that
+    increase from 0 to the duration. `smoothing` [s⁵] is the weight of ∫|r⃛|²dt relative to the sum of squared distances
+    [m²]. By default both are chosen by cross-validation: they minimise the error of the predicted velocities in
+    held-out intervals of 1.5 s (or of the predicted positions, if no velocities are recorded). With a `tolerance` [m],
+    the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
 
-    A stop is detected if the vehicle stays within 0.1 m, below 0.5 % of its largest speed, for a second or more. There
-    the velocity and acceleration of the route are exactly zero. Samples that jump away from their neighbours by more
-    than ten times the upper quartile of the distances are excluded as `outliers`. Gaps are interpolated with minimum
-    jerk. `covariance()` of the result is the covariance of the states at the knots. The fit does not use recorded
-    attitudes; `attitude` of the result compares them with the upright frame of the route, by `compare_attitude`. For
-    geographic coordinates use `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route
-    is, like any other path.
+    A stop is an interval of at least one second in which the vehicle stays within 0.1 m and is slower than 0.5 % of its
+    largest speed. At a stop the velocity and acceleration of the route are exactly zero. Samples are excluded as
+    `outliers` if their distance from the route exceeds ten times the upper quartile of the distances and changes
+    abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The method `covariance`
+    of the result returns the covariances of the states at the knots. The fit does not use recorded attitudes and
+    angular rates. The fields `attitude` and `rates` compare them with the upright frame of the route, by
+    `compare_attitude` and `compare_rates`. For geographic coordinates use `read_track(..., projection=...)`. Use
+    float64. The fit is not differentiable; the route is differentiable like any other path.
 
-    **Raises:** ValueError for invalid knots, a tolerance or smoothing that is not positive, a tolerance that is too
-    small, both at once, or fewer than eight samples. RuntimeError with `throw` if the result is not finite.
+    `position_sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recorded positions and
+    velocities: a number, (n,) for each sample, or (n, 3) for each component. Each squared error is divided by its
+    variance. The same weights apply to the errors in held-out intervals and to the detection of outliers. If one of the
+    two is not given, the corresponding errors have equal weights, and their variance is estimated from the residuals of
+    a fit to the positions.
+
+    **Raises:** ValueError for invalid knots, a tolerance, smoothing or standard deviation that is not positive, a
+    tolerance that is too small, both a tolerance and a smoothing, fewer than eight samples, standard deviations of
+    the wrong shape, or a `velocity_sigma` without recorded velocities. RuntimeError with `throw` if the result is not
+    finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing)
-    recording, spacing, user_knots = without_outliers(_recording(track), knots)
+    recording, spacing, user_knots = without_outliers(_recording(track, position_sigma, velocity_sigma), knots)
     stops = _stops(recording)
     problem, best, stretch_error = _chosen(recording, stops, spacing, user_knots, tolerance, smoothing)
     solution = _solution(recording, problem, best)
@@ -88,28 +103,39 @@ def fit_route(
         solution.matrix,
         ResultCode.successful if finite else ResultCode.not_finite,
         attitude,
+        compare_upright(path, track),
     )
     return fitted.check() if throw else fitted
 
 
 class _Solution(NamedTuple):
-    """States at the knots (m, 3, 3), standard deviation of the positions [m], and matrix of the normal equations."""
+    """The solution of a fit.
+
+    `states` (m, 3, 3) are position, velocity and acceleration (second axis) at the m knots, `sigma` [m] is the standard
+    deviation of the position errors per axis, and `matrix` contains the diagonals of the normal equations.
+    """
 
     states: np.ndarray
     sigma: float
     matrix: np.ndarray
 
 
-def _recording(track: Track) -> Recording:
+def _recording(track: Track, position_sigma: ArrayInput | None, velocity_sigma: ArrayInput | None) -> Recording:
     times, positions = to_float64(track.times), to_float64(track.positions)
     if len(times) < 8:
         raise ValueError(f"a route needs at least 8 samples, but the track has {len(times)}")
     velocities = None if track.velocities is None else to_float64(track.velocities)
-    return Recording(times - times[0], positions - positions[0], velocities, np.ones(len(times)))
+    if velocities is None and velocity_sigma is not None:
+        raise ValueError("velocity_sigma was given, but the track has no velocities: omit velocity_sigma")
+    sigmas = [
+        read_sigmas(sigma, name, len(times))
+        for sigma, name in ((position_sigma, "position_sigma"), (velocity_sigma, "velocity_sigma"))
+    ]
+    return Recording(times - times[0], positions - positions[0], velocities, np.ones(len(times)), *sigmas)
 
 
 def _stops(recording: Recording) -> list[tuple[float, float]]:
-    """The intervals of stops, from the recorded speeds or the speeds of a preliminary fit."""
+    """Return the intervals of stops, from the recorded speeds or from the speeds of a preliminary fit."""
     inliers = recording.weights > 0
     times, positions = recording.times[inliers], recording.positions[inliers]
     if np.linalg.norm(positions - positions.mean(axis=0), axis=1).max() <= STANDSTILL:
@@ -118,7 +144,8 @@ def _stops(recording: Recording) -> list[tuple[float, float]]:
         speeds = np.linalg.norm(recording.velocities[inliers], axis=1)
     else:
         grid = equal_knots(float(recording.times[-1]), max(SPACING, STEPS * recording.step))
-        samples = sample_system(len(grid), design(grid, times), positions, np.ones(len(times)))
+        weights = recording.position_weights[inliers]
+        samples = sample_system(design(grid, times), positions, weights)
         states = solve(samples.plus(jerk_system(grid), SMOOTHING / recording.step))
         speeds = np.linalg.norm(predict(design(grid, times, 1), states), axis=1)
     return find_stops(times, positions, speeds, recording.step)
@@ -132,7 +159,7 @@ def _chosen(
     tolerance: float | None,
     smoothing: float | None,
 ) -> tuple[Problem, float, float]:
-    """The problem on the chosen knots, the smoothing, and the error in held-out intervals [m]."""
+    """Return the problem on the chosen knots, the smoothing, and the RMS position error in held-out intervals [m]."""
     duration, start = float(recording.times[-1]), SMOOTHING / recording.step
     folds = choice.folds(recording.times, recording.step)
 
@@ -147,39 +174,40 @@ def _chosen(
     elif not folds:
         best = start
     else:
-        best, min_score = choice.best_smoothing(recording, problem, start)
+        best, min_score = choice.best_smoothing(problem, start)
         for _ in range(MAX_HALVINGS if user_knots is None else 0):
             spacing /= 2
             finer = on(equal_knots(duration, spacing))
-            if choice.score(recording, finer, best) > min_score * (1 - MIN_GAIN):
+            if choice.score(finer, best) > min_score * (1 - MIN_GAIN):
                 break
             problem = finer
-            best, min_score = choice.best_smoothing(recording, problem, best)
-    of_positions = recording._replace(velocities=None)
-    stretch_error = float(np.sqrt(choice.score(of_positions, problem, best))) if folds else np.nan
+            best, min_score = choice.best_smoothing(problem, best)
+    stretch_error = float(np.sqrt(choice.position_score(recording, problem, best, folds))) if folds else np.nan
     return problem, best, stretch_error
 
 
 def _solution(recording: Recording, problem: Problem, smoothing: float) -> _Solution:
-    """The fit to positions and recorded velocities.
+    """Fit the states to the positions and the recorded velocities.
 
-    The weight of the velocities is the ratio of the variances of the two residuals in a fit to the positions only.
+    The weight of the velocities is the variance of the position errors divided by the variance of the velocity errors.
+    Variances that were not given are estimated from the residuals of a fit to the positions only.
     """
     inliers, system = recording.weights > 0, problem.system(smoothing)
     states = solve(system)
     offsets = (predict(problem.positions, states) - recording.positions)[inliers]
-    sigma = float(np.sqrt(np.mean(offsets**2)))
-    if recording.velocities is not None and problem.velocities is not None:
-        velocity_errors = (predict(problem.velocities, states) - recording.velocities)[inliers]
-        ratio = sigma**2 / max(float(np.mean(velocity_errors**2)), 1e-30)
-        weights = ratio * recording.weights
-        system = system.plus(sample_system(len(problem.knots), problem.velocities, recording.velocities, weights))
+    sigma = recording.position_sigmas.unit or float(np.sqrt(np.mean(offsets**2)))
+    if recording.velocities is not None:
+        velocities = design(problem.knots, recording.times, 1)
+        velocity_errors = (predict(velocities, states) - recording.velocities)[inliers]
+        velocity_sigma = recording.velocity_sigmas.unit or float(np.sqrt(np.mean(velocity_errors**2)))
+        weights = recording.velocity_sigmas.of(sigma**2 / max(velocity_sigma**2, 1e-30) * recording.weights)
+        system = system.plus(sample_system(velocities, recording.velocities, weights))
         states = solve(system)
     return _Solution(_with_exact_stops(states, problem), max(sigma, 1e-12), system.matrix)
 
 
 def _with_exact_stops(states: np.ndarray, problem: Problem) -> np.ndarray:
-    """The states with exactly zero derivatives, and exactly one position, at each stop."""
+    """Return the states with exactly zero derivatives, and with exactly equal positions, at both ends of each stop."""
     at_stop = problem.stops.matrix[-1, 1::3] > 0
     states = states.copy()
     states[at_stop, 1:] = 0.0
@@ -193,28 +221,32 @@ def _with_exact_stops(states: np.ndarray, problem: Problem) -> np.ndarray:
 def _with_inliers(
     recording: Recording, problem: Problem, smoothing: float, solution: _Solution
 ) -> tuple[Recording, _Solution]:
-    """The fit with all samples that are not outliers at the final smoothing; they were found with the initial one."""
+    """Find the outliers again with the final smoothing, and repeat the fit if other samples are outliers.
+
+    The previous outliers were found with the initial smoothing.
+    """
     if (recording.weights > 0).all():
         return recording, solution
-    residuals = predict(problem.positions, solution.states) - recording.positions
+    residuals = recording.position_sigmas.scaled(predict(problem.positions, solution.states) - recording.positions)
     bound = outlier_bound(np.linalg.norm(residuals[recording.weights > 0], axis=1))
     weights = (~outliers(residuals, bound)).astype(float)
     if np.array_equal(weights, recording.weights):
         return recording, solution
     recording = recording._replace(weights=weights)
-    samples = sample_system(len(problem.knots), problem.positions, recording.positions, weights)
+    samples = sample_system(problem.positions, recording.positions, recording.position_weights)
     return recording, _solution(recording, problem._replace(samples=samples), smoothing)
 
 
 def _prediction_error(recording: Recording, problem: Problem, smoothing: float) -> float:
-    """The RMS distance of every second sample from a route that is fitted to the others [m]."""
+    """Return the RMS distance [m] of every second sample from a route that is fitted to the other samples."""
     fitted = np.arange(len(recording.times)) % 2 == 0
-    positions, weights = recording.positions, recording.weights
-    samples = sample_system(len(problem.knots), problem.positions.part(fitted), positions[fitted], weights[fitted])
-    # Half of the samples have half of the weight, so the smoothing is halved, too.
+    positions, weights = recording.positions, recording.position_weights[fitted]
+    samples = sample_system(problem.positions.part(fitted), positions[fitted], weights)
+    # Half of the samples have half of the total weight, so the weight of the jerk is halved, too.
     states = solve(samples.plus(problem.jerk, 0.5 * smoothing).plus(problem.stops))
-    squares = np.sum((predict(problem.positions.part(~fitted), states) - positions[~fitted]) ** 2, axis=1)
-    return float(np.sqrt(np.mean(squares[weights[~fitted] > 0])))
+    errors = predict(problem.positions.part(~fitted), states) - positions[~fitted]
+    squares = recording.position_sigmas.part(~fitted).squares(errors)
+    return float(np.sqrt(np.mean(squares[recording.weights[~fitted] > 0])))
 
 
 def _gaps(recording: Recording, knots: np.ndarray) -> Float[np.ndarray, "j 2"]:
@@ -225,7 +257,10 @@ def _gaps(recording: Recording, knots: np.ndarray) -> Float[np.ndarray, "j 2"]:
 
 
 def _part(track: Track, inliers: np.ndarray) -> Track:
-    """The inliers, and always the first sample, because the comparison starts at time 0 of the route."""
+    """Return the inliers of `track`.
+
+    The first sample is always included, because the comparison with the route starts at time 0 of the route.
+    """
     if inliers.all():
         return track
     kept = inliers.copy()
@@ -240,4 +275,6 @@ def _require(**numbers: float | int | None) -> None:
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, but {value!r} was given")
     if sum(numbers.get(name) is not None for name in ("tolerance", "smoothing")) == 2:
-        raise ValueError("tolerance and smoothing were both given, but a tolerance determines the smoothing: pass one")
+        raise ValueError(
+            "tolerance and smoothing were both given, but the tolerance determines the smoothing: pass one of the two"
+        )

@@ -28,16 +28,16 @@ from qtraj.path.trihedral import Upright
 class Fitted(AbstractOutcome):
     """The result of `fit`.
 
-    - `path`: the spiral-helix; its time 0 is the first sample.
+    - `path`: the spiral-helix; its time 0 is the time of the first sample.
     - `residual`: the differences between path and recording.
-    - `code`, `result`: a `ResultCode`, and its text, which says what to do.
-    - `iterations`: the steps of the best search.
+    - `code`: a `ResultCode`; `result` explains it in words and contains advice.
+    - `iterations`: the number of steps of the best search.
     - `radius_bounds` [m]: the bounds of the radius on the whole path.
-    - `relative_rms`: the RMS horizontal distance divided by the radius of the turn, which is its length over its total
-      turning. NaN in older documents.
+    - `relative_rms`: the RMS horizontal distance divided by the radius of the turn (its length divided by its total
+      turning angle). NaN in older documents.
     - `relative_speed`: the largest speed difference divided by the RMS recorded speed. NaN in older documents.
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the path, and the mounting
-      of the recorder in it.
+      of the recorder relative to this frame; otherwise None.
     """
 
     path: SpiralHelix
@@ -67,14 +67,14 @@ class Fitted(AbstractOutcome):
         self.attitude = attitude
 
     def program(self, frame: Frame | None = None) -> FrameProgram:
-        """The attitude program along the path: the upright frame, as of a wheeled vehicle (the default), or another.
+        """Return the attitude program along the path with `frame`, by default the upright frame (of a wheeled vehicle).
 
-        The default of `FrameProgram` and `evaluate` is the natural frame, which flips where the curvature changes sign.
+        By default, `FrameProgram` and `evaluate` use the natural frame, which flips at inflections of the path.
         """
         return FrameProgram(self.path, Upright() if frame is None else frame)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words, and what to do."""
+        """Return the result in words, with advice."""
         code, steps, bounds = (np.asarray(x)[at] for x in (self.code, self.iterations, self.radius_bounds))
         code, span = ResultCode(int(code)), f"{bounds[0]:.4g} to {bounds[1]:.4g} m"
         if code == ResultCode.successful:
@@ -98,7 +98,7 @@ class Fitted(AbstractOutcome):
         return code.text
 
     def _misfit(self, at: tuple[int, ...], threshold: Quality) -> str:
-        """The misfits above a threshold, in words."""
+        """Describe the misfits above the threshold."""
         rms, relative, speed = (
             float(np.asarray(x)[at]) for x in (self.residual.horizontal_rms, self.relative_rms, self.relative_speed)
         )
@@ -110,12 +110,13 @@ class Fitted(AbstractOutcome):
             )
         if not speed <= threshold.speed:
             problems.append(
-                f"its speed differs from the recorded speed by up to {speed:.1%}, more than {threshold.speed:.0%}"
+                f"the speed of the fitted path differs from the recorded speed by up to {speed:.1%}, more than "
+                f"{threshold.speed:.0%}"
             )
         return " and ".join(problems)
 
     def record(self) -> Record:
-        """The path, the residual (with the prefix `residual_`), and the result."""
+        """Return the variables of the path, of the residual (with the prefix `residual_`), and of the result."""
         path, residual = self.path.record(), self.residual.record()
         variables: dict[str, Any] = {
             **path.variables,
@@ -127,7 +128,7 @@ class Fitted(AbstractOutcome):
             "relative_speed": Quantity(
                 self.relative_speed, "1", "largest speed difference divided by the RMS recorded speed"
             ),
-            "iterations": Quantity(self.iterations, "1", "steps of the best search"),
+            "iterations": Quantity(self.iterations, "1", "number of steps of the best search"),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
             "code": Quantity(self.code, "1", "result code of the fit"),
         }
@@ -138,8 +139,8 @@ class Fitted(AbstractOutcome):
         return Record(summary, variables, attributes={"frame": "world"}, labels={"bound": ["low", "high"]})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it.
+        """Write the result to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError if the suffix is neither .toml nor .json.
         """
         document.save(self, file)

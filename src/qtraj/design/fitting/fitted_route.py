@@ -15,6 +15,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import extent
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.attitude_residual import AttitudeResidual
+from qtraj.motion.rate_residual import RateResidual
 from qtraj.path.residual import Residual
 from qtraj.path.route import Route
 
@@ -23,18 +24,24 @@ from qtraj.path.route import Route
 class FittedRoute(AbstractOutcome):
     """The result of `fit_route`.
 
-    - `path`: the `Route`; its time 0 is the first sample.
+    - `path`: the `Route`; its time 0 is the time of the first sample.
     - `residual`: the differences between the route and the samples that are not outliers.
-    - `prediction_error` [m]: the RMS distance of every second sample from a route that is fitted to the others.
-    - `stretch_error` [m]: the RMS distance of the samples in held-out intervals from a route fitted to the others.
+    - `prediction_error` [m]: the RMS distance of every second sample from a route that is fitted to the other samples.
+    - `stretch_error` [m]: the RMS distance of the samples in held-out intervals from a route that is fitted to the
+      other samples.
     - `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances.
     - `outliers` (k,): the indices of samples that are excluded from the fit.
     - `stops` (m, 2) [s]: the intervals of stops.
-    - `gaps` (j, 2) [s]: the intervals without samples over several segments, in which the route is interpolated.
-    - `position_sigma` [m]: the standard deviation of the residuals per axis.
-    - `information` (6, 3 n): the diagonals of the normal matrix, in units of position_sigma^-2, for `covariance()`.
+    - `gaps` (j, 2) [s]: the intervals without samples that are longer than four knot spacings and four time steps
+      of the recording; the route bridges them with minimum jerk.
+    - `position_sigma` [m]: the standard deviation of the position errors per axis. If standard deviations were given,
+      it is the square root of the harmonic mean of their squares, and RMS distances of held-out samples are weighted.
+    - `information` (6, 3 n): the diagonals of the normal matrix for n knots, in units of position_sigma^-2;
+      (3, 6, 3 n) if the standard deviations of x, y and z differ. `covariance` uses them.
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the route, and the mounting
-      of the recorder in it.
+      of the recorder relative to this frame; otherwise None.
+    - `rates`: for a recording with angular rates, their difference from the rates of the upright frame of the route,
+      at speeds above 3 m/s; otherwise None.
     """
 
     path: Route
@@ -46,9 +53,10 @@ class FittedRoute(AbstractOutcome):
     stops: Float[Array, "m 2"]
     gaps: Float[Array, "j 2"]
     position_sigma: Scalar
-    information: Float[Array, "6 unknowns"]
+    information: Float[Array, "*axes 6 unknowns"]
     code: Int[Array, ""]
     attitude: AttitudeResidual | None
+    rates: RateResidual | None
 
     def __init__(
         self,
@@ -64,13 +72,15 @@ class FittedRoute(AbstractOutcome):
         information: ArrayInput = (),
         code: ArrayInput = ResultCode.successful,
         attitude: AttitudeResidual | None = None,
+        rates: RateResidual | None = None,
     ):
-        self.path, self.residual, self.attitude = path, residual, attitude
+        self.path, self.residual, self.attitude, self.rates = path, residual, attitude, rates
         self.prediction_error, self.stretch_error = as_float(prediction_error), as_float(stretch_error)
         self.smoothing, self.position_sigma = as_float(smoothing), as_float(position_sigma)
         self.outliers = as_array(np.reshape(np.asarray(outliers, int), -1), int)
         self.stops, self.gaps = (as_float(np.reshape(np.asarray(x, float), (-1, 2))) for x in (stops, gaps))
-        self.information = as_float(np.reshape(np.asarray(information, float), (6, -1)))
+        diagonals = np.asarray(information, float)
+        self.information = as_float(diagonals if diagonals.ndim == 3 else diagonals.reshape(6, -1))
         self.code = as_array(int(np.asarray(code)), np.int32)
 
     @property
@@ -78,17 +88,19 @@ class FittedRoute(AbstractOutcome):
         """The times of the knots [s]."""
         return self.path.times
 
-    def covariance(self) -> Float[np.ndarray, "n 3 3"]:
-        """The covariance of position, velocity and acceleration at each knot, the same for x, y and z (SI units).
+    def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
+        """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.
 
-        It assumes independent errors. If the errors of k successive samples are correlated, the true covariance is
-        about k times larger. At the ends of a stop the velocity and acceleration are exactly zero.
+        The covariance is the same for x, y and z, unless the fit had a standard deviation for each component: then the
+        result has the shape (3, n, 3, 3), with a covariance for each axis. It assumes independent errors; if the errors
+        of k successive samples are correlated, the true covariance is about k times larger. At the ends of a stop the
+        velocity and acceleration are exactly zero.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words: errors, outliers and gaps."""
+        """Return the result in words, with the errors, outliers and gaps."""
         code = ResultCode(int(np.asarray(self.code)))
         if code != ResultCode.successful:
             return code.text
@@ -102,12 +114,13 @@ class FittedRoute(AbstractOutcome):
         if len(self.gaps):
             longest = float(np.max(np.diff(np.asarray(self.gaps), axis=1)))
             texts.append(
-                f"Gaps in the recording: {len(self.gaps)}, bridged by minimum jerk; the longest lasts {longest:.3g} s."
+                f"Gaps in the recording: {len(self.gaps)}, bridged with minimum jerk; the longest lasts "
+                f"{longest:.3g} s."
             )
         return " ".join(texts)
 
     def record(self) -> Record:
-        """The route, the residual (with the prefix `residual_`), and the numbers of the fit."""
+        """Return the variables of the route, of the residual (with the prefix `residual_`), and of the fit."""
         path, residual = self.path.record(), self.residual.record()
         variables = {
             **path.variables,
@@ -117,7 +130,7 @@ class FittedRoute(AbstractOutcome):
             ),
             "stretch_error": Quantity(self.stretch_error, "m", "RMS distance in held-out intervals"),
             "smoothing": Quantity(self.smoothing, "s5", "weight of the squared jerk"),
-            "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the samples per axis"),
+            "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the position errors per axis"),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
         }
         if len(self.outliers):
@@ -130,6 +143,8 @@ class FittedRoute(AbstractOutcome):
         if self.attitude is not None:
             attitude = self.attitude.record().variables
             variables |= {f"attitude_{name}": quantity for name, quantity in attitude.items()}
+        if self.rates is not None:
+            variables |= {f"rate_{name}": quantity for name, quantity in self.rates.record().variables.items()}
         counts = f"{len(self.stops)} stops, {len(self.outliers)} outliers"
         rms = f"RMS {extent(self.residual.distance_rms, 'm')}, predicted {extent(self.prediction_error, 'm')}"
         return Record(f"{self.path.segments} segments: {rms}; {counts}", variables, attributes={"frame": "world"})

@@ -22,13 +22,14 @@ class Quality(NamedTuple):
 
 
 LOOSE, POOR = Quality(0.03, 0.25), Quality(0.10, 0.50)
-"""Above the first thresholds a fit is loose, which is a warning; above the second it is poor, which is a failure."""
+"""Thresholds above which a fit is loose (a warning) and poor (a failure)."""
 
 
 def speed_misfit(path: SpiralHelix, track: Track) -> float:
-    """The largest speed difference divided by the RMS recorded speed.
+    """Return the largest speed difference divided by the RMS recorded speed.
 
-    Without recorded velocities, mean speeds along chords are compared, because noise hardly changes them.
+    Without recorded velocities, the mean speeds along chords are compared, because they are less sensitive to noise
+    than the speeds between successive samples.
     """
     times = elapsed_times(track)
     if track.velocities is not None:
@@ -42,7 +43,7 @@ def speed_misfit(path: SpiralHelix, track: Track) -> float:
 
 
 def judge(quality: Quality) -> ResultCode:
-    """The result code of a fit of this quality: good, loose or poor."""
+    """Return the result code of a fit with these misfits: successful, loose or poor."""
     if not all(misfit <= threshold for misfit, threshold in zip(quality, POOR, strict=True)):
         return ResultCode.poor_fit
     if not all(misfit <= threshold for misfit, threshold in zip(quality, LOOSE, strict=True)):
@@ -59,7 +60,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def _states(path: SpiralHelix, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions about the axis [m] and velocities in the moving basis [m/s], (n, 3) each."""
+    """Return the positions relative to the axis [m] and the velocities in the moving basis [m/s], (n, 3) each."""
     rho, phi, height = (Polynomial(np.asarray(x, np.float64)) for x in (path.radius, path.angle, path.height))
     radius, angle = rho(times), phi(times)
     positions = np.stack([radius * np.cos(angle), radius * np.sin(angle), height(times)], axis=1)

@@ -7,16 +7,16 @@ BOUND_TOLERANCE = 1e-3
 """A radius within this relative distance of a bound counts as at the bound."""
 
 MARGIN = 1e-9
-"""A radius that violates its bounds is moved inside by this relative margin, so that rounding cannot violate them."""
+"""Relative distance that `shrink_into_bounds` keeps from the bounds, so that rounding errors cannot violate them."""
 
 MAX_IMAGINARY = 1e-12
-"""A root with a smaller imaginary part, relative to the duration, counts as real."""
+"""A root counts as real if the magnitude of its imaginary part, divided by the duration, is below this value."""
 
 Bounds = tuple[float, float]
 
 
 def extremes(radius: np.ndarray, duration: float) -> Bounds:
-    """The minimum and maximum ρ [m] for ascending coefficients in t and a duration [s]."""
+    """Return the minimum and maximum of ρ [m] on [0, `duration`] [s]; `radius` are the coefficients of 1, t, t², …."""
     rho = Polynomial(radius)
     stationary = rho.deriv().roots()
     inner = stationary.real[
@@ -27,7 +27,7 @@ def extremes(radius: np.ndarray, duration: float) -> Bounds:
 
 
 def shrink_into_bounds(radius: np.ndarray, duration: float, bounds: Bounds) -> np.ndarray:
-    """The coefficients of ρ, shrunk towards the middle of the bounds just enough to satisfy them everywhere."""
+    """Return the coefficients of ρ, shrunk towards the middle of the bounds just enough to satisfy them everywhere."""
     minimum, maximum = extremes(radius, duration)
     if bounds[0] <= minimum and maximum <= bounds[1]:
         return radius
@@ -37,6 +37,6 @@ def shrink_into_bounds(radius: np.ndarray, duration: float, bounds: Bounds) -> n
 
 
 def is_at_bound(radius: np.ndarray, duration: float, bounds: Bounds) -> bool:
-    """Whether ρ reaches one of its bounds."""
+    """Check whether ρ reaches one of its bounds."""
     minimum, maximum = extremes(radius, duration)
     return minimum < bounds[0] * (1 + BOUND_TOLERANCE) or maximum > bounds[1] * (1 - BOUND_TOLERANCE)

@@ -1,8 +1,9 @@
-"""Chooses the smoothing of a fitted route by cross-validation over intervals of the recording.
+"""Choose the smoothing of a fitted route by cross-validation over intervals of the recording.
 
 The errors of a recording are correlated in time. The best prediction of a single sample follows the errors of its
 neighbours, so holding out single samples would result in hardly any smoothing. Therefore whole intervals are held out.
-The score is the error of the predicted velocities there, or of the positions if no velocities are recorded.
+The score is the mean square error of the velocities predicted in these intervals, or of the positions if no velocities
+are recorded.
 """
 
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.fitting.route_sigmas import Sigmas
 from qtraj.design.fitting.route_system import (
     Design,
     System,
@@ -22,7 +24,7 @@ from qtraj.design.fitting.route_system import (
 )
 
 INTERVAL, STEPS = 1.5, 4
-"""Minimum length of a held-out interval: in seconds, and in time steps of the recording."""
+"""Minimum length of a held-out interval, in seconds and in time steps of the recording; the longer one applies."""
 
 FOLDS, PERIOD = 2, 5
 """Number of folds, and the period in intervals: each fold holds out every fifth interval."""
@@ -35,12 +37,22 @@ STOP_WEIGHT = 1e8
 
 
 class Recording(NamedTuple):
-    """Samples: times (n,) [s], positions (n, 3) relative to the first one, velocities (n, 3), weights (n,)."""
+    """The n samples of a recording: times [s], positions relative to the first [m], velocities [m/s], and weights.
+
+    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations.
+    """
 
     times: Float[np.ndarray, " n"]
     positions: Float[np.ndarray, "n 3"]
     velocities: Float[np.ndarray, "n 3"] | None
     weights: Float[np.ndarray, " n"]
+    position_sigmas: Sigmas
+    velocity_sigmas: Sigmas
+
+    @property
+    def position_weights(self) -> Float[np.ndarray, "n *axes"]:
+        """The weights (n,) or (n, 3) of the positions."""
+        return self.position_sigmas.of(self.weights)
 
     @property
     def step(self) -> float:
@@ -48,48 +60,64 @@ class Recording(NamedTuple):
         return float(np.median(np.diff(self.times)))
 
 
-class Problem(NamedTuple):
-    """The least-squares problem of a recording on some knots, without the smoothing.
+class Fold(NamedTuple):
+    """The held-out samples of a fold: their normal equations, and the design matrix and values that are predicted.
 
-    `positions` and `velocities` are design matrices; `samples`, `jerk` and `stops` are systems; `folds` are pairs of
-    the samples that a fold holds out and their system.
+    The values (k, 3) are velocities, or positions if no velocities were recorded. `weights` (k,) are 0 for outliers.
+    """
+
+    system: System
+    at: Design
+    values: Float[np.ndarray, "k 3"]
+    sigmas: Sigmas
+    weights: Float[np.ndarray, " k"]
+
+
+class Problem(NamedTuple):
+    """The least-squares problem of a recording for given knots and any smoothing.
+
+    `positions` is the design matrix of the positions. `samples`, `jerk` and `stops` are the normal equations of the
+    samples, of the squared jerk and of the stops. `folds` contains the held-out samples of each fold.
     """
 
     knots: Float[np.ndarray, " m"]
     positions: Design
-    velocities: Design | None
     samples: System
     jerk: System
     stops: System
-    folds: list[tuple[Bool[np.ndarray, " n"], System]]
+    folds: list["Fold"]
 
     def system(self, smoothing: float) -> System:
-        """The normal equations of all samples."""
+        """Return the normal equations of the whole problem."""
         return self.samples.plus(self.jerk, smoothing).plus(self.stops)
 
     def states(self, smoothing: float, without: System | None = None) -> Float[np.ndarray, "m 3 3"]:
-        """The states at the knots, optionally without the samples of a system."""
+        """Return the states at the knots, optionally without the samples in the normal equations `without`."""
         system = self.system(smoothing)
         return solve(system if without is None else system.plus(without, -1.0))
 
 
 def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds: list[np.ndarray]) -> Problem:
-    """The least-squares problem on `knots`, with stops in the segments where `is_stop` (m − 1,)."""
+    """Build the least-squares problem for `knots` (m,), where `is_stop` (m − 1,) marks the segments that are stops."""
     positions = design(knots, recording.times)
-    velocities = None if recording.velocities is None else design(knots, recording.times, 1)
 
-    def system(samples: np.ndarray) -> System:
-        at, weights = positions.part(samples), recording.weights[samples]
-        return sample_system(len(knots), at, recording.positions[samples], weights)
+    def held_out(fold: np.ndarray) -> Fold:
+        at = positions.part(fold)
+        system = sample_system(at, recording.positions[fold], recording.position_weights[fold])
+        values, sigmas = recording.positions, recording.position_sigmas
+        if recording.velocities is not None:
+            at = design(knots, recording.times[fold], 1)
+            values, sigmas = recording.velocities, recording.velocity_sigmas
+        return Fold(system, at, values[fold], sigmas.part(fold), recording.weights[fold])
 
+    samples = sample_system(positions, recording.positions, recording.position_weights)
     stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()))
-    everything = np.ones(len(recording.times), bool)
-    parts = [(fold, system(fold)) for fold in folds]
-    return Problem(knots, positions, velocities, system(everything), jerk_system(knots), stops, parts)
+    parts = [held_out(fold) for fold in folds]
+    return Problem(knots, positions, samples, jerk_system(knots), stops, parts)
 
 
 def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
-    """The samples that each fold holds out; the two ends of the recording are never held out."""
+    """Return, for each fold, a mask of the held-out samples; the two ends of the recording are never held out."""
     length = max(INTERVAL, STEPS * step)
     period = PERIOD * length
     inner = (times > times[0] + length) & (times < times[-1] - length)
@@ -97,29 +125,36 @@ def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
     return [fold for fold in (inner & (phase < length) for phase in phases) if fold.any()]
 
 
-def score(recording: Recording, of: Problem, smoothing: float) -> float:
-    """The mean square error of the velocities, or else of the positions, in the held-out intervals."""
+def score(of: Problem, smoothing: float) -> float:
+    """Return the weighted mean square error of the velocities (or of the positions) in the held-out intervals."""
     errors = []
-    for fold, system in of.folds:
-        states = of.states(smoothing, system)
-        if recording.velocities is None or of.velocities is None:
-            at, recorded = of.positions, recording.positions
-        else:
-            at, recorded = of.velocities, recording.velocities
-        squares = np.sum((predict(at.part(fold), states) - recorded[fold]) ** 2, axis=1)
-        errors.append(squares * (recording.weights[fold] > 0))
+    for fold in of.folds:
+        squares = fold.sigmas.squares(predict(fold.at, of.states(smoothing, fold.system)) - fold.values)
+        errors.append(squares * (fold.weights > 0))
     return float(np.mean(np.concatenate(errors)))
 
 
-def best_smoothing(recording: Recording, of: Problem, start: float) -> tuple[float, float]:
-    """The smoothing with the smallest score, and that score, by a bracket of powers of ten and then a parabola."""
-    scores = {k: score(recording, of, start * 10.0**k) for k in (-1, 0, 1)}
+def position_score(recording: Recording, of: Problem, smoothing: float, folds: list[np.ndarray]) -> float:
+    """Return the weighted mean square error of the positions in the held-out intervals."""
+    errors = []
+    for mask, fold in zip(folds, of.folds, strict=True):
+        offsets = predict(of.positions.part(mask), of.states(smoothing, fold.system)) - recording.positions[mask]
+        errors.append(recording.position_sigmas.part(mask).squares(offsets) * (fold.weights > 0))
+    return float(np.mean(np.concatenate(errors)))
+
+
+def best_smoothing(of: Problem, start: float) -> tuple[float, float]:
+    """Return the smoothing with the smallest score, and the smallest computed score.
+
+    Powers of ten bracket the minimum; a parabola through the logarithms of three scores refines the smoothing.
+    """
+    scores = {k: score(of, start * 10.0**k) for k in (-1, 0, 1)}
     for _ in range(DECADES):
         best = min(scores, key=lambda k: scores[k])
         if best - 1 in scores and best + 1 in scores:
             break
         new = best - 1 if best - 1 not in scores else best + 1
-        scores[new] = score(recording, of, start * 10.0**new)
+        scores[new] = score(of, start * 10.0**new)
     best = min(scores, key=lambda k: scores[k])
     if best - 1 not in scores or best + 1 not in scores:
         return start * 10.0**best, scores[best]
@@ -130,7 +165,7 @@ def best_smoothing(recording: Recording, of: Problem, start: float) -> tuple[flo
 
 
 def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance: float) -> float:
-    """The largest smoothing for which the RMS distance does not exceed `tolerance` [m].
+    """Return the largest smoothing for which the RMS distance does not exceed `tolerance` [m].
 
     **Raises:** ValueError if the RMS distance exceeds `tolerance` even with negligible smoothing.
     """

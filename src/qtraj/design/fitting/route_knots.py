@@ -1,4 +1,4 @@
-"""Places the knots of a fitted route, and detects stops."""
+"""Choose the knots of a fitted route, and detect stops."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -9,16 +9,16 @@ STOP_SPEED = 0.005
 """Maximum speed at a stop, relative to the largest speed of the recording."""
 
 MIN_STOP, MIN_STEPS = 1.0, 4
-"""Minimum duration of a stop: in seconds, and in time steps of the recording."""
+"""Minimum duration of a stop, in seconds and in time steps of the recording; the longer one applies."""
 
 MIN_DISTANCE = 0.2
-"""Minimum distance of a knot from a stop, relative to the spacing of the knots; closer knots are removed."""
+"""Minimum distance of a knot from a stop, in knot spacings; closer knots are removed."""
 
 
 def find_stops(
     times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"], speeds: Float[np.ndarray, " n"], step: float
 ) -> list[tuple[float, float]]:
-    """The intervals (start, end) [s] of stops: the vehicle is slow and stays within `STANDSTILL` [m]."""
+    """Return the intervals (start, end) [s] in which the vehicle is slow and stays within `STANDSTILL` [m]."""
     slow = np.concatenate([[False], speeds <= STOP_SPEED * speeds.max(), [False]])
     edges = np.flatnonzero(slow[1:] != slow[:-1])
     intervals = []
@@ -31,14 +31,17 @@ def find_stops(
 
 
 def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
-    """Knots from 0 to the duration at equal intervals of about `spacing` [s]."""
+    """Return knots from 0 to the duration at equal intervals of about `spacing` [s]."""
     return np.linspace(0.0, duration, max(1, round(duration / spacing)) + 1)
 
 
 def with_stops(
     knots: Float[np.ndarray, " m"], stops: list[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, " segments"]]:
-    """`knots`, with the ends of stops in place of the knots inside or close to a stop; and which segments are stops."""
+    """Replace the knots inside or close to a stop by the ends of the stop.
+
+    Returns the new knots, and for each segment whether it is a stop.
+    """
     near = MIN_DISTANCE * float(np.median(np.diff(knots)))
     ends = np.array(stops).ravel()
     kept = np.ones(len(knots), bool)

@@ -1,4 +1,4 @@
-"""Finds outliers: samples that are much farther from the route than the others."""
+"""Find outliers, which are samples that are much farther from the route than the other samples."""
 
 from typing import Any
 
@@ -10,19 +10,19 @@ from qtraj.design.fitting.route_system import design, jerk_system, predict, samp
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 
 SPACING, STEPS = 1.0, 2
-"""Minimum initial spacing of the knots: in seconds, and in time steps of the recording."""
+"""Minimum initial knot spacing, in seconds and in time steps of the recording; the longer one applies."""
 
 SMOOTHING = 1e-4
-"""Initial smoothing [s⁶], to be divided by the median time step [s]."""
+"""Product of the initial smoothing and the median time step of the recording [s⁶]."""
 
 OUTLIER_RATIO = 10.0
-"""A sample is an outlier if its distance from the route exceeds the upper quartile of the distances by this factor."""
+"""A sample is an outlier if its distance from the route exceeds this factor times the upper quartile of distances."""
 
 MIN_JUMP = 0.5
-"""Outliers jump by at least this fraction of their largest distance from one sample to the next."""
+"""Minimum change of the error from one sample to the next, relative to the largest error of consecutive outliers."""
 
 MAX_ROUNDS, REDUCTION = 12, 0.3
-"""Maximum number of fits, and the factor by which the bound decreases from one to the next."""
+"""Maximum number of fits, and the factor by which the bound decreases from one fit to the next."""
 
 END_TOLERANCE = 1e-6
 """Tolerance on the first and the last of the user's knots, relative to the duration."""
@@ -32,10 +32,11 @@ MIN_QUARTILE = 1e-8
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
-    """The recording with weight 0 for outliers; the initial spacing of the knots; the user's knots, or None.
+    """Set the weight of outliers to 0.
 
-    The bound on the distance decreases from fit to fit. So the worst samples are removed first, before they can pull
-    the route away from good samples.
+    Returns the recording with the new weights, the initial knot spacing, and the user's knots (or None). The route is
+    fitted several times, and the bound on the distance decreases from fit to fit. Therefore the worst samples are
+    excluded first, so that good samples are not excluded merely because bad samples distort the route.
     """
     duration = float(recording.times[-1])
     spacing, user_knots = max(SPACING, STEPS * recording.step), None
@@ -50,38 +51,46 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
             spacing = float(np.median(np.diff(user_knots)))
     grid = equal_knots(duration, spacing) if user_knots is None else user_knots
     at, jerk, bound = design(grid, recording.times), jerk_system(grid), np.inf
-    samples = sample_system(len(grid), at, recording.positions, recording.weights)
+    samples = sample_system(at, recording.positions, recording.position_weights)
+    earlier = {recording.weights.tobytes()}
     for _ in range(MAX_ROUNDS):
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
-        residuals = predict(at, states) - recording.positions
-        inliers = np.linalg.norm(residuals[recording.weights > 0], axis=1)
+        residuals = recording.position_sigmas.scaled(predict(at, states) - recording.positions)
+        inliers = lengths(residuals)[recording.weights > 0]
         final_bound = outlier_bound(inliers)
         bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
         weights = (~outliers(residuals, bound)).astype(float)
         change = weights - recording.weights
         changed = change != 0
-        if bound == final_bound and not changed.any():
-            break
         if changed.any():
             recording = recording._replace(weights=weights)
-            part = sample_system(len(grid), at.part(changed), recording.positions[changed], change[changed])
+            changes = recording.position_sigmas.of(change)[changed]
+            part = sample_system(at.part(changed), recording.positions[changed], changes)
             samples = samples.plus(part)
+        if bound == final_bound and weights.tobytes() in earlier:
+            break  # the same samples would be excluded and included again in turn
+        earlier.add(weights.tobytes())
     return recording, spacing, user_knots
 
 
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Return the lengths (n,) of vectors (n, 3); faster than `numpy.linalg.norm`."""
+    return np.sqrt(np.einsum("nk,nk->n", vectors, vectors))
+
+
 def outlier_bound(distances: np.ndarray) -> float:
-    """The distance above which a sample is an outlier [m], from the distances of all inliers."""
+    """Return the distance [m] above which a sample is an outlier, from the distances of all inliers."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
 
 
 def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
-    """Whether each sample is an outlier (n,), from the differences between route and samples (n, 3) [m].
+    """Return a mask (n,) of the outliers, from the differences (n, 3) [m] between route and samples.
 
-    Consecutive samples above the bound are outliers only if they jump away from their neighbours. Otherwise they belong
-    to a motion that the route does not follow yet, such as a swerve between two knots.
+    Differences are multiplied by the square roots of the weights, so that they are judged in standard deviations.
+    Consecutive samples with distances above `bound` are outliers only if their distances change abruptly. Otherwise the
+    knots are too far apart to follow the motion, for example a swerve between two knots.
     """
-    distances = np.linalg.norm(residuals, axis=1)
-    steps = np.linalg.norm(np.diff(residuals, axis=0), axis=1)
+    distances, steps = lengths(residuals), lengths(np.diff(residuals, axis=0))
     above = np.concatenate([[False], distances > bound, [False]])
     marked = np.zeros(len(distances), bool)
     for start, end in zip(

@@ -1,13 +1,16 @@
 """Banded normal equations of a route that is fitted to recorded positions.
 
-The unknowns are position, velocity and acceleration at the knots. The route at a sample is a linear combination of the
-six states at the ends of its segment; the factors are Hermite polynomials. The integral of the squared jerk over a
-segment is a quadratic form of the same six states. So the matrix has five diagonals above the main one, and the same
-matrix serves x, y and z.
+The unknowns are position, velocity and acceleration at the knots. The position of the route at the time of a sample is
+a linear combination of the six unknowns at the two ends of the segment; the coefficients are values of the
+quintic Hermite basis functions. The integral of the squared jerk over a segment is a quadratic form in the same six
+unknowns. So the matrix has five diagonals above the main diagonal. x, y and z share one matrix, unless their weights
+differ.
 """
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,11 +18,11 @@ from jaxtyping import Bool, Float, Int
 from qtraj.path import pieces
 
 WIDTH = 6
-"""Number of states at both ends of a segment, per axis."""
+"""Number of unknowns of a segment per axis: position, velocity and acceleration at both ends."""
 
 
 def _basis() -> np.ndarray:
-    """Ascending coefficients (6, 6) in u ∈ [0, 1] of the Hermite polynomials, one row for each state."""
+    """Return the coefficients (6, 6) of 1, u, …, u⁵ of the Hermite basis functions on [0, 1], one row per unknown."""
     rows = []
     for k in range(WIDTH):
         states = np.zeros((2, 3, 1))
@@ -32,7 +35,7 @@ BASIS = _basis()
 
 
 def _jerk_form() -> np.ndarray:
-    """∫ H_j''' H_k''' du over [0, 1]."""
+    """Return the matrix (6, 6) of the integrals ∫ H_j''' H_k''' du over [0, 1] of the Hermite basis functions H_j."""
     third = BASIS[:, 3:] * [math.factorial(k) / math.factorial(k - 3) for k in range(3, WIDTH)]
     powers = np.arange(3)
     return third @ (1 / (1 + powers[:, None] + powers[None])) @ third.T
@@ -41,19 +44,34 @@ def _jerk_form() -> np.ndarray:
 JERK = _jerk_form()
 
 
-class Design(NamedTuple):
-    """The design matrix: for each sample, its segment and the factors of the six states at the ends of the segment."""
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The design matrix of a route with `knots` knots.
+
+    For each sample, `segment` is the index of its segment, in increasing order, and `factors` are the coefficients of
+    the six unknowns there.
+    """
 
     segment: Int[np.ndarray, " n"]
     factors: Float[np.ndarray, "n 6"]
+    knots: int
 
     def part(self, samples: Bool[np.ndarray, " n"]) -> "Design":
-        """The rows of some samples."""
-        return Design(self.segment[samples], self.factors[samples])
+        """Return the rows of the samples in the mask `samples`."""
+        return Design(self.segment[samples], self.factors[samples], self.knots)
+
+    @cached_property
+    def matrix(self) -> Any:
+        """SciPy's sparse matrix (n, 3·knots) of the rows."""
+        from scipy.sparse import csr_array
+
+        columns = (3 * self.segment[:, None] + np.arange(WIDTH)).astype(np.int32)
+        ends = np.arange(0, columns.size + 1, WIDTH, dtype=np.int32)
+        return csr_array((self.factors.ravel(), columns.ravel(), ends), shape=(len(columns), 3 * self.knots))
 
 
 def design(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: int = 0) -> Design:
-    """The design matrix of positions (order 0) or velocities (order 1) at `times`."""
+    """Return the design matrix of the positions (order 0) or velocities (order 1) at `times`."""
     i = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     h = (knots[1:] - knots[:-1])[i]
     u = (times - knots[i]) / h
@@ -62,53 +80,57 @@ def design(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order
         np.multiply(powers[:, k - 1], u, out=powers[:, k])
     factors = BASIS[:, order:] * (np.arange(order, WIDTH) if order else 1)
     values = powers @ factors.T
-    return Design(i, values * _scales(h) / (h[:, None] if order else 1))
+    return Design(i, values * _scales(h) / (h[:, None] if order else 1), len(knots))
 
 
 def _scales(h: np.ndarray) -> np.ndarray:
-    """The factors (n, 6) that convert position, velocity and acceleration to lengths."""
+    """Return the factors (n, 6) that convert the six unknowns to lengths, for segments with durations `h` (n,)."""
     one, square = np.ones_like(h), h * h
     return np.stack([one, h, square, one, h, square], axis=1)
 
 
 class System(NamedTuple):
-    """Normal equations: the upper diagonals of the matrix (6, unknowns) and the right-hand sides (unknowns, 3)."""
+    """Normal equations: the diagonals of the upper triangle of the matrix, and the right-hand sides for x, y and z.
 
-    matrix: Float[np.ndarray, "6 unknowns"]
-    right: Float[np.ndarray, "unknowns 3"]
+    The matrix has a leading axis for x, y and z if their weights differ.
+    """
+
+    matrix: Float[np.ndarray, "*axes 6 unknowns"]
+    right: Float[np.ndarray, "unknowns columns"]
 
     def plus(self, other: "System", factor: float = 1.0) -> "System":
-        """The sum of this system and `factor` times another one."""
+        """Return the sum of this system and `factor` times the other system."""
         return System(self.matrix + factor * other.matrix, self.right + factor * other.right)
 
 
-def sample_system(count: int, at: Design, values: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, " n"]) -> System:
-    """The normal equations of weighted samples on `count` knots."""
-    segments = count - 1
-    weighted = at.factors * weights[:, None]
-    blocks = np.empty((segments, WIDTH, WIDTH))
-    sides = np.empty((segments, WIDTH, values.shape[1]))
+def sample_system(at: Design, values: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n *axes"]) -> System:
+    """Return the normal equations of samples with weights (n,) or (n, 3)."""
+    if weights.ndim == 2:
+        axes = [sample_system(at, values[:, k : k + 1], weights[:, k]) for k in range(3)]
+        return System(np.stack([axis.matrix for axis in axes]), np.hstack([axis.right for axis in axes]))
+    segments = at.knots - 1
+    factors = np.ascontiguousarray(at.factors.T)  # sums over contiguous samples are faster
+    weighted = factors * weights
+    blocks = np.empty((WIDTH, WIDTH, segments))
     for j in range(WIDTH):
         for k in range(j, WIDTH):
-            blocks[:, j, k] = np.bincount(at.segment, weighted[:, j] * at.factors[:, k], segments)
-        for axis in range(values.shape[1]):
-            sides[:, j, axis] = np.bincount(at.segment, weighted[:, j] * values[:, axis], segments)
-    return System(_banded(blocks), _assembled(sides))
+            blocks[j, k] = np.bincount(at.segment, weighted[j] * factors[k], segments)
+    return System(_banded(blocks), at.matrix.T @ (weights[:, None] * values))
 
 
 def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
-    """The normal equations of ∫ |r'''|² dt."""
+    """Return the normal equations of ∫ |r'''|² dt."""
     h = knots[1:] - knots[:-1]
     scales = _scales(h)
-    blocks = JERK * scales[:, :, None] * scales[:, None, :] / h[:, None, None] ** 5
+    blocks = JERK[:, :, None] * scales.T[:, None] * scales.T[None] / h**5
     return System(_banded(blocks), np.zeros((3 * len(knots), 3)))
 
 
 def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: float) -> System:
-    """Weighted equations for stops.
+    """Return the normal equations of stops, multiplied by `weight`.
 
-    In each segment with `is_stop` (m − 1,), velocity and acceleration are zero at both ends, and both ends have the
-    same position.
+    In each segment that `is_stop` (m − 1,) marks, velocity and acceleration are zero at both ends, and both ends have
+    the same position.
     """
     matrix = np.zeros((WIDTH, 3 * len(knots)))
     for end in (np.append(is_stop, False), np.append(False, is_stop)):
@@ -120,24 +142,29 @@ def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: flo
 
 
 def solve(system: System) -> Float[np.ndarray, "knots 3 3"]:
-    """The states at the knots (knots, order, axis) that satisfy the normal equations.
+    """Return the states (knots, order, axis) that satisfy the normal equations; order is the order of the derivative.
 
-    **Raises:** numpy.linalg.LinAlgError if the samples do not determine them.
+    **Raises:** numpy.linalg.LinAlgError if the samples do not determine the states.
     """
     from scipy.linalg import solveh_banded
 
-    solution = solveh_banded(system.matrix, system.right, check_finite=False)
+    if system.matrix.ndim == 3:
+        columns = [solveh_banded(m, x, check_finite=False) for m, x in zip(system.matrix, system.right.T, strict=True)]
+        solution = np.stack(columns, axis=1)
+    else:
+        solution = solveh_banded(system.matrix, system.right, check_finite=False)
     return solution.reshape(-1, 3, system.right.shape[1])
 
 
 def predict(at: Design, states: Float[np.ndarray, "knots 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """The positions or velocities (n, 3) at the samples, on the route with these states at the knots."""
-    both = np.concatenate([states[:-1], states[1:]], axis=1)[at.segment]
-    return np.einsum("nk,nka->na", at.factors, both)
+    """Return the positions or velocities at the n samples, on the route with `states` at the knots."""
+    return at.matrix @ states.reshape(3 * len(states), -1)
 
 
-def covariances(matrix: Float[np.ndarray, "6 unknowns"]) -> Float[np.ndarray, "knots 3 3"]:
-    """The diagonal blocks (3, 3) of the inverse of a banded matrix, one per knot (Takahashi's recursion)."""
+def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarray, "*axes knots 3 3"]:
+    """Return the diagonal blocks (3, 3) of the inverse of a banded matrix, one per knot (Takahashi's recursion)."""
+    if matrix.ndim == 3:
+        return np.stack([covariances(axis) for axis in matrix])
     count = matrix.shape[1] // 3
     blocks = np.zeros((count, 3, 6))
     for d in range(WIDTH):
@@ -158,19 +185,11 @@ def covariances(matrix: Float[np.ndarray, "6 unknowns"]) -> Float[np.ndarray, "k
     return result
 
 
-def _banded(blocks: Float[np.ndarray, "segments 6 6"]) -> np.ndarray:
-    """The upper diagonals of a matrix of blocks (6, 6) that overlap by three."""
-    segments = len(blocks)
+def _banded(blocks: Float[np.ndarray, "6 6 segments"]) -> np.ndarray:
+    """Return the upper diagonals of the sum of blocks (6, 6), each three rows and columns after the previous one."""
+    segments = blocks.shape[-1]
     matrix = np.zeros((WIDTH, 3 * (segments + 1)))
     for j in range(WIDTH):
         for k in range(j, WIDTH):
-            matrix[WIDTH - 1 - (k - j), k : k + 3 * segments : 3] += blocks[:, j, k]
+            matrix[WIDTH - 1 - (k - j), k : k + 3 * segments : 3] += blocks[j, k]
     return matrix
-
-
-def _assembled(sides: Float[np.ndarray, "segments 6 3"]) -> np.ndarray:
-    """The right-hand sides of segments that share their knots."""
-    result = np.zeros((len(sides) + 1, 3, sides.shape[2]))
-    result[:-1] += sides[:, :3]
-    result[1:] += sides[:, 3:]
-    return result.reshape(-1, sides.shape[2])

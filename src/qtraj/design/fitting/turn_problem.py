@@ -13,26 +13,30 @@ from qtraj.foundation.arrays import as_array, bucket
 from qtraj.path.track import Track, elapsed_times, to_float64
 
 TERMS = 4
-"""Number of coefficients of ρ and h, which are cubics."""
+"""Number of coefficients of the cubics ρ and h."""
 
 UNKNOWNS = 2 + 2 * TERMS
-"""Number of unknowns: the axis (x, y), and the coefficients of ρ and φ; for a linear φ the last two remain zero."""
+"""Number of unknowns: the axis (x, y), and the coefficients of ρ and φ; the last two are zero for a linear φ."""
 
 POINTS = 129
 """Number of equally spaced instants at which the bounds of ρ apply; between them a cubic can violate them slightly."""
 
 PENALTY = 10.0
-"""Weight of a violation of the radius bounds, relative to the position errors."""
+"""Weight of violations of the radius bounds relative to position errors."""
 
 INITIAL_DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-2, 0.3, 2.0
-"""The initial Levenberg–Marquardt damping, and its factors after accepted and rejected steps."""
+"""The initial Levenberg–Marquardt damping, and the factors on the damping after accepted and rejected steps."""
 
 MIN_DAMPING = 100
 """Minimum damping, in units of machine epsilon."""
 
 
 class TurnProblem(eqx.Module):
-    """Samples relative to the centre of a window, in units of `scale`; `weights` are 0 for padding."""
+    """The least-squares problem of n samples, about the centre of the window and in units of the mean turning radius.
+
+    `basis` and `slope` are the values and the time derivatives of the Legendre polynomials at the samples. The weights
+    of padding are 0.
+    """
 
     basis: Float[Array, "n terms"]
     slope: Float[Array, "n terms"]  # [1/s]
@@ -44,9 +48,10 @@ class TurnProblem(eqx.Module):
     bounds: Float[Array, "2"]
 
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
-        """Weighted errors of position and velocity, and penalised violations of the bounds of ρ, in one vector.
+        """Return the weighted position and velocity errors, and the weighted violations of the bounds, in one vector.
 
-        `shifts` are the scaled multipliers of the lower and the upper bound, which are added to the violations.
+        `shifts` are the scaled multipliers of the lower and the upper bound, which are added to the violations at the p
+        instants of the bounds.
         """
         axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         coefficients, rates = jnp.stack([radius_coefficients, angle_coefficients]), jnp.stack([self.basis, self.slope])
@@ -65,13 +70,16 @@ class TurnProblem(eqx.Module):
         )
 
     def bound_violations(self, unknowns: Float[Array, " m"]) -> Float[Array, "2 p"]:
-        """The violations of the lower and the upper bound of ρ; negative inside."""
+        """Return the violations of the lower and the upper bound of ρ, negative where the bound is satisfied."""
         radius = self.bound_basis @ unknowns[2 : 2 + TERMS]
         return jnp.stack([self.bounds[0] - radius, radius - self.bounds[1]])
 
 
 def legendre_basis(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Legendre polynomials over the window at `times` (n,) from its start, and their time derivatives: (n, 4) each."""
+    """Return the Legendre polynomials over the window, and their time derivatives, (n, 4) each.
+
+    `times` (n,) [s] are measured from the start of the window; the last one is its duration.
+    """
     duration = times[-1]
     s = 2 * times / duration - 1
     slopes = [legendre.legval(s, legendre.legder(unit)) for unit in np.eye(TERMS)]
@@ -79,9 +87,10 @@ def legendre_basis(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float, float], ratio: float) -> TurnProblem:
-    """The problem of `track` relative to `centre` [m]; `ratio` [s] is the position sigma over the velocity sigma.
+    """Build the least-squares problem of `track`, relative to `centre` [m] and in units of `scale` [m].
 
-    The arrays have JAX's default precision, for tracks of any precision.
+    `ratio` [s] is the position sigma divided by the velocity sigma. The arrays have JAX's default precision, whatever
+    the precision of the track.
     """
     basis, slope = legendre_basis(elapsed_times(track))
     count = len(basis)
@@ -105,9 +114,10 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
 
 
 class Search(NamedTuple):
-    """A batch of searches: the current and the trial points, and whether each search has converged.
+    """The state of a batch of searches.
 
-    `errors`, `jacobian` and `cost`, the sum of squared errors, belong to `unknowns`.
+    `unknowns` are the current points, with their errors, Jacobians and sums of squared errors (`cost`). `trial` are the
+    points to be evaluated next.
     """
 
     unknowns: Float[Array, "s m"]
@@ -128,11 +138,12 @@ def minimise(
     free: Float[Array, " m"],
     max_steps: Int[Array, ""],
 ) -> tuple[Float[Array, "s m"], Float[Array, "s 2 p"], Float[Array, " s"], Bool[Array, " s"], Int[Array, " s"]]:
-    """Least squares by Levenberg–Marquardt from each of `starts`; `free` is 0 for fixed unknowns.
+    """Solve the least-squares problem by the Levenberg–Marquardt method from each of `starts`.
 
-    Returns, for each search, the unknowns, the violations of the bounds of ρ, the sum of squared errors of position and
-    velocity, whether it converged, and its steps. One loop over arrays runs all searches. It compiles much faster than
-    a general solver, and only once for both motions.
+    `free` is 1 for free and 0 for fixed unknowns. Returns, for each search, the unknowns, the violations of the bounds
+    of ρ, the sum of squared errors of position and velocity, whether the search converged, and its number of steps. All
+    searches run in one loop over arrays, which compiles much faster than a general solver, and only once for both
+    motions.
     """
     count, dtype = starts.shape[0], starts.dtype
     tolerance = float(jnp.finfo(dtype).eps) ** 0.6
@@ -181,16 +192,17 @@ def minimise(
 def _damped(
     errors: Float[Array, "s k"], jacobian: Float[Array, "s k m"], damping: Float[Array, " s"]
 ) -> Float[Array, "s m"]:
-    """The steps p that minimise |J p + r|² + damping |D p|² by the normal equations; D has the norms of J's columns.
+    """Return the steps p that minimise |J p + r|² + damping |D p|².
 
-    The squared condition number reduces the accuracy of a step, but not of the solution: later steps correct it.
+    J is the Jacobian, r are the errors, and the diagonal matrix D contains the norms of the columns of J. The normal
+    equations square the condition number, which reduces the accuracy of a step but not of the solution, because later
+    steps correct the error.
     """
     normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)
     lengths = jnp.sqrt(jnp.diagonal(normal, axis1=1, axis2=2))
     lengths = jnp.where(lengths > 0, lengths, 1.0)
-    min_damping = MIN_DAMPING * float(
-        jnp.finfo(errors.dtype).eps
-    )  # otherwise the matrix might not be positive definite
+    # With a smaller damping the matrix might not be positive definite.
+    min_damping = MIN_DAMPING * float(jnp.finfo(errors.dtype).eps)
     diagonal = jnp.maximum(damping, min_damping)[:, None, None] * jnp.eye(lengths.shape[1], dtype=errors.dtype)[None]
     factor = jnp.linalg.cholesky(normal / (lengths[:, :, None] * lengths[:, None]) + diagonal)
     gradient = (jnp.einsum("skm,sk->sm", jacobian, errors) / lengths)[..., None]

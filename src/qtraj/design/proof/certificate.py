@@ -1,4 +1,4 @@
-"""Certificates: the finding on each limit of a path, and whether it is a proof."""
+"""Certificates, which contain one finding for each limit of a path."""
 
 import math
 import warnings
@@ -22,13 +22,14 @@ from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
-"""The findings, by their codes.
+"""The statuses of limits; the code of a finding is the index of its status.
 
-- proved: the limit is satisfied on the whole path.
-- sampled: satisfied at the refined peaks of a fine grid. This is strong evidence, but not a proof.
-- broken: violated at a known time.
-- undecided: too close to the limit for the rounding error, or without a proof that the quantity is defined.
-- undefined: at a known time, the quantity cannot be distinguished from one that is undefined.
+- proved: the limit is proved to be satisfied on the whole path.
+- sampled: the limit is satisfied at the refined maxima of a fine grid, which is strong evidence, but not a proof.
+- broken: the limit is violated at the reported time.
+- undecided: neither satisfaction nor violation is proved, because the largest value equals the limit to within rounding
+  errors, or because it is not proved that the quantity is defined everywhere.
+- undefined: at the reported time, the divisor of the quantity cannot be distinguished from zero.
 """
 PROVED, SAMPLED, BROKEN, UNDECIDED, UNDEFINED = range(len(STATUSES))
 
@@ -38,17 +39,33 @@ _RESULT_OF_FINDING = (
     (UNDECIDED, ResultCode.limits_undecided),
     (SAMPLED, ResultCode.limits_sampled),
 )
-"""The result code of a path for its worst finding; the worst come first."""
+"""The result code of a path for its worst finding, in order of decreasing severity."""
 
 ACTIVE_MARGIN = 1e-6
-"""A limit with a smaller relative margin is active."""
+"""A satisfied limit is active if its relative margin is at most this value."""
 
 
-STANDSTILL = "stops or is straight"
+WHERE_UNDEFINED = {
+    "speed": "the speed is zero",
+    "cross_norm": "the speed is zero or the path is straight",
+    "level": "the speed is zero or the path is vertical",
+    LOAD: "the speed or the load on the road is zero",
+}
+"""Descriptions of the places where a divisor is zero, by divisor."""
+
+
+def contradicted(names: Sequence[str], codes: Any, values: Any, bounds: Any) -> Any:
+    """Return a mask of the limits with the status "broken" whose values do not exceed the limit.
+
+    This occurs only for quantities with a factor: the limit divided by the factor is rounded down, which is safe for
+    proofs that the limit is satisfied, but not for the status "broken".
+    """
+    has_factor = np.broadcast_to([quantity(name).factor is not None for name in names], np.shape(codes))
+    return has_factor & (codes == BROKEN) & (values <= bounds)
 
 
 class Finding(NamedTuple):
-    """The finding on one limit of one path, in Python numbers."""
+    """The finding on one limit of one path: its status, and the time [s] and value of the maximum of the quantity."""
 
     name: str
     status: str
@@ -63,29 +80,43 @@ class Finding(NamedTuple):
 
     @property
     def active(self) -> bool:
-        """Whether the limit is satisfied with a relative margin below 1e-6."""
+        """Whether the limit is satisfied with a relative margin of at most 1e-6."""
         return self.met and self.limit - self.value <= ACTIVE_MARGIN * self.limit
 
     @property
     def text(self) -> str:
         """The largest value and the limit, in words."""
         if math.isnan(self.value):
-            where = "stops or the load on the road vanishes" if quantity(self.name).divisor == LOAD else STANDSTILL
-            return f"undefined at t = {self.time:.4g} s, where the path {where}"
+            where = WHERE_UNDEFINED[quantity(self.name).divisor or "speed"]
+            return f"undefined at t = {self.time:.4g} s, where {where}"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         rounds_to_limit = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
         violation = f" (relative violation {self.value / self.limit - 1:.1e})" if rounds_to_limit else ""
         return f"{texts[0]} of {texts[1]}{violation} at t = {self.time:.4g} s"
 
+    @property
+    def statement(self) -> str:
+        """The name of the quantity, its status, the largest value and the limit, in words."""
+        if math.isnan(self.value):
+            return f"{self.name} is {self.text}"
+        return f"the limit on {self.name} is {self.status}: {self.text}"
+
 
 @storable
 class Certificate(AbstractOutcome):
-    """The findings on each limit, of one path or a batch (batch dimensions in front).
+    """The findings on the limits of one path or of a batch of paths.
 
-    `names` are the limited quantities, along the last axis of the arrays: `codes` index the statuses, `times` [s] and
-    `values` give the largest values found, and `limits` are the limits. If a quantity is undefined, the time is an
-    instant at which it is undefined, and the value is NaN. A batch gives arrays where one path gives a string or a
-    number; `certificate[k]` is one element. `code` is the `ResultCode` of the whole path, and `result` its text.
+    The last axis of the arrays corresponds to the limits; axes before it are batch axes.
+
+    - `names`: the names of the limited quantities.
+    - `codes`: the codes of the statuses; `status` contains them as strings.
+    - `times` [s] and `values`: the time and value of the maximum found. If a quantity is undefined, the time is an
+      instant at which it is undefined, and the value is NaN.
+    - `limits`: the values of the limits.
+    - `code`: the `ResultCode` of the whole path; `result` explains it in words.
+
+    For a batch, the properties contain arrays instead of strings and numbers. `certificate[k]` is the certificate of
+    one path.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -108,7 +139,7 @@ class Certificate(AbstractOutcome):
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
-        """(time [s], value, limit) at the largest value of each quantity, by name."""
+        """The tuple (time [s], value, limit) for the largest value of each quantity, by name."""
         arrays = [_concrete(x) for x in (self.times, self.values, self.limits)]
         return {name: (*(_plain(x[..., k]) for x in arrays),) for k, name in enumerate(self.names)}
 
@@ -128,34 +159,34 @@ class Certificate(AbstractOutcome):
         return [finding.name for finding in self.findings() if not finding.met]
 
     def margin(self, name: str) -> Any:
-        """The limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
+        """Return the limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
         _, value, limit = self.worst[name]
         return limit - value
 
     @property
     def active(self) -> list[str]:
-        """Names of the active limits of one path: satisfied with a relative margin below 1e-6."""
+        """Names of the active limits of one path, which are satisfied with a relative margin of at most 1e-6."""
         return [finding.name for finding in self.findings() if finding.active]
 
     @property
     def binding(self) -> list[str]:
-        """Former name of `active`, until 1.0."""
+        """Deprecated name of `active`; version 1.0 removes it."""
         warnings.warn("Certificate.binding is now called active", DeprecationWarning, stacklevel=2)
         return self.active
 
     @property
     def summary(self) -> str:
-        """The status of each limit in one line; for a batch, how often each status occurs."""
+        """The status of each limit in one line; for a batch, the number of paths with each status."""
         texts = (f"{name} {counts_text(status)}" for name, status in self.status.items())
         return "; ".join(texts) or "no limits"
 
     def describe(self, name: str) -> str:
-        """The largest value of one quantity of one path, and its limit, in words."""
+        """Describe the largest value of one quantity of one path, and its limit."""
         return self.findings()[self.names.index(name)].text
 
     def findings(self, at: tuple[int, ...] = ()) -> list[Finding]:
-        """The finding on each limit of one path; `at` is its index in a batch."""
-        # Bound methods are avoided: Equinox makes a Module of each, which would dominate the run time.
+        """Return the finding on each limit of one path; `at` is the index of the path in a batch."""
+        # Equinox wraps each bound method in a Module, which would dominate the run time, so no method is called here.
         codes, *numbers = (_concrete(x)[at] for x in (self.codes, self.times, self.values, self.limits))
         columns = zip(self.names, codes.tolist(), *(x.tolist() for x in numbers), strict=True)
         return [Finding(name, STATUSES[code], *rest) for name, code, *rest in columns]
@@ -169,32 +200,36 @@ class Certificate(AbstractOutcome):
         return code
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one path in words."""
+        """Return the result of one path in words."""
         code, findings = ResultCode(int(np.asarray(self.code)[at])), self.findings(at)
         if code == ResultCode.successful:
             return "every limit is proved to be satisfied on the whole path."
-        unmet = "; ".join(f"{x.name} is {x.status}: {x.text}" for x in findings if not x.met)
+        unmet = "; ".join(x.statement for x in findings if not x.met)
         return f"{code.text} {unmet}." if unmet else code.text
 
     def record(self) -> Record:
-        """The findings over the dimension `limit`; the coordinate `limit_unit` contains the unit of each limit."""
+        """Return the findings over the dimension `limit`, with the units of the limits in `limit_unit`."""
         dims = ("limit",)
         statuses = np.asarray(STATUSES)[_concrete(self.codes)]
         variables = {
             "status": Quantity(statuses, "", f"one of {', '.join(STATUSES)}", dims),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit", dims),
             "worst_value": Quantity(self.values, "", "largest value found, in limit_unit; NaN if undefined", dims),
-            "worst_time": Quantity(self.times, "s", "time of the largest value, or at which it is undefined", dims),
+            "worst_time": Quantity(
+                self.times, "s", "time of the largest value, or an instant at which the quantity is undefined", dims
+            ),
         }
         coordinates = {
             "limit": Quantity(np.array(self.names, dtype=str), "", "limited quantity", dims),
-            "limit_unit": Quantity(np.array([quantity(x).unit for x in self.names], dtype=str), "", "its unit", dims),
+            "limit_unit": Quantity(
+                np.array([quantity(x).unit for x in self.names], dtype=str), "", "unit of the quantity", dims
+            ),
         }
         summary = f"{batch_prefix(self.codes.shape[:-1], 'paths')}{self.summary}"
         return Record(summary, variables, coordinates, {"frame": "natural"})
 
     def __bool__(self) -> bool:
-        return True  # without this, Python would use the length
+        return True  # without this method, an empty batch would be false
 
     def __len__(self) -> int:
         if self.codes.ndim == 1:
@@ -216,21 +251,24 @@ class Certificate(AbstractOutcome):
 
 
 def require_float64(path: AbstractHodograph) -> None:
-    """Raise a ValueError for a path in lower precision than float64."""
+    """Raise a ValueError if the precision of the path is lower than float64."""
     if path.duration.dtype != jnp.float64:
         raise ValueError(
             f"certificates need float64, but this path is in {path.duration.dtype}. Call "
-            "jax.config.update('jax_enable_x64', True) before building it."
+            "jax.config.update('jax_enable_x64', True) before creating the path."
         )
 
 
 def _concrete(x: Array) -> np.ndarray:
     array = concrete(x)
     if array is None:
-        raise ValueError("inside a trace the findings of a certificate are traced arrays: use its codes and values")
+        raise ValueError(
+            "the findings of a certificate need concrete values, but it was created inside jit, grad or vmap: use its "
+            "arrays codes, times and values"
+        )
     return array
 
 
 def _plain(x: Any) -> Any:
-    """A Python value for a single element."""
+    """Return an array with a single element as a Python value, and any other array unchanged."""
     return x.item() if np.ndim(x) == 0 else x

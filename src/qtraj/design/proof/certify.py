@@ -1,4 +1,4 @@
-"""Checks limits on whole paths: by proof for polynomial paths, by refined sampling for all others."""
+"""Check limits on whole paths, by proof for polynomial paths and by refined sampling for all others."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import Certificate, require_float64
+from qtraj.design.proof.certificate import SAMPLED, UNDECIDED, Certificate, contradicted, require_float64
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
@@ -33,13 +33,13 @@ from qtraj.path.values import to_turned_basis
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 64
-"""Number of paths that are processed together, small enough for the processor's cache."""
+"""Number of paths that are processed together; their data fits into the processor's cache."""
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class PolynomialPaths(eqx.Module):
-    """The data of polynomial paths, with a leading batch axis; paths of equal structure share an executable."""
+    """The data of a batch of polynomial paths; paths with equal numbers of coefficients share an executable."""
 
     polynomials: MovingPolynomials
     duration: Float[Array, "*paths"]
@@ -72,36 +72,41 @@ def certify(
     reference: SpiralHelix | None = None,
     throw: bool = False,
 ) -> Certificate | RouteCertificate:
-    """Check `limits` on the whole of `path`.
+    """Check whether a path satisfies `limits` everywhere, with a proof if the path is polynomial.
 
-    For a polynomial path every limit is a polynomial inequality in t (paper S; see `inequalities`). Its sign is proved
-    with all rounding errors bounded. The status of a limit is
+    For a polynomial path every limit is an inequality between polynomials in t (paper S; see `inequalities`) and, for
+    some limits of a vehicle, square roots of polynomials, such as the speed. The proof bounds all rounding errors. The
+    certificate contains one of these statuses for each limit:
 
     - "proved": the limit is satisfied everywhere, for exactly this path and limit, without any tolerance.
-    - "broken": it is violated at the reported instant.
-    - "undecided": no proof was found, usually because the margin is below the rounding error (relative, about 1e-11).
-    - "undefined": the quantity divides by the speed or by |ṙ×r̈|, which cannot be distinguished from zero somewhere.
-    - "sampled": satisfied according to refined sampling. This is the best status for a `Curve`, and for quantities that
-      depend on the vertical if the axis of the path is not vertical.
+    - "broken": the limit is violated at the reported instant.
+    - "undecided": no proof was found, usually because the relative margin is below the rounding error (about 1e-11).
+    - "undefined": a denominator of the quantity (the speed, its horizontal component, |ṙ×r̈| or the normal load) cannot
+      be distinguished from zero at the reported instant.
+    - "sampled": the limit is satisfied according to refined sampling. This is the best possible status for a `Curve`,
+      and for quantities that depend on the vertical if the axis of the path is not vertical.
 
-    A batch of paths gives a batch of findings; limits are shared or have the same batch dimension. Under `jit` and
-    `vmap` the arrays of the certificate are available, but not its texts. The `values` are differentiable with respect
-    to the path (envelope theorem). They may miss a narrow peak well below the limit, but the proof does not.
+    For a batch of paths, the limits are scalars or have the same batch dimension, and the certificate has this
+    dimension, too. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values`
+    are differentiable with respect to the path (envelope theorem). The search for these values may miss a narrow peak
+    that is well below the limit. The proof does not depend on this search.
 
-    For a route every segment is checked separately. The `RouteCertificate` gives the status on the whole route and on
-    each segment, and the intervals in which a limit is violated. At a joint both sides are checked. If the velocity is
-    zero there, rates of frames and tangential and normal acceleration are computed from its limiting direction. A
-    segment without motion satisfies every limit.
+    For a route every segment is checked separately. The `RouteCertificate` contains the status for the whole route and
+    for each segment, and the intervals of violation. At a joint both sides are checked. If the velocity is zero at a
+    joint, the rates of frames and the tangential and normal acceleration are computed from the direction that the
+    velocity approaches there. A segment without motion satisfies every limit that does not depend on the road. The
+    forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
-    `corridor` [m] bounds the distance of a spiral-helix from another one about the same axis, `reference`, at equal
-    fractions of their durations; it is the last limit of the certificate. The angle counts by its arc length.
+    `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
+    equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
+    contributes to the distance by its arc length.
 
-    **Raises:** ValueError in float32, whose rounding error is too large for these proofs; for a batch in which an array
-    lacks the batch dimension; for a corridor without a reference, or about another axis. RuntimeError with `throw` if a
-    limit is violated, undecided or undefined.
+    **Raises:** ValueError in float32, which is too inaccurate for the proofs; if an array of a batch lacks the batch
+    dimension; for a corridor without a reference, or with a reference about a different axis. RuntimeError with `throw`
+    if a limit is violated, undecided or undefined.
     """
     if corridor is None and reference is not None:
-        raise ValueError("a reference was given without a corridor: also pass corridor=, the largest distance")
+        raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance")
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:
@@ -120,29 +125,37 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         return Certificate((), *[jnp.zeros((*batch, 0), dtype)] * 4)
     arrays, static = eqx.partition(path, eqx.is_array)
     if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
-        advice = "build the batch in jax.vmap, or by jax.tree.map(lambda *x: jnp.stack(x), *paths)"
+        advice = "build the batch with jax.vmap, or with jax.tree.map(lambda *x: jnp.stack(x), *paths)"
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
+    limits.require_batch(batch, "the paths" if batch else "the path")
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
     xp = jnp if traced else np
-    bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]
-    table = [bounds[names.index(x.name)] if x.name in names else xp.ones(batch, dtype) for x in LIMITS]
-    # The numbers of the vehicle follow those of the limits. Without it, the formulas that need it are not compiled.
-    numbers = limits.road(dtype) if limits.needs_vehicle else ()
-    road = [xp.broadcast_to(xp.asarray(x, dtype), batch) for x in numbers]
-    source, limits_array = _source(path, len(batch)), xp.stack([*table, *road], axis=-1)
-    road_numbers = limits_array[..., LIMIT_COUNT:]
+
+    def in_batch(x: Any) -> Any:
+        return xp.broadcast_to(xp.asarray(x, dtype), batch)
+
+    bounds = [in_batch(x) for x in limits.given().values()]
+    reduced = limits.reduced(dtype)
+    table = [in_batch(reduced.get(x.name, 1.0)) for x in LIMITS]
+    road = [in_batch(x) for x in (limits.road(dtype) if limits.needs_vehicle else ())]
+    # The vehicle's parameters follow the limits. If no limit depends on the road, these parameters are left out.
+    source, limits_array = _source(path, len(batch)), xp.stack([*table, *(road if limits.on_road else ())], axis=-1)
+    road_numbers = xp.stack(road, axis=-1) if road else xp.zeros((*batch, 0), dtype)
     if traced:
         source, limits_array = jax.lax.stop_gradient((source, limits_array))
     findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
     places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
     codes, times, values = (x[..., places] for x in findings)
+    values = values * xp.stack([in_batch(x) for x in limits.factors(dtype)], axis=-1)
+    undecided = UNDECIDED if isinstance(source, PolynomialPaths) else SAMPLED
+    codes = xp.where(contradicted(names, codes, values, xp.stack(bounds, axis=-1)), undecided, codes)
     if traced:
         values = differentiable(names, static, (arrays, road_numbers), times, values)
     return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
 
 
 def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], function: Any) -> Any:
-    """The findings on a batch of paths, by a function of paths along one axis."""
+    """Return the findings on a batch of paths; `function` computes them for paths along one axis."""
     if math.prod(batch) == 0:
         empty = np.zeros((*batch, LIMIT_COUNT), limits.dtype)
         return empty.astype(np.int32), empty, empty
@@ -151,7 +164,7 @@ def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[
 
 
 def _source(path: AbstractHodograph, axes: int) -> Any:
-    """The data on which the findings depend: the polynomials of the paths if they have any, else the paths."""
+    """Return the data on which the findings depend: the polynomials of polynomial paths, or the paths themselves."""
     polynomials = _vmap_times(lambda path: path.polynomials(), axes)(path)
     if polynomials is None:
         return path
@@ -172,7 +185,10 @@ def _vmap_times(function: Any, axes: int) -> Any:
 
 
 def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findings:
-    """Findings on concrete paths, in blocks of few sizes, so that few executables serve any number of paths."""
+    """Return the findings on concrete paths.
+
+    The paths are divided into blocks of a few fixed sizes, so that only a few executables are compiled.
+    """
     arrays, static = eqx.partition((source, limits), eqx.is_array)
     leaves = jax.tree.leaves(arrays)
     devices = set().union(*(x.devices() for x in leaves if isinstance(x, jax.Array)))
@@ -198,7 +214,7 @@ def _compiled(arrays: Any, static: Any, index: Array, count: Array) -> Findings:
 
 
 def _traced(source: Any, limits: Array, index: Array, count: Array) -> Findings:
-    """Findings on paths along the first axis of all arrays; `vmap` adds more paths to that axis."""
+    """Return the findings on paths along the first axis of all arrays; `vmap` merges its batch axis into this axis."""
     arrays, static = eqx.partition(source, eqx.is_array)
 
     @jax.custom_batching.custom_vmap
@@ -223,7 +239,7 @@ def _traced(source: Any, limits: Array, index: Array, count: Array) -> Findings:
 
 
 def _in_blocks(function: Any, data: Any) -> Findings:
-    """Apply a function to blocks of paths, one after the other."""
+    """Apply `function` to one block of paths after another."""
     count = jax.tree.leaves(data)[0].shape[0]
     if count <= BLOCK_SIZE:
         return function(data)
@@ -243,7 +259,7 @@ def _judge_block(source: Any, limits: Array, index: Array, count: Array) -> Find
 
 
 def _from_polynomials(source: PolynomialPaths) -> tuple[Evaluate, Scale, Array, PathDerivatives]:
-    """The arguments of `judge` for polynomial paths."""
+    """Return the arguments of `judge` for polynomial paths."""
     coefficients = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), source.polynomials)
     polynomials = path_derivatives(coefficients, source.duration)
     w, x, y, z = source.orientation.T
@@ -265,7 +281,7 @@ def _from_polynomials(source: PolynomialPaths) -> tuple[Evaluate, Scale, Array, 
 
 
 def _from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None]:
-    """The arguments of `judge` for any other paths."""
+    """Return the arguments of `judge` for all other paths."""
     unit = 0.5 * paths.duration
     arrays, static = eqx.partition(paths, eqx.is_array)
 

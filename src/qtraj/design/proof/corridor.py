@@ -1,7 +1,8 @@
 """Proof that a path stays within a corridor about a reference path.
 
-The squared distance at equal fractions of the two durations, s = 2t/duration − 1, is measured along the arc. It is a
-polynomial in s if both radii are positive (see `CORRIDOR`); this is proved, too.
+The two paths are compared at equal fractions of their durations, that is, at equal s = 2t/duration − 1. The squared
+distance, with the difference of the azimuths measured along the arc, is a polynomial in s (see `CORRIDOR`). This
+polynomial is an upper bound on the true squared distance if both radii are positive, which is proved, too.
 """
 
 from typing import Any, NamedTuple
@@ -28,11 +29,11 @@ from qtraj.path.spiral_helix import SpiralHelix
 
 MAX_CELL_WIDTH = 2.0
 CHUNKS = 8
-"""Number of chunks of 30 intervals in the search for the maximum distance."""
+"""Number of blocks of 30 intervals in the search for the maximum distance."""
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of ρ, φ and h in t, and the duration [s], of one spiral-helix or a batch."""
+    """Coefficients of radius ρ, azimuth φ and height h in t, and duration [s], of one spiral-helix or a batch."""
 
     radius: Array
     angle: Array
@@ -41,7 +42,7 @@ class Coefficients(NamedTuple):
 
 
 def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
-    """The coefficients of a batch of paths, flattened to one batch axis; a single path is repeated."""
+    """Return the coefficients of a batch of paths with one flat batch axis; a single path is repeated."""
     batch_ndim = len(path.duration.shape)
 
     def flat(x: Array) -> Array:
@@ -51,20 +52,22 @@ def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
 
 
 def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Array) -> Certificate:
-    """The certificate with an additional finding, on the distance from the reference.
+    """Return the certificate with an additional finding, on the distance from the reference.
 
-    **Raises:** ValueError for other types of paths, for different axes, or a corridor that is not positive.
+    **Raises:** ValueError if one of the paths is not a spiral-helix, if their axes differ, if the corridor is not
+    positive, or if the batch shapes differ.
     """
     if not (isinstance(path, SpiralHelix) and isinstance(reference, SpiralHelix)):
         raise ValueError(
-            "a corridor needs two spiral-helices, the path and its reference: pass reference= together with corridor="
+            "a corridor needs a path and a reference that are both a SpiralHelix: pass reference= together with "
+            "corridor="
         )
     require_positive(width, "the corridor", CORRIDOR.label)
     batch = path.duration.shape
     if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
         raise ValueError(
             f"the paths have the batch shape {batch}, but the corridor has the shape {width.shape} and the reference "
-            f"the batch shape {reference.duration.shape}: give one for all paths, or one for each"
+            f"has the batch shape {reference.duration.shape}: pass one of each for all paths, or one for each path"
         )
     axes = [p.placement or Placement() for p in (path, reference)]
     if not all(map(_may_be_equal, *map(jax.tree.leaves, axes))):
@@ -86,7 +89,7 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
 
 
 def _may_be_equal(one: Array, other: Array) -> bool:
-    """Whether two arrays are equal after broadcasting; true unless both are concrete."""
+    """Check whether two arrays are equal after broadcasting; true for traced arrays, whose values are unknown."""
     a, b = concrete(one), concrete(other)
     return a is None or b is None or bool(np.all(a == b))
 
@@ -95,7 +98,7 @@ def _may_be_equal(one: Array, other: Array) -> bool:
 def judge_corridor(
     path: Coefficients, reference: Coefficients, width: Float[Array, " paths"]
 ) -> tuple[Int[Array, " paths"], PerPath, PerPath]:
-    """The findings on a batch of paths about the axes of their references: status code, time [s] and distance [m]."""
+    """Return status code, time [s] and distance [m] of the finding on each path of a batch."""
     offset, radii = _offsets(path, reference)
     bound = squared_bound(width, jnp.ones_like(width))
 
@@ -120,7 +123,10 @@ def judge_corridor(
 
 
 def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
-    """The distance of a path from its reference at time t [s], as `judge_corridor` measures it; differentiable."""
+    """Return the distance of a path from its reference at time t [s] by the formula of `judge_corridor`.
+
+    The distance is differentiable.
+    """
     u = t / jax.lax.stop_gradient(path.duration)
     ours, theirs = (
         [jnp.polyval(c[::-1], u * p.duration) for c in (p.radius, p.angle, p.height)] for p in (path, reference)
@@ -131,8 +137,8 @@ def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
 
 
 def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:
-    """The differences of ρ, φ and h, and both radii, as polynomials in s, with bounds for the rounding errors."""
-    # In units of half the durations: coefficients in 1 + s = 2t/duration.
+    """Return the differences of ρ, φ and h, and both radii, as polynomials in s with bounds on the rounding errors."""
+    # With half the duration as the unit of time, these are coefficients of powers of 1 + s = 2t/duration.
     ours = [in_units(c.T, 0.5 * path.duration) for c in (path.radius, path.angle, path.height)]
     theirs = [in_units(c.T, 0.5 * reference.duration) for c in (reference.radius, reference.angle, reference.height)]
     terms = max(c.shape[0] for c in (*ours, *theirs))
@@ -143,13 +149,17 @@ def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomia
 
 
 def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
-    """The whole turns [rad] between the initial azimuths of two paths, which do not change the position."""
+    """Return the multiple of 2π [rad] between the initial azimuths of two paths; it does not change the positions."""
     turns = jnp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * jnp.pi))
     return 2 * jnp.pi * jax.lax.stop_gradient(turns)
 
 
 def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:
-    """Polynomials in s from coefficients in 1 + s, with a bound on all rounding errors, including this conversion."""
+    """Return polynomials in s from coefficients in 1 + s, with a bound on all rounding errors.
+
+    Each element of `sizes` is the sum of the magnitudes of the numbers from which a coefficient was computed. The bound
+    includes the rounding errors of the conversion to s.
+    """
     centre_all = jax.vmap(lambda c: centred(c[:, None]))
     count = 3 * numbers.shape[1] + 6
     size = jnp.max(jnp.sum(centre_all(sizes), axis=AXIS), axis=0)

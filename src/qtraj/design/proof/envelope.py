@@ -1,4 +1,4 @@
-"""Derivatives of the largest values of a certificate, at the times where they are attained (envelope theorem)."""
+"""Derivatives of the largest values of a certificate with respect to the paths (envelope theorem)."""
 
 from functools import partial
 from typing import Any
@@ -14,9 +14,9 @@ from qtraj.path.vehicle import RoadParameters
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def differentiable(names: tuple[str, ...], static: Any, source: Any, times: Array, values: Array) -> Array:
-    """The values unchanged; their derivatives are taken at the times of the maxima, which count as constant.
+    """Return `values` unchanged, but with derivatives that treat the times of the maxima as constants.
 
-    `source` are the arrays of the paths, and the numbers of their vehicles on a last axis.
+    `source` contains the arrays of the paths, and the parameters of their vehicles along the last axis of an array.
     """
     return values
 

@@ -1,9 +1,10 @@
 """Limits as inequalities between polynomials in s = 2t/duration − 1 (paper S).
 
-In the moving basis every derivative is a polynomial: the derivatives of R_z(φ)·(a, b, h) follow from (a, b)' =
-(a' − bφ', b' + aφ'). So the square of a quantity is numerator/denominator, and a limit is satisfied where
-limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit of time is half the duration, and the unit of
-length is a power of two close to the size of the path, so that high degrees do not overflow.
+The position is R_z(φ)·(a, b, h), with the rotation R_z about the axis. In this moving basis every derivative of the
+position has polynomial components, because (a, b)' = (a' − bφ', b' + aφ'). So the square of a quantity is a quotient of
+polynomials, and a limit is satisfied where limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit
+of time is half the duration, and the unit of length is a power of two close to the size of the path, so that the values
+of polynomials of high degree do not overflow.
 """
 
 import math
@@ -27,11 +28,11 @@ from qtraj.path.path_quantity import PathQuantity
 ORDER = 4
 
 UNDERFLOW = 2.0**-500
-"""Bound on the underflow error of a derivative, in units of the length, if the length [m] is at least this value."""
+"""Bound on the underflow error of a derivative in units of `length`; `length` [m] must be at least this value."""
 
 
 class Vectors(eqx.Module):
-    """Vectors of numbers at many instants; separate components compile to faster loops."""
+    """Vectors at many instants; separate arrays for the components compile to faster loops."""
 
     x: Array
     y: Array
@@ -39,7 +40,7 @@ class Vectors(eqx.Module):
 
     @property
     def components(self) -> Triple:
-        """x, y and z."""
+        """The components x, y and z."""
         return (self.x, self.y, self.z)
 
     def __getitem__(self, index: Any) -> Any:
@@ -49,14 +50,15 @@ class Vectors(eqx.Module):
         return _scalar_product(self.components, other.components)
 
     def cross(self, other: "Vectors") -> "Vectors":
-        """The vector product."""
+        """Return the vector product."""
         return Vectors(*_vector_product(self.components, other.components))
 
 
 class PathDerivatives(eqx.Module):
-    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half the duration of each path.
+    """The derivatives dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m].
 
-    If dr/ds has only the direction of the velocity, `pace` is the velocity divided by it; None is 1.
+    `unit` [s] is half the duration of each path. The first derivative may be replaced by a vector parallel to the
+    velocity. `pace` is the ratio of the velocity to this vector; `pace=None` means that the ratio is 1.
     """
 
     derivatives: list[CellPolynomial]
@@ -65,13 +67,17 @@ class PathDerivatives(eqx.Module):
     pace: CellPolynomial | None = None
 
 
-def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int | Array = 0) -> PathDerivatives:
-    """The derivatives up to `ORDER` of a batch of paths, which is the last axis of all coefficients.
+def path_derivatives(
+    path: MovingPolynomials, duration: PerPath, roundings: int | Array = 0, orders: int = ORDER
+) -> PathDerivatives:
+    """Return the derivatives up to the order `orders` of a batch of paths along the last axis of all coefficients.
 
-    `roundings` is the number of relative rounding errors that each coefficient already contains, or (1, paths) of them.
+    `roundings` is the number of relative rounding errors that each coefficient already contains, a scalar or an array
+    (1, paths).
     """
     unit = 0.5 * duration
-    # The initial height and azimuth do not matter. Without them the other coefficients keep their full precision.
+    # No derivative depends on the initial height or azimuth. Zeros there keep the full precision of all other
+    # coefficients.
     y = jnp.zeros_like(path.x[:1]) if path.y is None else path.y
     coordinates = [path.x, y, path.z.at[0].set(0.0), path.angle.at[0].set(0.0)]
     scaled = [in_units(c, unit)[:, None] for c in coordinates]
@@ -84,7 +90,7 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
     degrees = [c.shape[0] - 1 for c in scaled]
     is_normal = _is_normal(unit) & _is_normal(unit ** max(degrees)) & (length > UNDERFLOW) & (length < 1 / UNDERFLOW)
     derivatives: list[CellPolynomial] = []
-    for order, coefficients_and_bounds in enumerate(_derivatives(x, y, z, angle, signs), start=1):
+    for order, coefficients_and_bounds in enumerate(_derivatives(x, y, z, angle, signs, orders), start=1):
         a, bound = jnp.split(coefficients_and_bounds, 2, axis=-1)
         count = _n_roundings(max(degrees[:3]), degrees[3], order) + roundings
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
@@ -94,21 +100,21 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
 
 
 def slack(entry: PathQuantity, i: Invariants, bound: Bound) -> ChebyshevModel:
-    """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative."""
+    """Return limit² · denominator − numerator in cells of s; the limit is satisfied where the value is not negative."""
     numerator = entry.numerator(i)
     denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
     return multiple(denominator, *bound.square) - numerator
 
 
 def bounds(limit: PerPath, scale: PerPath) -> Bound:
-    """A limit in the units of `PathDerivatives`."""
+    """Return a limit in the units of `PathDerivatives`; `scale` is the factor that converts it from SI units."""
     bound = limit * scale
     rounding = jnp.where(_is_normal(bound) & _is_normal(scale), 8 * float(jnp.finfo(bound.dtype).eps) * bound, jnp.inf)
     return Bound((bound[None], rounding[None]), squared_bound(limit, scale))
 
 
 def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
-    """The square of a limit in the units of `PathDerivatives`, and a bound on its rounding error."""
+    """Return the square of a limit in the units of `PathDerivatives`, and a bound on its rounding error."""
     bound = limit * scale
     square = bound * bound
     is_normal = _is_normal(bound) & _is_normal(square) & _is_normal(scale)
@@ -116,10 +122,14 @@ def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
     return square[None], rounding[None]
 
 
-def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array) -> list[Array]:
-    """r', r'', … of the paths; for absolute coefficients and sign 1, bounds on all sums of magnitudes."""
+def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array, orders: int) -> list[Array]:
+    """Return the coefficients of r', r'', … of the paths.
+
+    `signs` is −1 for paths. If the coefficients are absolute values and `signs` is 1, no terms cancel, so that the
+    results bound the sums of the magnitudes of all terms.
+    """
     angle_rate, derivatives = _derivative(angle), []
-    for _ in range(ORDER):
+    for _ in range(orders):
         rotated_y, rotated_x = _multiply(angle_rate, y), _multiply(angle_rate, x)
         x, y, z = _add(_derivative(x), signs[None, None] * rotated_y), _add(_derivative(y), rotated_x), _derivative(z)
         n = max(a.shape[AXIS] for a in (x, y, z)) - 1
@@ -138,10 +148,12 @@ def _add(p: Array, q: Array) -> Array:
 
 
 def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
-    """The number of roundings of any term of a coefficient of the derivative of this order.
+    """Return the maximum number of roundings of a term of a coefficient of the derivative of this order.
 
-    The change of variable to s needs at most 2n + 3: n + 1 for the powers of time, one for the binomial and n for the
-    sum. Each derivative multiplies, sums up to `angle_rate` products and adds, and inherits the roundings of φ'.
+    `degree` is the degree of the coordinates, and `angle_rate` the degree of φ. With degree n, the change of variable
+    to s needs at most 2n + 3 roundings: n + 1 for the powers of time, one for the binomial coefficient and n for the
+    sum. Each derivative adds a multiplication, a sum of up to `angle_rate` products, an addition, and the roundings of
+    φ'.
     """
     first = 2 * max(degree, angle_rate) + 4
     return first + order * (angle_rate + 4 + first)
@@ -149,7 +161,10 @@ def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
 
 @jax.jit
 def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
-    """Coefficients in s of Σ a_k (1 + s)^k; with n + 1 coefficients, each term has at most n + 1 roundings."""
+    """Return the coefficients in s of Σ a_k (1 + s)^k.
+
+    With n + 1 coefficients, each term contains at most n + 1 roundings.
+    """
     n = coefficients.shape[0] - 1
     weights = [[math.comb(k, i) for k in range(n + 1)] for i in range(n + 1)]
     return jnp.sum(
@@ -158,7 +173,7 @@ def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
 
 
 def in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Array, "k paths"]:
-    """Coefficients of polynomials in t/unit, from the coefficients in t."""
+    """Return the coefficients of polynomials in t/unit, from their coefficients in t."""
     powers = [jnp.ones_like(unit)]
     for _ in range(coefficients.shape[0] - 1):
         powers.append(powers[-1] * unit)
@@ -167,26 +182,26 @@ def in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Arra
 
 @jax.jit
 def _is_normal(x: Array) -> Bool[Array, " paths"]:
-    """Whether a positive number is so far from overflow and underflow that its rounding error is relative."""
+    """Check whether positive numbers are far enough from overflow and underflow to have bounded relative errors."""
     limits = jnp.finfo(x.dtype)
     return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
 def _power_of_two(size: PerPath) -> PerPath:
-    """The largest power of two that does not exceed `size`; 1 if `size` is not positive and finite."""
+    """Return the largest power of two that does not exceed `size`, or 1 if `size` is not positive and finite."""
     exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
     power = jax.lax.bitcast_convert_type(exponent, size.dtype)
     return jnp.where((power > 0) & (power < jnp.inf), power, 1.0)
 
 
 def _pad(c: Array, degree: int) -> Array:
-    """The same polynomial with coefficients up to a higher degree."""
+    """Pad the coefficients of a polynomial with zeros up to `degree`."""
     more = degree + 1 - c.shape[AXIS]
     return jnp.pad(c, [(0, more), (0, 0), (0, 0)])
 
 
 def _multiply(p: Float[Array, "m 1 paths"], q: Float[Array, "n 1 paths"]) -> Array:
-    """Coefficients of the product of two polynomials."""
+    """Return the coefficients of the product of two polynomials."""
     m = p.shape[0]
     terms = [jnp.pad(p[i][None] * q, [(i, m - 1 - i), (0, 0), (0, 0)]) for i in range(m)]
     return sum(terms[1:], terms[0])

@@ -1,7 +1,8 @@
-"""Computes the findings on a batch of paths, with one executable for any set of limits.
+"""Compute the findings on a batch of paths, with one executable for any set of limits.
 
-The set of limits is data: the loop runs over their indices, and in it one switch builds the inequality and another
-evaluates the quantity. The index is never batched, so a switch compiles to a branch, and absent limits cost nothing.
+The set of limits is an argument of the executable. A loop runs over the indices of the limits; in each iteration one
+switch selects the inequality, and another switch selects the quantity. The index is never batched, so a switch compiles
+to a branch, and limits that are not set cost no time.
 """
 
 from collections.abc import Callable
@@ -30,40 +31,45 @@ from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 MIN_RELATIVE_DIVISOR = 1e-9
-"""A relative divisor below this that is not proved positive cannot be distinguished from zero."""
+"""A divisor that is not proved positive counts as zero if its relative size is below this value."""
 
 CHUNKS = (8, 35)
-"""Number of chunks of 30 intervals in the search for the maximum: with a proof, and without one."""
+"""Number of blocks of 30 intervals in the search for the maximum, with and without a proof."""
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
-"""The divisors of quantities: the invariants, and the corresponding measures of regularity. The last is the load."""
+"""The divisors of quantities: the invariants, and the names of the relative sizes. The last divisor is the load."""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
 ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
-"""Number of entries: the limits in the order of the registry, then the divisors."""
+"""Number of entries; the entries are the limits in the order of the registry, followed by the divisors."""
 
 UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
 """The first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
-"""The index of the divisor for a quantity that has none."""
+"""The index of the divisor for quantities without a divisor."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
 ROAD = ORDER + 1
-"""Stands for the order of quantities that need a vehicle, which share more than their derivatives."""
+"""The value in `ORDERS` for entries that depend on the road; they share the derivatives and the forces."""
 
-ORDERS = [*(ROAD if entry.needs_vehicle else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
+ORDERS = [*(ROAD if entry.on_road else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
-"""The index of each entry among those with the same order, which share their derivatives."""
+"""The index of each entry among the entries of the same order, which share their derivatives."""
 
 BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
-"""The index of each entry among those whose values have a branch of their own; one more branch is for the road."""
+"""The index of each entry's branch in `_squares`; all entries that depend on the road share the last branch."""
 
 
 class Entry(NamedTuple):
-    """The constants of one entry, which are all integers."""
+    """The integer constants of one entry.
+
+    `unit` is the index of its unit in `_units`, `upright` whether it depends on the vertical, `divisor` the index of
+    its divisor, and `pieces` the minimum number of cells; `order`, `place` and `branch` are elements of `ORDERS`,
+    `PLACES` and `BRANCHES`.
+    """
 
     unit: Any
     upright: Any
@@ -90,11 +96,14 @@ def _entries() -> np.ndarray:
 ENTRIES = _entries()
 
 Evaluate = Callable[[Float[Array, "instants paths"], int, bool], Invariants]
-"""Maps (instants in [−1, 1], order, whether the vertical is needed) to the invariants, in units of `Scale`."""
+"""A function that returns invariants in units of `Scale`.
+
+The arguments are instants in [−1, 1], the order of the derivatives, and whether the vertical is needed.
+"""
 
 
 class Scale(NamedTuple):
-    """Units of length [m] and of time [s], which is half the duration."""
+    """The units of length [m] and time [s] of each path; the unit of time is half the duration."""
 
     length: PerPath
     time: PerPath
@@ -109,7 +118,7 @@ class Findings(NamedTuple):
 
 
 def indices(names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """The indices of the entries to judge, divisors first and padded with zeros, and their number."""
+    """Return the indices of the entries to judge (divisors first, padded with zeros), and their number."""
     limits = [k for k, entry in enumerate(LIMITS) if entry.name in names]
     divisors = sorted({int(Entry(*ENTRIES[k]).divisor) for k in limits} - {NO_DIVISOR})
     index = np.zeros(ENTRY_COUNT, np.int32)
@@ -127,10 +136,11 @@ def judge(
     count: Int[Array, ""],
     vehicle: RoadParameters | None,
 ) -> Findings:
-    """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
+    """Compute the findings on the first `count` entries of `index`, for the paths that `evaluate` evaluates.
 
-    Without polynomial `derivatives` no limit is proved. `vehicle` has one value for each path, in SI units; None if no
-    limit needs a vehicle: then the branches of such limits are not compiled.
+    `upright` marks the paths with a vertical axis. Without polynomial `derivatives` no limit is proved. The parameters
+    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None,
+    and the branches of such limits are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
@@ -150,14 +160,15 @@ def judge(
         hints = jnp.stack([answer.at, jnp.clip(divisor.times / scale.time - 1, -1.0, 1.0), answer.at])
         square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry, s), hints, chunks)
         proved = answer.code == POSITIVE
-        value = jnp.sign(square) * root(jnp.abs(square)) / unit  # signed quantities keep their sign in the square
+        # The "square" of a signed quantity has the sign of the quantity.
+        value = jnp.sign(square) * root(jnp.abs(square)) / unit
         sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
         proved_or_open = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
         code = jnp.where(provable, proved_or_open, sampled)
         code = jnp.where((divisor.codes == UNDECIDED) & (code != BROKEN), UNDECIDED, code)
         undefined = divisor.codes == UNDEFINED
         code = jnp.where(undefined, UNDEFINED, code)
-        # A divisor is proved positive, cannot be distinguished from zero, or is positive at all samples.
+        # The status of a divisor that is not proved positive depends on its smallest relative size at the samples.
         evidence = jnp.where(-square < MIN_RELATIVE_DIVISOR**2, UNDEFINED, jnp.where(provable, UNDECIDED, SAMPLED))
         code = jnp.where(entry_index < LIMIT_COUNT, code, jnp.where(provable & proved, PROVED, evidence))
         time = jnp.where(undefined, divisor.times, (at + 1) * scale.time)
@@ -168,7 +179,7 @@ def judge(
 
 
 def _units(scale: Scale) -> Float[Array, "units paths"]:
-    """All products of powers of the units that occur: lengths from −1 to 2, times from 0."""
+    """Return the products of powers of both units: the powers −1 to 2 of 1/length times nonnegative powers of time."""
     inverse = 1 / scale.length
     lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse])
     times = [jnp.ones_like(scale.time)]
@@ -218,7 +229,7 @@ def _divisor(name: str, i: Invariants, bound: Bound) -> ChebyshevModel:
 def _squares(
     evaluate: Evaluate, vehicle: RoadParameters | None, entry: Entry, s: Float[Array, "instants paths"]
 ) -> Float[Array, "instants paths"]:
-    """The square of a quantity, with the sign of a signed one; for a divisor, the negative of its relative size."""
+    """Return the square of a quantity (with its sign, if it is signed), or the negative relative size of a divisor."""
 
     @jax.jit
     def sizes(s: Array) -> Regularity:
@@ -227,7 +238,7 @@ def _squares(
     def on_road(s: Array) -> Array:
         i = evaluate(s, 2, True)
         i.vehicle = jax.tree.map(lambda x: x[None], vehicle)
-        i.compute()
+        i.contact.compute()
         return jax.lax.switch(entry.place, [partial(of, x, i) for x in ROAD_QUANTITIES] + [partial(_no_load, i)])
 
     def of(x: PathQuantity, i: Invariants) -> Array:
@@ -236,7 +247,7 @@ def _squares(
         value = x.value(i)
         return value * jnp.abs(value)
 
-    limits = [lambda s, x=x: of(x, evaluate(s, x.order, x.upright)) for x in LIMITS if not x.needs_vehicle]
+    limits = [lambda s, x=x: of(x, evaluate(s, x.order, x.upright)) for x in LIMITS if not x.on_road]
     divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES[:-1]]
     return jax.lax.switch(entry.branch, [*limits, *divisors, *([] if vehicle is None else [on_road])], s)
 

@@ -1,7 +1,8 @@
-"""Limits on forces, friction and power as inequalities: polynomials in s and in the roots of S and H.
+"""Limits on forces, friction and power as inequalities between polynomials in s, √S and √H.
 
-The roots appear with drag, with a bank and, on slopes, with rolling resistance. Without these the inequalities are
-polynomial. The parameters of the vehicle are numbers of known uncertainty, which the proof includes.
+S is the squared speed, and H the squared horizontal speed. The square roots appear with drag, with a bank angle and,
+on slopes, with rolling resistance; otherwise the inequalities are polynomial in s. The parameters of the vehicle
+contain rounding errors, which the proof includes.
 """
 
 from typing import Any, NamedTuple
@@ -22,18 +23,18 @@ from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 ROUNDINGS = 32
-"""Bound on the rounding of a parameter, which is computed from a few numbers, in units of round-off."""
+"""Bound on the relative rounding error of a parameter of the vehicle, in units of machine epsilon."""
 
 
 class Bound(NamedTuple):
-    """A limit and its square in the units of `PathDerivatives`, each with a bound on its rounding."""
+    """A limit and its square in the units of `PathDerivatives`, each with a bound on its rounding error."""
 
     first: tuple[Array, Array]
     square: tuple[Array, Array]
 
 
 class Parameter(eqx.Module):
-    """A known number of either sign for each path, which multiplies sums with roots."""
+    """A parameter of the vehicle for each path, with a bound on its error; it can multiply a `RootSum`."""
 
     value: Array
     error: Array
@@ -42,8 +43,8 @@ class Parameter(eqx.Module):
         return number.scaled(self.value, self.error)
 
 
-class RoadInvariants(Contact):
-    """The invariants that the formulas of `contact` use, as sums with roots; v = √S and h = √H."""
+class RoadInvariants:
+    """The invariants in the formulas of `contact`, as sums with the square roots v = √S and h = √H."""
 
     def __init__(self, i: Invariants):
         self.squares = squares = i.S, i.H
@@ -54,34 +55,36 @@ class RoadInvariants(Contact):
         values = jnp.stack(i.vehicle)[:, None]
         errors = ROUNDINGS * float(jnp.finfo(values.dtype).eps) * jnp.abs(values)
         self.vehicle = RoadParameters(*(Parameter(*x) for x in zip(values, errors, strict=True)))
+        self.contact = Contact(self)
 
 
 def road_slack(place: Array, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
-    """bound · denominator − numerator in cells: a limit is satisfied where this is not negative.
+    """Return bound · denominator − numerator in cells of s; the limit is satisfied where the value is not negative.
 
-    `place` is the index in `ROAD_QUANTITIES`; the last is the load on the road, times positive numbers. The roots are
-    enclosed once for all of them.
+    The bound is the limit of a signed quantity, or the square of the limit of any other quantity. `place` is the index
+    in `ROAD_QUANTITIES`; the index after the last quantity selects the load on the road, times positive factors. The
+    square roots are bounded only once, for all quantities together.
     """
     road = RoadInvariants(i)
-    road.compute()
+    road.contact.compute()
 
     def of(entry: PathQuantity) -> Any:
         denominator: Any = entry.denominator(road)  # type: ignore[misc]
         scaled_denominator = denominator.scaled(*(bound.first if entry.signed else bound.square))
         return (scaled_denominator - entry.numerator(road)).models()
 
-    branches = [*(lambda entry=entry: of(entry) for entry in ROAD_QUANTITIES), lambda: road.onto.models()]
+    branches = [*(lambda entry=entry: of(entry) for entry in ROAD_QUANTITIES), lambda: road.contact.onto.models()]
     return RootSum(jax.lax.switch(place, branches), road.squares).model(half)
 
 
 def in_units(road: RoadParameters, length: PerPath, time: PerPath) -> RoadParameters:
-    """The parameters of vehicles where lengths and times have these units; the mass stays in kilograms."""
+    """Return the parameters of vehicles in the units `length` [m], `time` [s] and kilogram."""
     return road._replace(gravity=road.gravity * time * time / length, drag=road.drag * length)
 
 
 def relative_load(i: Invariants) -> Any:
-    """The square of the positive part of the load over its largest value with these accelerations; in [0, 1]."""
-    p, load = i.vehicle, jnp.maximum(i.onto, 0.0)
+    """Return (max(load, 0)/bound)² in [0, 1], with an upper bound on the load that depends on |r''| and gravity."""
+    p, load = i.vehicle, jnp.maximum(i.contact.onto, 0.0)
     largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
     positive = largest > 0
     return jnp.where(positive, load * load / jnp.where(positive, largest, 1.0), 0.0)

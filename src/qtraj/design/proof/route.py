@@ -1,4 +1,4 @@
-"""Certifies limits on a route, segment by segment, and locates the intervals of violation."""
+"""Certify limits on a route, segment by segment, and locate the intervals of violation."""
 
 from typing import Any
 
@@ -7,10 +7,11 @@ import numpy as np
 from jax.core import Tracer
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, Certificate
+from qtraj.design.proof.certificate import BROKEN, UNDECIDED, Certificate, contradicted
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_segments import findings, worst
 from qtraj.path import pieces
+from qtraj.path.driving import require_one_direction
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
@@ -18,22 +19,31 @@ from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
-"""Number of instants of a segment with a violated limit between which the ends of the intervals are located."""
+"""Number of equally spaced instants in a segment with a violated limit at which the quantity is evaluated."""
 
-HALVINGS = 50
-"""Number of bisection steps for the ends of an interval."""
+PARTS, DIVISIONS = 16, 13
+"""Number of parts into which each step of the search for a crossing divides the range, and number of steps."""
+
+SHORT = 1e-9
+"""An interval shorter than this fraction of its segment is ignored as a rounding error, unless it contains the peak:
+close to a stop, rounding errors dominate the velocity and its direction."""
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
-    """The certificate of one `route` for `limits`; see `certify`.
+    """Return the certificate of one `route` for `limits`; see `certify`.
 
-    **Raises:** ValueError for a batch of routes or inside a trace.
+    **Raises:** ValueError for a batch of routes, inside a trace, and for limits on forces on a banked road if the route
+    reverses.
     """
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
         raise ValueError(
             "certify accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
         )
+    limits.require_batch((), "the route")
+    if limits.on_road:
+        require_one_direction(route, limits.vehicle)
     bounds_by_name = {name: float(np.asarray(x)) for name, x in limits.given().items()}
+    reduced = {name: float(np.asarray(x)) for name, x in limits.reduced().items()}
     count = route.segments
     starts, c = np.asarray(route.starts)[:count], np.asarray(route.coefficients)[:count]
     segments = Segments(starts, c, np.diff(np.asarray(route.times)))
@@ -42,8 +52,10 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road = limits.road() if limits.needs_vehicle else None
-    results = findings(segments, bounds_by_name, road)
+    road = limits.road() if limits.on_road else None
+    results = findings(segments, reduced, road)
+    results.values[:] *= np.array([float(np.asarray(x)) for x in limits.factors()])
+    results.codes[contradicted(names, results.codes, results.values, bounds)] = UNDECIDED
     times = results.times + starts[:, None]
     codes, column = worst(results.codes), np.arange(len(names))
     candidates = np.where(results.codes == codes[None], results.values, -np.inf)
@@ -53,7 +65,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     broken, broken_limits = [], []
     for k, name in enumerate(names):
         rows = np.flatnonzero(results.codes[:, k] == BROKEN)
-        intervals = _intervals(segments, name, bounds[k], road, rows, results.times[rows, k])
+        intervals = _intervals(segments, name, reduced[name], road, rows, results.times[rows, k])
         broken += intervals
         broken_limits += [k] * len(intervals)
     return RouteCertificate(whole, parts, starts, broken, broken_limits)
@@ -62,23 +74,32 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
 def _intervals(
     segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
 ) -> list[tuple[float, float]]:
-    """The intervals in which the segments `rows` exceed a bound; they exceed it at the local times `peaks`."""
+    """Return the intervals in which a quantity exceeds its bound, in the segments `rows`.
+
+    At the times `peaks` since the start of each segment the quantity is known to exceed its bound.
+    """
     if not rows.size:
         return []
     c, h = segments.coefficients[rows], segments.durations[rows]
     s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), peaks[:, None]], axis=1), axis=1)
-    above = _exceeds(c, s, name, bound, road) | (s == peaks[:, None])
+    parked: Any = ~c[:, 1:].any(axis=(1, 2))
+    above = _exceeds(c, s, name, bound, road) | (s == peaks[:, None]) | parked[:, None]
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        same = _exceeds(c[row], middle[:, None], name, bound, road)[:, 0] == first
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    u = np.arange(1, PARTS) / PARTS
+    for _ in range(DIVISIONS):
+        width = high - low
+        same = _exceeds(c[row], low[:, None] + width[:, None] * u, name, bound, road) == first[:, None]
+        count = np.sum(np.logical_and.accumulate(same, axis=1), axis=1)
+        low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
     intervals: list[tuple[float, float]] = []
     for i, start in enumerate(segments.starts[rows]):
         inner = start + np.where(first, low, high)[row == i]
         edges = [*([start] if above[i, 0] else []), *inner, *([start + h[i]] if above[i, -1] else [])]
+        peak, shortest = start + peaks[i], SHORT * h[i]
         for a, b in zip(edges[::2], edges[1::2], strict=True):
+            if b - a < shortest and not a - shortest <= peak <= b + shortest:
+                continue
             if intervals and a <= intervals[-1][1]:
                 intervals[-1] = (intervals[-1][0], float(b))
             else:
@@ -87,9 +108,8 @@ def _intervals(
 
 
 def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
-    """Whether a quantity is above its bound at local times (segments, instants)."""
+    """Check whether a quantity exceeds its bound at the times `s` (segments, instants) within each segment."""
     entry = quantity(name)
-    c_at_each = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))
-    derivatives = pieces.values(c_at_each, s, max(entry.order, 1))
+    derivatives = pieces.values(c[:, None], s, max(entry.order, 1))
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
     return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))

@@ -1,4 +1,4 @@
-"""Certificates of routes: for the whole route, for each segment, and the intervals in which limits are violated."""
+"""Certificates of routes, with findings for the whole route and for each segment, and the intervals of violation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RouteCertificate(AbstractOutcome):
     - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
     - `segments`: a batch of certificates, one for each segment; their times are measured from the start of the route.
     - `starts` (segments,) [s]: the start times of the segments.
-    - `broken` (k, 2) [s]: the intervals in which a limit is violated; `broken_limits` (k,) are indices of the limits.
+    - `broken` (k, 2) [s]: the intervals of violation; `broken_limits` (k,) are the indices of the violated limits.
     """
 
     whole: Certificate
@@ -57,7 +57,7 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
-        """(time [s], value, limit) at the largest value of each quantity, by name."""
+        """The tuple (time [s], value, limit) for the largest value of each quantity, by name."""
         return self.whole.worst
 
     @property
@@ -77,34 +77,35 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def active(self) -> list[str]:
-        """Names of the active limits: satisfied with a relative margin below 1e-6."""
+        """Names of the active limits, which are satisfied with a relative margin of at most 1e-6."""
         return self.whole.active
 
     def margin(self, name: str) -> Any:
-        """The limit minus the largest value on the route, in the unit of the limit; negative if it is violated."""
+        """Return the limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
         return self.whole.margin(name)
 
     def margins(self, name: str) -> Float[np.ndarray, " segments"]:
-        """`margin` of each segment; NaN where the quantity is undefined."""
+        """Return the margin of each segment; NaN if the quantity is undefined in the segment."""
         _, values, limits = self.segments.worst[name]
         return np.asarray(limits - values)
 
     def intervals(self, name: str) -> list[tuple[float, float]]:
-        """The intervals (start, end) [s] in which a limit is violated, in order.
+        """Return the intervals (start, end) [s] in which a limit is violated, in order.
 
-        Their ends are sign changes of the polynomial inequality of the limit. They are located between 65 equally
-        spaced instants of each segment that violates the limit, and the instant of its largest value.
+        An interval starts and ends where the quantity crosses the limit, or at an end of a segment. In each segment
+        that violates the limit, the crossings are located by repeated subdivision between 65 equally spaced instants
+        and the instant of the largest value.
         """
         k = self.names.index(name)
         intervals = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
         return [(float(a), float(b)) for a, b in intervals]
 
     def describe(self, name: str) -> str:
-        """The largest value of a quantity and its limit, in words."""
+        """Describe the largest value of one quantity on the route, and its limit."""
         return self.whole.describe(name)
 
     def findings(self, at: tuple[int, ...] = ()) -> Sequence[Finding]:
-        """The finding on each limit, for the whole route or, with `at` = (i,), for segment i."""
+        """Return the finding on each limit, for the whole route or, if `at` is (i,), for segment i."""
         return self.segments.findings(at) if at else self.whole.findings()
 
     @property
@@ -113,11 +114,11 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.code
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words."""
+        """Return the result in words."""
         return self.whole.explain(at)
 
     def record(self) -> Record:
-        """The findings for the whole route, for segments (prefix `segment_`), and the intervals (prefix `broken_`)."""
+        """Return the findings for the route and for each segment (prefix `segment_`), and the intervals (`broken_`)."""
         whole, parts = self.whole.record(), self.segments.record()
         variables = dict(whole.variables)
         for name in ("status", "worst_value", "worst_time"):
@@ -139,5 +140,5 @@ class RouteCertificate(AbstractOutcome):
             if spans:
                 listed = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in spans[:5])
                 more = f" and {len(spans) - 5} more" if len(spans) > 5 else ""
-                lines.append(f"{name} is violated from {listed}{more}")
+                lines.append(f"the limit on {name} is violated from {listed}{more}")
         return "\n".join(lines)

@@ -1,119 +1,147 @@
-"""The findings on each segment of a route, including segments that start or end at a stop.
+"""Compute the findings on each segment of a route, including segments that start or end at a stop.
 
-At a stop the velocity vanishes, and most quantities divide by it. If the velocity of a segment has a zero of order m at
-an end, then r' = u^m·q, where u is the time from that end, and q has the direction of r' and does not vanish. So the
-upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration are the
-components of r'' relative to the direction of q. These quantities are certified with q in place of r'. This does not
-apply to the curvature: at a stop it grows without bound, unless the path is straight there.
+At a stop the speed is zero, and most quantities have it in their denominator. If the velocity of a segment has a zero
+of order m at an end, then r' = u^m·q, where u is the time from that end, and q is parallel to r' and does not vanish.
+So the upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration
+are the components of r'' relative to the direction of q. These quantities are certified with q instead of r'. This is
+impossible for the curvature, which is unbounded near a stop unless the path is straight there.
 """
 
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Int
 
-from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.design.proof.certificate import PROVED, UNDEFINED
-from qtraj.design.proof.inequalities import PathDerivatives, Vectors, centred, path_derivatives
-from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Findings, Scale, indices, judge
-from qtraj.foundation import cores
-from qtraj.path.frenet import Invariants
-from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
+from qtraj.design.proof.judge import LIMITS
+from qtraj.design.proof.segment_judge import MAX_ORDER, Job, SegmentFindings, judged
+from qtraj.design.proof.segment_parts import exactly_reversed, with_halves
+from qtraj.path.moment_quantities import MOMENTS
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.standstill import ORDER, driven_invariants
 from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
-DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration")
+DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration", *MOMENTS)
 """Quantities that depend only on the direction of the velocity."""
 
 COMPONENTS = (
     "lateral_acceleration",
     "longitudinal_acceleration",
-    *(name for name, entry in QUANTITIES.items() if entry.needs_vehicle),
+    *(name for name, entry in QUANTITIES.items() if entry.on_road),
 )
-"""Components of the acceleration relative to that direction, and forces, which depend on the speed as well."""
-
-MAX_ORDER = 8
-"""The highest order of a zero of the velocity for which forces are computed; lower ones occur in practice."""
-
-N_ROUNDINGS = 3
-"""Number of rounding operations in each coefficient of Q, the integral of q."""
-
-BLOCK_SIZE = 64
-"""Number of segments that are processed together, small enough for the processor's cache."""
+"""Components of the acceleration along and across the velocity, and the quantities that depend on the road."""
 
 ZERO = 64 * float(np.finfo(float).eps)
-"""A velocity or acceleration at an end counts as zero below this fraction of the size of the segment."""
+"""A velocity or acceleration at an end of a segment counts as zero below this fraction of the size of the segment."""
 
 
-class SegmentFindings(NamedTuple):
-    """Codes, times [s] since the start of the segment, and values; one row per segment, one column per limit."""
-
-    codes: Int[np.ndarray, "segments limits"]
-    times: Float[np.ndarray, "segments limits"]
-    values: Float[np.ndarray, "segments limits"]
+RANK = np.array([0, 1, 4, 2, 3])
+"""The rank of each code, from the best to the worst: proved, sampled, undecided, undefined, broken."""
 
 
 def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> SegmentFindings:
-    """The findings on every segment, in the order of the registry; `limits` are bounds by name.
+    """Compute the findings on every segment, in the order of the registry of quantities.
 
-    `road` are the numbers of the vehicle if a limit needs one.
+    `limits` contains the reduced limits by name. `road` contains the parameters of the vehicle, or is None.
+    A segment from stop to stop is certified in two halves.
     """
+    both = _stopping_twice(segments)
+    if not both.size:
+        return _findings(segments, limits, road)
+    parts = _findings(with_halves(segments, both), limits, road)
+    first, second = both, np.arange(both.size) + len(segments.durations)
+    parts.times[second] += 0.5 * segments.durations[both, None]
+    rank, values = RANK[parts.codes], np.where(np.isnan(parts.values), np.inf, parts.values)
+    later = (rank[second] > rank[first]) | ((rank[second] == rank[first]) & (values[second] > values[first]))
+    for array in parts:
+        array[first] = np.where(later, array[second], array[first])
+    return SegmentFindings(*(array[: len(segments.durations)] for array in parts))
+
+
+def _stopping_twice(segments: Segments) -> np.ndarray:
+    """Return the indices of the moving segments that stop at both ends."""
+    c, h = segments.coefficients, segments.durations
+    slow = _vanishing(c, h) & (_end_speeds(c, h) <= _sizes(c, h) / h * 1e3 * ZERO) & c[:, 1:].any(axis=(1, 2))
+    found = np.flatnonzero(slow)
+    reversed_c = np.array([exactly_reversed(c[i], h[i]) for i in found]).reshape(-1, *c.shape[1:])
+    return found[_vanishing(reversed_c, h[found])]
+
+
+def _findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> SegmentFindings:
+    """Compute the findings on every segment; a segment that starts or ends at a stop has some undefined quantities."""
     entries = [entry for entry in LIMITS if entry.name in limits]
-    names = [entry.name for entry in entries]
-    bounds = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
-    columns = np.array([k for k, entry in enumerate(LIMITS) if entry.name in limits])
+    bounds = np.array([limits[entry.name] for entry in entries])
     c, h = segments.coefficients, segments.durations
     parked: Any = ~c[:, 1:].any(axis=(1, 2))
     groups = _stopping(c, h, parked)
-    directions = c.copy()
-    directions[parked, 1] = 1.0 / h[parked, None]  # a straight line, which is cheap to certify
+    # A limit is judged with r', with the direction q at a stop, or with q and the higher derivatives of the path.
+    of_path, of_direction, of_components = (
+        np.array([chosen(entry) for entry in entries], bool)
+        for chosen in (_has_no_divisor, _is_direction, _is_component)
+    )
+    directions, needed = c.copy(), np.broadcast_to(~parked[:, None], (len(h), len(entries))).copy()
+    directions[parked, 1] = 1.0 / h[parked, None]
     for group in groups:
         directions[group.rows] = _integrals(group.coefficients)
-    first = _judged(directions, directions, h, bounds, names, road)
-    result = SegmentFindings(*(np.array(x[:, columns]) for x in first))
-    result.codes[parked], result.times[parked], result.values[parked] = PROVED, 0.0, 0.0
-    without_divisor = [entry.name for entry in entries if entry.divisor is None]
-    components = [name for name in names if name in COMPONENTS]
-    defined = (*without_divisor, *DIRECTIONS, *COMPONENTS)
-    undefined = _places(names, [name for name in names if name not in defined])
+        needed[group.rows] = of_direction
+    jobs = [Job(np.arange(len(h)), directions, directions, False, 0, needed)]
     for at_end, rows, coefficients in groups:
-        durations = h[rows, None]
-        of_path = (without_divisor, c[rows], c[rows], False)
-        # Time is counted back from the end, so the velocity has the opposite direction.
+        # Time is measured backwards from the end, so the velocity is reversed.
         direction = -directions[rows] if at_end else directions[rows]
-        of_acceleration = (components, coefficients, direction, True)
-        for chosen, path, direction, keep_acceleration in (of_path, of_acceleration):
-            if chosen:
-                orders = _order(coefficients)
-                update = _judged(path, direction, h[rows], bounds, chosen, road, keep_acceleration, orders)
-                places = _places(names, chosen)
-                cells, source = np.ix_(rows, places), columns[places]
-                result.codes[cells], result.values[cells] = update.codes[:, source], update.values[:, source]
-                times = update.times[:, source]
-                result.times[cells] = durations - times if at_end and keep_acceleration else times
-        if at_end:  # these times were measured from the end
-            cells = np.ix_(rows, _places(names, [name for name in names if name in DIRECTIONS]))
-            result.times[cells] = durations - result.times[cells]
-        cells = np.ix_(rows, undefined)
-        result.codes[cells], result.values[cells] = UNDEFINED, np.nan
-        result.times[cells] = durations if at_end else 0.0
+        jobs.append(Job(rows, c[rows], c[rows], False, 0, np.tile(of_path, (rows.size, 1))))
+        orders = _order(coefficients)
+        jobs.append(Job(rows, coefficients, direction, True, orders, np.tile(of_components, (rows.size, 1))))
+    result = SegmentFindings(*(np.zeros(needed.shape, dtype) for dtype in (int, float, float)))
+    for at_end, rows, _ in groups:
+        undefined = ~(of_path | of_direction | of_components)
+        result.codes[np.ix_(rows, undefined)], result.values[np.ix_(rows, undefined)] = UNDEFINED, np.nan
+        result.times[rows] = h[rows, None] * at_end
+    result.codes[parked], result.values[parked] = _at_rest(entries, bounds, road)
+    found, ends = judged(jobs, h, entries, bounds, road), np.zeros(len(h), bool)
+    for group in groups:
+        ends[group.rows] = group.at_end
+    for job, part in zip(jobs, found, strict=True):
+        # These times were measured from the end.
+        reverse = ends[job.rows, None] & (of_components if job.keep_acceleration else of_direction) & job.needed
+        times = np.where(reverse, h[job.rows, None] - part.times, part.times)
+        for array, new in zip(result, (part.codes, times, part.values), strict=True):
+            array[job.rows] = np.where(job.needed, new, array[job.rows])
     return result
 
 
-def _places(order: list[str], names: Sequence[str]) -> np.ndarray:
-    """The indices of `names` in `order`."""
-    return np.array([order.index(name) for name in names], np.intp)
+def _has_no_divisor(entry: PathQuantity) -> bool:
+    return entry.divisor is None
+
+
+def _is_direction(entry: PathQuantity) -> bool:
+    return entry.name in DIRECTIONS
+
+
+def _is_component(entry: PathQuantity) -> bool:
+    return entry.name in COMPONENTS
+
+
+def _at_rest(
+    entries: Sequence[PathQuantity], bounds: np.ndarray, road: RoadParameters | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the status codes and values of a segment without motion: only gravity acts, on a road without slope."""
+    values = np.zeros(len(entries))
+    if road is not None:
+        zero, one = jnp.zeros(()), jnp.ones(())
+        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one)
+        values = np.array([float(entry.value(forces)) if entry.on_road else 0.0 for entry in entries])
+    proved, broken = values * (1 + ZERO) < bounds, values * (1 - ZERO) > bounds
+    return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), values
 
 
 class _Stopping(NamedTuple):
     """The segments `rows` with a stop at their start, or at their end if `at_end`.
 
-    `coefficients` are those of polynomials in the time from the stop.
+    `coefficients` (rows, terms, 3) are the coefficients of powers of the time, measured from the stop.
     """
 
     at_end: bool
@@ -122,11 +150,11 @@ class _Stopping(NamedTuple):
 
 
 def _stopping(c: np.ndarray, h: np.ndarray, parked: np.ndarray) -> list[_Stopping]:
-    """The moving segments that stop at one end."""
+    """Return the segments with a stop at one end; `parked` marks the segments without motion."""
     groups = []
     at_start = _vanishing(c, h) & ~parked
     candidates = np.flatnonzero(~parked & (_end_speeds(c, h) <= _sizes(c, h) / h * 1e3 * ZERO))
-    reversed_c = np.array([_exactly_reversed(c[i], h[i]) for i in candidates]).reshape(-1, *c.shape[1:])
+    reversed_c = np.array([exactly_reversed(c[i], h[i]) for i in candidates]).reshape(-1, *c.shape[1:])
     stops_at_end = _vanishing(reversed_c, h[candidates])
     at_end = np.zeros(len(c), bool)
     at_end[candidates[stops_at_end]] = True
@@ -140,24 +168,24 @@ def _stopping(c: np.ndarray, h: np.ndarray, parked: np.ndarray) -> list[_Stoppin
 
 
 def _sizes(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The sizes of segments [m]: sums of the magnitudes of their terms at the end."""
+    """Return the sizes of segments [m]: the sums of the magnitudes of all terms of the polynomials at the end."""
     powers = h[:, None, None] ** np.arange(c.shape[1])[None, :, None]
     return np.sum(np.abs(c[:, 1:]) * powers[:, 1:], axis=(1, 2))
 
 
 def _end_speeds(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The speeds at the ends of segments [m/s]."""
+    """Return the speeds at the ends of segments [m/s]."""
     k = np.arange(1, c.shape[1])
     return np.linalg.norm(np.sum(c[:, 1:] * (k * h[:, None] ** (k - 1))[..., None], axis=1), axis=-1)
 
 
 def _vanishing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Whether the velocity at the start is zero up to rounding."""
+    """Check whether the velocity at the start of each segment is zero up to rounding."""
     return np.linalg.norm(c[:, 1], axis=-1) * h <= ZERO * _sizes(c, h)
 
 
 def _without_rounding(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The coefficients with exact zeros for the velocity, and for an acceleration that is zero up to rounding."""
+    """Set the velocity at the start to exactly zero, and the acceleration, too, if it is zero up to rounding."""
     c, sizes = c.copy(), _sizes(c, h)
     c[:, 1] = 0.0
     unaccelerated = np.linalg.norm(c[:, 2], axis=-1) * h**2 <= ZERO * sizes
@@ -166,7 +194,7 @@ def _without_rounding(c: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def _integrals(c: np.ndarray) -> np.ndarray:
-    """Coefficients of Q with Q' = q = r'/u^m, for segments whose first m coefficients of r' are zero."""
+    """Return the coefficients of Q with Q' = q = r'/u^m, where the first m coefficients of r' are zero."""
     result = np.zeros_like(c)
     for i, row in enumerate(c):
         powers = np.flatnonzero(row[1:].any(axis=-1)) + 1
@@ -177,90 +205,12 @@ def _integrals(c: np.ndarray) -> np.ndarray:
 
 
 def _order(c: np.ndarray) -> np.ndarray:
-    """The order to which the velocity vanishes at the start of each segment."""
+    """Return the order of the zero of the velocity at the start of each segment."""
     some = c[:, 1:].any(axis=-1)
     return np.minimum(np.argmax(some, axis=1), MAX_ORDER)
 
 
-def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
-    """The coefficients for the time before the end, each rounded once."""
-    duration, result = Fraction(float(h)), np.zeros_like(c)
-    for axis in range(c.shape[1]):
-        terms = [Fraction(float(x)) for x in c[:, axis]]
-        for k in range(len(terms) - 1):
-            for i in range(len(terms) - 2, k - 1, -1):
-                terms[i] += duration * terms[i + 1]
-        result[:, axis] = [float(x) * (-1) ** k for k, x in enumerate(terms)]
-    return result
-
-
-def _judged(
-    c: np.ndarray,
-    directions: np.ndarray,
-    h: np.ndarray,
-    bounds: np.ndarray,
-    names: Sequence[str],
-    road: RoadParameters | None,
-    keep_acceleration: bool = False,
-    orders: int | np.ndarray = 0,
-) -> Findings:
-    """Findings (rows, LIMIT_COUNT) on segments `c`, with the derivative of `directions` in place of the velocity.
-
-    The higher derivatives are also taken from `directions`, or with `keep_acceleration` from `c`. The velocity is then
-    u^order times the derivative of `directions`, with u the time from the stop.
-    """
-    index, count = indices(tuple(names))
-    keep = np.full(len(h), keep_acceleration)
-    orders = np.broadcast_to(np.asarray(orders) * keep_acceleration, len(h))
-    segments = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders))
-    numbers = None if road is None else RoadParameters(*(np.asarray(x, float) for x in road))
-    blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
-    calls = [(cores.take(segments, block, BLOCK_SIZE), bounds, numbers, index, count) for block in blocks]
-    result: Any = None
-    for block, block_result in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
-        result = cores.allocate(len(h), block_result) if result is None else result
-        cores.put(result, block, block_result)
-    return result
-
-
-@jax.jit
-def _compiled(segments: Any, bounds: Array, road: RoadParameters | None, index: Array, count: Array) -> Findings:
-    c, directions, h, keep, orders = segments
-    path, direction = _derivatives(c, h), _derivatives(directions, h)
-    pairs = zip(path.derivatives[1:], direction.derivatives[1:], strict=True)
-    higher = [jax.tree.map(lambda a, b: jnp.where(keep, a, b), p, q) for p, q in pairs]
-    length = jnp.where(keep, path.length, direction.length)
-    pace = None if road is None else _pace(orders, direction.unit, direction.length / length)
-    combined = PathDerivatives([direction.derivatives[0], *higher], length, direction.unit, pace)
-
-    def evaluate(s: Array, order: int, upright: bool) -> Invariants:
-        derivatives = [None, *(Vectors(*r.at(s)) for r in combined.derivatives[:order])]
-        return Invariants(derivatives, pace=1 if pace is None else pace.at(s)[0])
-
-    limits = jnp.broadcast_to(bounds[:, None], (LIMIT_COUNT, h.shape[0]))
-    upright = jnp.ones(h.shape, bool)
-    vehicle = None if road is None else RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
-    result = judge(evaluate, Scale(combined.length, combined.unit), limits, upright, combined, index, count, vehicle)
-    return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, result)
-
-
-def _pace(orders: Int[Array, " rows"], unit: Array, ratio: Array) -> CellPolynomial:
-    """u^order times the ratio of two lengths, with u = unit·(s + 1) the time from the stop [s]."""
-    powers = jnp.arange(MAX_ORDER + 1, dtype=orders.dtype)[:, None]
-    coefficients = jnp.where(powers == orders[None], ratio * unit ** orders.astype(unit.dtype), 0.0)
-    c = centred(coefficients[:, None])[None]
-    return cell_polynomial(c, 64 * float(jnp.finfo(c.dtype).eps) * jnp.sum(jnp.abs(c[0]), axis=0))
-
-
-def _derivatives(c: Float[Array, "rows terms 3"], h: Float[Array, " rows"]) -> PathDerivatives:
-    x, y, z = (c[:, :, k].T for k in range(3))
-    # No limit depends on the start position, and its size would only increase rounding errors.
-    x, y = x.at[0].set(0.0), y.at[0].set(0.0)
-    return path_derivatives(MovingPolynomials(x, y, z, jnp.zeros_like(x[:1])), h, N_ROUNDINGS)
-
-
 def worst(codes: Int[np.ndarray, "segments limits"]) -> Int[np.ndarray, " limits"]:
-    """The code of each limit for the whole route: the worst of all segments."""
-    rank = np.array([0, 1, 4, 2, 3])  # proved, sampled, broken, undecided, undefined
-    row = np.argmax(rank[codes], axis=0)
+    """Return the status code of each limit for the whole route, which is the worst code of all segments."""
+    row = np.argmax(RANK[codes], axis=0)
     return codes[row, np.arange(codes.shape[1])]

@@ -1,8 +1,9 @@
-"""The maximum of a function of time on [−1, 1], for a batch of paths, from function values only.
+"""Find the maximum of a function on [−1, 1] for a batch of paths, from function values only.
 
-[−1, 1] is divided into windows of eleven instants each. The candidate of a window is its highest instant, or the vertex
-of the parabola through that instant and its neighbours. Narrower windows about the three best candidates refine them.
-For any number of windows, the search is one loop whose body evaluates the function once.
+The interval [−1, 1] is divided into windows of eleven instants each. The candidate of a window is the instant with the
+largest value, or the vertex of the parabola through this instant and its neighbours. Narrower windows about the three
+best candidates refine the maximum. For any number of windows, the search is one loop whose body evaluates the function
+once.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.algebra.cells import PerPath
 
 WINDOWS = 3
-"""Number of windows that are evaluated together, and number of candidates."""
+"""Number of windows that are evaluated together, and number of candidates that are refined."""
 
 OFFSETS = np.linspace(-1.0, 1.0, 11)
 """The instants of a window, in units of its half-width."""
@@ -28,15 +29,20 @@ REFINEMENTS = 4
 """Number of refinements."""
 
 TIE = 4.0
-"""A vertex whose height is within this number of round-off units of the highest value is preferred, because its time
-is more accurate."""
+"""The value at the centre of a window is preferred to the largest value if they differ by at most this many roundings.
+
+The centre is the vertex of the parabola of the previous round, and its time is more accurate.
+"""
 
 Windows = Float[Array, "windows paths"]
 Function = Callable[[Float[Array, "instants paths"]], Float[Array, "instants paths"]]
 
 
 class MaximumState(NamedTuple):
-    """The highest value found so far, its rank (infinite for NaN), its place, and the candidates."""
+    """The largest value found so far, its rank (infinite for NaN), its instant, and the candidates.
+
+    `heights` and `places` are the values and the instants of the candidates.
+    """
 
     rank: PerPath
     value: PerPath
@@ -46,9 +52,10 @@ class MaximumState(NamedTuple):
 
 
 def find_maximum(function: Function, hints: Windows, chunks: Int[Array, ""]) -> tuple[PerPath, PerPath]:
-    """The maximum and its place, from 30·`chunks` intervals and from windows about `hints`; NaN if any value is NaN.
+    """Return the maximum and its instant; the maximum is NaN if any value is NaN.
 
-    With zero chunks the function is not evaluated, and the first hint is returned.
+    The search evaluates 30·`chunks` intervals and windows about the instants `hints`. With zero chunks the function is
+    not evaluated, and the first hint is returned with the value −inf.
     """
     nothing = jnp.full_like(hints[0], -jnp.inf)
     start = MaximumState(nothing, nothing, hints[0], jnp.full_like(hints, -jnp.inf), hints)
@@ -69,12 +76,12 @@ def find_maximum(function: Function, hints: Windows, chunks: Int[Array, ""]) -> 
 
 
 def _step(function: Function, state: MaximumState, centres: Windows, half: Array, first: Array) -> MaximumState:
-    """Evaluate windows, and merge their candidates with the previous ones, or replace these when refining."""
+    """Evaluate windows, and merge their candidates with the previous ones; refinement replaces the previous ones."""
     s = jnp.clip(centres[:, None] + half * jnp.asarray(OFFSETS, centres.dtype)[None, :, None], -1.0, 1.0)
     raw = function(s.reshape(-1, s.shape[-1])).reshape(s.shape)
     values = jnp.where(jnp.isnan(raw), jnp.inf, raw)
-    # A centre is the vertex of the previous round. Among equal values prefer it: it is the best estimate of the
-    # position of the maximum.
+    # A centre is the vertex of the previous round. Among equal values, prefer the centre: it is the best estimate of
+    # the instant of the maximum.
     centre = jnp.asarray(OFFSETS == 0)[None, :, None] & ~first
     rank = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
     end = jnp.full_like(values[:, :1], jnp.inf)
@@ -92,7 +99,10 @@ def _step(function: Function, state: MaximumState, centres: Windows, half: Array
 def _vertex(
     rank: Windows, middle: Windows, s: Windows, left: Windows, right: Windows, step: Array
 ) -> tuple[Windows, Windows]:
-    """Height and place of the vertex of the parabola through three values, or of the middle value without a vertex."""
+    """Return the value and the instant of the vertex of the parabola through three values.
+
+    Where the parabola has no maximum between the outer instants, return the rank and the instant of the middle value.
+    """
     curvature = 2 * middle - left - right
     peak = (middle >= left) & (middle >= right) & (curvature > 0) & (curvature < jnp.inf)
     move = jnp.where(peak, (right - left) / jnp.where(peak, 2 * curvature, 1.0), 0.0)
@@ -101,7 +111,7 @@ def _vertex(
 
 
 def _maximum(operands: tuple[Array, ...], axis: int) -> tuple[Array, ...]:
-    """The maximum of the first operand, and the other operands at the same index; ties are resolved arbitrarily."""
+    """Return the maximum of the first operand, and the other operands at its index; ties are resolved arbitrarily."""
 
     def larger(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(jnp.where(b[0] > a[0], y, x) for x, y in zip(a, b, strict=True))
@@ -111,7 +121,7 @@ def _maximum(operands: tuple[Array, ...], axis: int) -> tuple[Array, ...]:
 
 
 def _top_candidates(heights: Float[Array, "n paths"], places: Float[Array, "n paths"]) -> tuple[Windows, Windows]:
-    """The `WINDOWS` highest candidates, in order."""
+    """Return the `WINDOWS` highest candidates, in decreasing order."""
     n = heights.shape[0]
     own, other = heights[:, None], heights[None]
     earlier = jnp.asarray(np.tri(n, k=-1, dtype=bool))[:, :, None]

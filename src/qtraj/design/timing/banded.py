@@ -1,48 +1,117 @@
-"""Symmetric positive definite band systems (three subdiagonals), by the Cholesky factorisation."""
+"""Solve symmetric positive definite band systems with three subdiagonals by a block Cholesky factorisation.
 
-from typing import Any
+Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
+eliminated at the same time, which leaves a band system for the separating unknowns. So the number of sequential steps
+grows only with the square root of the number of unknowns. Blocks are on the last axis of all arrays.
+"""
+
+import functools
+import operator
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Band = Float[Array, "4 n"]
-"""Row d contains the entry (i, i − d) of the matrix at index i."""
+BELOW = 3
+"""Number of subdiagonals."""
+
+SIZES = ((150, 16), (600, 24), (2100, 48), (10**9, 64))
+"""Pairs of the largest number of unknowns and the number of rows in a block."""
 
 
-def factor(band: Band) -> Band:
-    """The lower triangular factor L of A = LLᵀ: row d contains L(i, i − d), but row 0 contains 1/L(i, i)."""
-    zero, one = jnp.zeros_like(band[0, 0]), jnp.ones_like(band[0, 0])
-    first: Any = ((one,), (zero, one), (zero, zero, one))  # rows i − 3, i − 2 and i − 1, from column i − 3 on
-
-    def step(rows: Any, a: Any) -> tuple[Any, Any]:
-        (d3,), (l23, d2), (l13, l12, d1) = rows
-        l3 = a[3] * d3
-        l2 = (a[2] - l3 * l23) * d2
-        l1 = (a[1] - l3 * l13 - l2 * l12) * d1
-        inverse = jax.lax.rsqrt(a[0] - l3 * l3 - l2 * l2 - l1 * l1)
-        return ((d2,), (l12, d1), (l2, l1, inverse)), (inverse, l1, l2, l3)
-
-    _, rows = jax.lax.scan(step, first, tuple(band))
-    return jnp.stack(rows)
+def total(terms: Iterable[Any]) -> Any:
+    """Return the sum of arrays. It compiles to one loop, unlike the sum of a stacked array over a short axis."""
+    return functools.reduce(operator.add, terms)
 
 
-def solve(factored: Band, right: Float[Array, " n"]) -> Float[Array, " n"]:
-    """The solution x of LLᵀx = right."""
-    zero = jnp.zeros_like(right[0])
+class Factored(NamedTuple):
+    """Inverse Cholesky factors of the inner blocks and of the separators; `left` and `right` couple them."""
 
-    def forward(y: Any, row: Any) -> tuple[Any, Any]:
-        inverse, l1, l2, l3, b = row
-        now = (b - l1 * y[0] - l2 * y[1] - l3 * y[2]) * inverse
-        return (now, y[0], y[1]), now
+    inner: Float[Array, "m m blocks"]
+    left: Float[Array, "m 3 blocks"]
+    right: Float[Array, "m 3 blocks"]
+    separators: Float[Array, "k k 1"]
 
-    def backward(x: Any, row: Any) -> tuple[Any, Any]:
-        inverse, l1, l2, l3, y = row
-        now = (y - l1 * x[0] - l2 * x[1] - l3 * x[2]) * inverse
-        return (now, x[0], x[1]), now
 
-    inverse, l1, l2, l3 = factored
-    _, y = jax.lax.scan(forward, (zero,) * 3, (inverse, l1, l2, l3, right))
-    columns = [jnp.pad(row[k:], (0, k)) for k, row in ((1, l1), (2, l2), (3, l3))]  # L(i + k, i)
-    _, x = jax.lax.scan(backward, (zero,) * 3, (inverse, *columns, y), reverse=True)
-    return x
+def factor(band: Float[Array, "n 4"]) -> Factored:
+    """Factorise a matrix; row i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
+    n = band.shape[0]
+    size = next(rows for largest, rows in SIZES if n <= largest)
+    more = -n % size
+    unit = jnp.concatenate([jnp.zeros((more, BELOW), band.dtype), jnp.ones((more, 1), band.dtype)], axis=1)
+    rows = jnp.moveaxis(jnp.concatenate([band, unit]).reshape(-1, size, BELOW + 1), 0, -1)
+    before = skewed(rows[:BELOW, :BELOW])[:, :BELOW]  # couples the first three rows with the separator before the block
+    inner = inverse_factor(rows[:-BELOW].at[:BELOW].multiply(_own(BELOW, band.dtype)))
+    # The last three rows of a block have entries in three inner columns and, up to the diagonal, in their own columns.
+    last = skewed(rows[-BELOW:])
+    across, own = last[:, :BELOW], last[:, BELOW:]
+    left = total(inner[:, k, None] * before[k][None] for k in range(BELOW))
+    right = total(inner[:, k - BELOW, None] * across[None, :, k] for k in range(BELOW))
+    both = jnp.concatenate([left, right], axis=1)
+    taken = jnp.sum(both[:, :, None] * both[:, None], axis=0)
+    after = jnp.pad(taken[:BELOW, :BELOW, 1:], [(0, 0), (0, 0), (0, 1)])
+    blocks = jnp.concatenate([-taken[BELOW:, :BELOW], own - taken[BELOW:, BELOW:] - after], axis=1)
+    separators = jnp.moveaxis(_backward(blocks), -1, 0).reshape(-1, 2 * BELOW, 1)
+    return Factored(inner, left, right, inverse_factor(separators))
+
+
+def solve(f: Factored, right: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the solution of the linear system with the factored matrix."""
+    rows, blocks = f.inner.shape[0], f.inner.shape[-1]
+    b = jnp.pad(right, (0, blocks * (rows + BELOW) - right.size)).reshape(blocks, -1).T
+    y = jnp.sum(f.inner * b[None, :rows], axis=1)
+    before, own = (jnp.sum(x * y[:, None], axis=0) for x in (f.left, f.right))
+    reduced = b[rows:] - own - jnp.pad(before[:, 1:], [(0, 0), (0, 1)])
+    z = jnp.sum(f.separators[..., 0] * reduced.T.reshape(1, -1), axis=1)
+    x = jnp.sum(f.separators[..., 0] * z[:, None], axis=0).reshape(blocks, BELOW).T
+    previous = jnp.pad(x[:, :-1], [(0, 0), (1, 0)])
+    y = y - total(f.left[:, k] * previous[None, k] + f.right[:, k] * x[None, k] for k in range(BELOW))
+    inner = jnp.sum(f.inner * y[:, None], axis=0)
+    return jnp.concatenate([inner, x]).T.reshape(-1)[: right.size]
+
+
+def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m blocks"]:
+    """Return the inverse of the lower Cholesky factor of band matrices.
+
+    `rows[i]` contains the entries (i, i − w) to (i, i); entries before the first column must be zero.
+    """
+    m, width, dtype = rows.shape[0], rows.shape[1] - 1, rows.dtype
+    blocks = rows.shape[2]
+    unit = jnp.broadcast_to(jnp.eye(width, dtype=dtype)[:, :, None], (width, width, blocks))
+    none = jnp.zeros((width, m, blocks), dtype)
+
+    def step(last: Any, given: Any) -> tuple[Any, Array]:
+        """Compute the next row from the last rows of the inverse and their entries in the last columns."""
+        whole, corner = last
+        row, at = given
+        factor = jnp.sum(corner * row[None, :-1], axis=1)
+        inverse = jax.lax.rsqrt(row[-1] - jnp.sum(factor**2, axis=0))[None]
+        new = (at[:, None] - jnp.sum(factor[:, None] * whole, axis=0)) * inverse
+        below = -jnp.sum(factor[:, None] * corner, axis=0) * inverse
+        corner = jnp.concatenate([corner[1:], below[None]])
+        column = jnp.zeros_like(below).at[-1].set(inverse[0])
+        corner = jnp.concatenate([corner[:, 1:], column[:, None]], axis=1)
+        return (jnp.concatenate([whole[1:], new[None]]), corner), new
+
+    _, found = jax.lax.scan(step, (none, unit), (rows, jnp.eye(m, dtype=dtype)))
+    return found
+
+
+def _own(count: int, dtype: Any) -> Array:
+    """Return 1 for the entries of the first rows that are not before the first column, and 0 for the others."""
+    return jnp.asarray([[i + e >= count for e in range(count + 1)] for i in range(count)], dtype)[:, :, None]
+
+
+def _backward(x: Float[Array, "rows n blocks"]) -> Float[Array, "rows n blocks"]:
+    """Convert rows of a matrix to band rows: each row is shifted to the right by its distance from the last row."""
+    return skewed(x[::-1])[::-1, : x.shape[1]]
+
+
+def skewed(x: Float[Array, "rows n ..."], step: int = 1) -> Float[Array, "rows m ..."]:
+    """Return the array with row k shifted to the right by k·`step` columns, and zeros elsewhere."""
+    rows, n = x.shape[:2]
+    width = n + step * (rows - 1)
+    padded = jnp.pad(x, [(0, 0), (0, width + step - n), *[(0, 0)] * (x.ndim - 2)])
+    return padded.reshape(-1, *x.shape[2:])[: rows * width].reshape(rows, width, *x.shape[2:])

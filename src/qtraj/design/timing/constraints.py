@@ -1,6 +1,6 @@
-"""Limits on a motion r(u(t)) as constraints on the squared path speed a = u̇² and its derivatives in u.
+"""Express limits on a motion r(u(t)) as constraints on a = u̇² and its derivatives with respect to u.
 
-With r', r'', r''' the derivatives of the path in its parameter u,
+With the derivatives r', r'' and r''' of the path with respect to its parameter u, the motion has the
 
     velocity      √a r'
     acceleration  a r'' + ½ a' r'
@@ -11,22 +11,24 @@ longitudinal acceleration, of the yaw acceleration and of the acceleration are c
 square of the jerk is a·Q with a quadratic form Q in (a, a', a''); √Q ≤ jerk/√a becomes convex if 1/√a is replaced by
 its tangent.
 
-The nodes are on the last axis of all arrays. A form is stored by its coefficients of (aa, ab, bb) or (aa, ab, bb, ac,
-bc, cc), where b = a' and c = a''.
+The nodes are on the last axes of all arrays. With b = a' and c = a'', a form in (a, b) is represented by the entries
+(aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the whole matrix.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from qtraj.design.timing.banded import total
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
 from qtraj.path.quantity import QUANTITIES
 
 UPPER = ("speed", "lateral_acceleration", "yaw_rate", "angular_rate")
-"""Limits that are upper bounds on the squared path speed."""
+"""Limits that are upper bounds on a."""
 
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 """Limits whose squares are quadratic forms in a and a'."""
@@ -34,48 +36,56 @@ FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 NAMES = (*UPPER, *FORMS, "jerk")
 """Limits that depend on the timing, in the order of all arrays."""
 
+POWERS = (*(0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER), *[1.0] * len(FORMS), 1.5)
+"""Exponents p for which each quantity is proportional to a^p if the function a is multiplied by a constant."""
+
 COUNT = 2 + len(FORMS)
-"""Constraints at each node: one upper bound, the forms, and the jerk."""
+"""Number of constraints at each node: one upper bound, the forms, and the jerk."""
 
 STANDING = 1e-8
-"""|r'| below this fraction of its maximum is zero to rounding."""
+"""|r'| below this fraction of its maximum is treated as zero."""
 
 LARGEST = 1e12
 """Bound on a where no limit bounds it."""
 
 
 class Constraints(NamedTuple):
-    """Constraints at all nodes on the values v = (a, a', a'') there: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1.
+    """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1.
 
     The coefficients of absent limits are zero.
     """
 
-    upper: Float[Array, " nodes"]
-    forms: Float[Array, "3 3 nodes"]
-    jerk: Float[Array, "6 nodes"]
+    upper: Float[Array, "*nodes"]
+    forms: Float[Array, "3 3 *nodes"]
+    jerk: Float[Array, "3 3 *nodes"]
+
+
+Gradients = Sequence[tuple[Any, ...]]
+"""For each constraint, the derivatives with respect to a, a' and a''; those after the last that is not zero are
+omitted."""
 
 
 class Parts(NamedTuple):
     """The constraints before the upper bounds of several limits are combined: one row of `upper` for each limit."""
 
-    upper: Float[Array, "4 nodes"]
-    forms: Float[Array, "3 3 nodes"]
-    jerk: Float[Array, "6 nodes"]
+    upper: Float[Array, "4 *nodes"]
+    forms: Float[Array, "3 3 *nodes"]
+    jerk: Float[Array, "3 3 *nodes"]
 
     def constraints(self) -> Constraints:
-        """The constraints with only the lowest upper bound on a at each node."""
+        """Return the constraints with only the lowest upper bound on a at each node."""
         return Constraints(jnp.maximum(jnp.max(self.upper, axis=0), 1 / LARGEST), self.forms, self.jerk)
 
 
-def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar]) -> Parts:
-    """The constraints, from r', r'' and r''' at the nodes.
+def parts(r: Float[Array, "3 3 *nodes"], unit: Scalar, bounds: dict[str, Scalar]) -> Parts:
+    """Compute the constraints from `r`, the derivatives r', r'' and r''' at the nodes.
 
-    Derivatives of a are with respect to the parameter divided by `unit`. The bounds of absent limits are infinite.
+    Derivatives of a are with respect to u/`unit`. The bounds of absent limits are infinite.
     """
     r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * jnp.max(square)
-    # Where r' = 0, use the direction of r'', in which the path starts to move.
+    # Where r' = 0, use the direction of r'', in which the motion starts.
     ahead = tuple(jnp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
     inv_speed, inv_level, inv_ahead = (
@@ -89,13 +99,15 @@ def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar])
     forms = [jnp.stack([p * p, p * q, q * q]) for p, q in (along, turning)] + [jnp.stack(whole)]
     scaled = [form / bounds[name] ** 2 for name, form in zip(FORMS, forms, strict=True)]
     second = half / unit
-    jerk = (i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A, second * i.C, 3 * half * second * i.B, second**2 * i.S)
+    aa, ab, bb = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
+    ac, bc, cc = second * i.C, 3 * half * second * i.B, second**2 * i.S
+    jerk = jnp.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc]).reshape(3, 3, *aa.shape)
     upper = [_upper(name, i, bounds[name], moving) for name in UPPER]
-    return Parts(jnp.stack(upper), jnp.stack(scaled), jnp.stack(jerk) / bounds["jerk"] ** 2)
+    return Parts(jnp.stack(upper), jnp.stack(scaled), jerk / bounds["jerk"] ** 2)
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
-    """1 divided by the largest a that satisfies the limit; the quantity is proportional to √a^`per_time`."""
+    """Return 1/a for the largest a that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
     square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
     if entry.per_time == 1:
@@ -107,65 +119,82 @@ def _inverse_root(x: Array) -> Array:
     return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** -0.5, 0.0)
 
 
-def tightened(c: Constraints, factors: Float[Array, "5 nodes"]) -> Constraints:
-    """The same constraints with their limits divided by `factors`."""
-    return Constraints(c.upper * factors[0], c.forms * factors[1:-1, None] ** 2, c.jerk * factors[-1:] ** 2)
+def tightened(c: Constraints, factors: Float[Array, "5 *nodes"]) -> Constraints:
+    """Return the same constraints with their limits divided by `factors`."""
+    return Constraints(c.upper * factors[0], c.forms * factors[1:-1, None] ** 2, c.jerk * factors[None, -1:] ** 2)
 
 
-def used(p: Parts, v: Float[Array, "3 nodes"]) -> Float[Array, "8 nodes"]:
-    """Each quantity divided by its limit, in the order of `NAMES`."""
-    powers = jnp.asarray([0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER])[:, None]
-    upper = (p.upper * jnp.maximum(v[:1], 0.0)) ** powers
-    squares = jnp.stack([*(_form(q, v) for q in p.forms), v[0] * _form(p.jerk, v)])
-    return jnp.concatenate([upper, jnp.sqrt(jnp.maximum(squares, 0.0))])
+def used(p: Parts, v: Float[Array, "3 *nodes"]) -> Float[Array, "8 *nodes"]:
+    """Return each quantity divided by its limit, in the order of `NAMES`."""
+    rows = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
+    upper = [jnp.sqrt(x) if power < 1 else x for x, power in zip(rows, POWERS, strict=False)]
+    squares = [*_forms(p.forms, v), v[0] * _quadratic(p.jerk, v)]
+    return jnp.stack([*upper, *(jnp.sqrt(jnp.maximum(x, 0.0)) for x in squares)])
 
 
-def values(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 nodes"]:
-    """The constraint values, which must not be positive."""
-    return jnp.stack([c.upper * v[0], *(_form(q, v) for q in c.forms), v[0] * _form(c.jerk, v)]) - 1
+def values(c: Constraints, v: Float[Array, "3 *nodes"]) -> Float[Array, "5 *nodes"]:
+    """Return the constraint values, which must not be positive."""
+    return jnp.stack([c.upper * v[0], *_forms(c.forms, v), v[0] * _quadratic(c.jerk, v)]) - 1
 
 
-def gradients(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 3 nodes"]:
-    """The gradients of `values` with respect to (a, a', a'')."""
-    zero = jnp.zeros_like(v[0])
-    rows = [jnp.stack([c.upper, zero, zero])]
-    rows += [2 * jnp.stack([q[0] * v[0] + q[1] * v[1], q[1] * v[0] + q[2] * v[1], zero]) for q in c.forms]
+def gradients(c: Constraints, v: Float[Array, "3 *nodes"]) -> Gradients:
+    """Return the gradients of `values` with respect to (a, a', a'')."""
+    a, b, _ = v
     slope = _times(c.jerk, v)
-    of_jerk = 2 * v[:1] * slope
-    rows.append(of_jerk.at[0].add(jnp.sum(slope * v, axis=0)))
-    return jnp.stack(rows)
+    jerk = [2 * a * x for x in slope]
+    jerk[0] = jerk[0] + _dot(slope, v)
+    forms = [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
+    return [(c.upper,), *forms, tuple(jerk)]
 
 
-def curvature(
-    c: Constraints, v: Float[Array, "3 nodes"], multipliers: Float[Array, "5 nodes"], a: Float[Array, " nodes"]
-) -> Float[Array, "3 3 nodes"]:
-    """Second derivatives of the convex model of the constraints, weighted by the multipliers; `a` > 0.
+def second_derivatives(
+    c: Constraints,
+    v: Float[Array, "3 *nodes"],
+    multipliers: Float[Array, "5 *nodes"],
+    ratio: Float[Array, "5 *nodes"],
+    a: Float[Array, "*nodes"],
+) -> list[list[Array]]:
+    """Return the lower triangle of Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0.
 
-    For the jerk constraint y² ≤ 1 with y = √a w, the model with the tangent of 1/√a has the second derivatives 2∇yᵀ∇y.
+    For the jerk constraint y² ≤ 1 with y = √a w, replacing 1/√a by its tangent leaves the second derivatives 2∇yᵀ∇y.
     """
-    z, last = 2 * multipliers[1:-1], 2 * multipliers[-1]
-    aa, ab, bb = (jnp.sum(z * c.forms[:, k], axis=0) for k in range(3))
-    q, slope = c.jerk, _times(c.jerk, v)
-    y = v[0] * last
-    corner = last * (slope[0] + jnp.sum(slope * v, axis=0) / (4 * a))
-    rows = [
-        [aa + y * q[0] + corner, ab + y * q[1] + 0.5 * last * slope[1], y * q[3] + 0.5 * last * slope[2]],
-        [None, bb + y * q[2], y * q[4]],
-        [None, None, y * q[5]],
-    ]
-    return jnp.stack([jnp.stack([rows[min(i, j)][max(i, j)] for j in range(3)]) for i in range(3)])  # type: ignore[misc]
+    slope, last = _times(c.jerk, v), multipliers[-1]
+    found = [[2 * last * v[0] * c.jerk[i, j] for j in range(i + 1)] for i in range(3)]
+    for i in range(3):
+        found[i][0] = found[i][0] + (2.0 if i == 0 else 1.0) * last * slope[i]
+    found[0][0] = found[0][0] + last * _dot(slope, v) / (2 * a)
+    for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:-1], strict=True):
+        found[0][0], found[1][0], found[1][1] = found[0][0] + z * aa, found[1][0] + z * ab, found[1][1] + z * bb
+    for own, weight in zip(gradients(c, v), ratio, strict=True):
+        for i, x in enumerate(own):
+            for j, y in enumerate(own[: i + 1]):
+                found[i][j] = found[i][j] + weight * x * y
+    return found
 
 
-def _form(q: Array, v: Array) -> Array:
-    """The value of a quadratic form."""
-    if q.shape[0] == 3:
-        return v[0] * (q[0] * v[0] + 2 * q[1] * v[1]) + q[2] * v[1] * v[1]
-    return jnp.sum(_times(q, v) * v, axis=0)
+def changes(slope: Gradients, dv: Float[Array, "3 *nodes"]) -> Float[Array, "5 *nodes"]:
+    """Return the changes of the linearised constraint values."""
+    return jnp.stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
 
 
-def _times(q: Float[Array, "6 nodes"], v: Float[Array, "3 nodes"]) -> Float[Array, "3 nodes"]:
-    """The product of the form's matrix with v."""
-    aa, ab, bb, ac, bc, cc = q
-    return jnp.stack(
-        [aa * v[0] + ab * v[1] + ac * v[2], ab * v[0] + bb * v[1] + bc * v[2], ac * v[0] + bc * v[1] + cc * v[2]]
-    )
+def weighted(slope: Gradients, weights: Float[Array, "5 *nodes"]) -> list[Float[Array, "*nodes"]]:
+    """Return the weighted sums of the gradients."""
+    return [total(own[k] * w for own, w in zip(slope, weights, strict=True) if k < len(own)) for k in range(3)]
+
+
+def _forms(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
+    """Return the values of the quadratic forms in a and a'."""
+    a, b, _ = v
+    return [aa * a * a + 2 * ab * a * b + bb * b * b for aa, ab, bb in q]
+
+
+def _times(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
+    return [_dot(row, v) for row in q]
+
+
+def _dot(x: Any, y: Any) -> Any:
+    return total(p * q for p, q in zip(x, y, strict=True))
+
+
+def _quadratic(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "*nodes"]:
+    return _dot(_times(q, v), v)

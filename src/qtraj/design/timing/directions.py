@@ -1,7 +1,7 @@
-"""The direction of a route at its stops: the polynomial q with r' = (1 + s)^m (1 − s)^n q, −1 ≤ s ≤ 1 in a segment.
+"""Compute the direction of motion of a route at its stops.
 
-The two factors vanish only at stops and are positive elsewhere; q does not vanish at the stops. So the direction of
-motion and its change can be computed from q.
+On a segment, −1 ≤ s ≤ 1, let r' = (1 + s)^m (1 − s)^n q with a polynomial q that does not vanish at the stops. The two
+factors are positive except at stops, so the direction of motion and its derivatives can be computed from q.
 """
 
 from fractions import Fraction
@@ -19,21 +19,21 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
 
 STANDS = 1e-12
-"""A velocity below this fraction of the size of its segment is zero."""
+"""A velocity below this fraction of the size of its segment is treated as zero."""
 
 ROUNDED = 2.0
-"""Roundings of each coefficient of the directions."""
+"""Number of rounding errors in each coefficient of the directions."""
 
 
 STRAIGHT = 1e-9
-"""A path that turns by less than this angle [rad] in its duration is straight."""
+"""A path that would turn by less than this angle [rad] in its whole duration is treated as straight."""
 
 
 class Directions(NamedTuple):
-    """For each segment the coefficients of Q(t), whose derivative in t is q, the powers m and n, and the error of q.
+    """For each segment, the coefficients of Q(t) with dQ/dt = q, the powers m and n, and a bound on the error of q.
 
-    The error is a number of roundings of the largest coefficient of q: one for itself, one for the limits of a number,
-    and what is left of r' at the stop, which is divided off.
+    The error is a multiple of the rounding error of the largest coefficient of q. It accounts for the rounding of the
+    coefficients, and for the small remainder of r' at the stop that the division by (1 + s) or (1 − s) neglects.
     """
 
     coefficients: Float[np.ndarray, "segments terms 3"]
@@ -42,10 +42,10 @@ class Directions(NamedTuple):
 
 
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
-    """The directions of all segments, or None if no moving segment starts or ends at a stop.
+    """Return the directions of all segments, or None if no moving segment starts or ends at a stop.
 
-    `standing` (segments, 2): whether the velocity is zero at the start and at the end. Each coefficient is rounded
-    once. Segments without motion get an arbitrary straight line.
+    `standing` (segments, 2) is whether the velocity is zero at the start and at the end. Each coefficient is rounded
+    once. For segments without motion, Q is an arbitrary straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)
@@ -63,7 +63,7 @@ def directions(s: Segments, standing: np.ndarray) -> Directions | None:
 def _direction(
     c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray
 ) -> tuple[np.ndarray, list[int], float]:
-    """The coefficients of Q, the powers, and what was left of r' at the stops, relative to q."""
+    """Return the coefficients of Q, the powers, and the neglected remainder of r' at the stops, relative to q."""
     unit = Fraction(float(duration)) / 2
     # Fractions represent r' in powers of x = 1 + s exactly.
     p = [[(k + 1) * Fraction(float(x)) * unit**k for x in c[k + 1]] for k in range(len(c) - 1)]
@@ -87,7 +87,7 @@ def _size_at_end(p: list[list[Fraction]]) -> Fraction:
 
 
 def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
-    """The quotient of a polynomial in x by 2 − x, without the remainder."""
+    """Divide a polynomial in x by 2 − x; the remainder is neglected."""
     quotient = [[-x for x in p[-1]]]
     for row in p[-2:0:-1]:
         quotient.insert(0, [2 * b - a for a, b in zip(row, quotient[0], strict=True)])
@@ -96,7 +96,7 @@ def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
 
 @eqx.filter_jit
 def straight(path: AbstractHodograph, knots: Float[Array, " cells+1"]) -> Bool[Array, " cells"]:
-    """Whether the path is straight to rounding in the middle of each cell."""
+    """Return whether the curvature of the path is zero to within rounding in the middle of each cell."""
 
     def along(u: Scalar) -> Array:
         _, r1, r2 = path.derivatives(u, 2)

@@ -1,4 +1,4 @@
-"""The cells of a timing: dyadic parts of the segments of a path, so that the change of variable to a cell is exact."""
+"""Define the cells of a timing: dyadic parts of the segments, so that the change of variable to a cell is exact."""
 
 import heapq
 from typing import Any, NamedTuple
@@ -16,11 +16,15 @@ from qtraj.path.route import Route
 ORDER = 3
 """The highest derivative of a path that a limit needs."""
 
+FINER = 8.0
+"""How many times as many cells a segment has if it starts or ends at a stop, where a and the jerk change quickly."""
+
 
 class Grid(NamedTuple):
-    """n cells. Cell j is the interval `middle` ± `half` of [−1, 1], the range of s on the segment with index `segment`.
+    """The n cells of a timing: cell j is the interval `middle` ± `half` of s on a segment, on which −1 ≤ s ≤ 1.
 
-    `knots` (n + 1,) from 0 to n are the ends of the cells in units of their mean length. `half` is a power of two.
+    `segment` (n,) are the indices of the segments. `knots` (n + 1,) from 0 to n are the ends of the cells in units of
+    their mean length. Each `half` is a power of two.
     """
 
     knots: Float[np.ndarray, " cells+1"]
@@ -43,18 +47,22 @@ class Shape(NamedTuple):
 
 
 def uniform(cells: int) -> Grid:
-    """Cells of equal length on a path with one segment; `cells` is a power of two."""
+    """Return cells of equal length on a path with one segment; `cells` is a power of two."""
     k = np.arange(cells)
     return Grid(np.arange(cells + 1.0), np.zeros(cells, int), (2 * k + 1) / cells - 1, np.full(cells, 1 / cells))
 
 
-def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Grid:
-    """Cells of n segments with indices from `first` on: the longest cell is halved until there are enough.
+def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops: tuple[bool, bool]) -> Grid:
+    """Return at least `cells` cells of n segments, whose indices start at `first`.
 
-    Each segment has at least one cell. `starts` (n + 1,): the parameters of the starts, and of the last end.
+    Initially each segment is one cell; the longest cell is halved until there are enough. `starts` (n + 1,) are the
+    parameters at the starts of the segments and at the end of the last one. `stops` is whether the velocity is zero at
+    the start and at the end.
     """
     lengths = np.diff(starts)
-    queue = [(-h, i, 0.0, 1.0) for i, h in enumerate(lengths)]
+    weights = np.ones(lengths.size)
+    weights[[k for k, stop in zip((0, -1), stops, strict=True) if stop]] = FINER
+    queue = [(-h, i, 0.0, 1.0) for i, h in enumerate(weights * lengths)]
     heapq.heapify(queue)
     while len(queue) < cells:
         length, i, middle, half = heapq.heappop(queue)
@@ -68,7 +76,7 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Gr
 
 
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
-    """r', r'' and r''' in world axes at the fraction `place` of each cell; at a knot, from the side of that cell."""
+    """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`, from the inner side at its ends."""
     path, dtype = shape.path, shape.per_cell.dtype
     if isinstance(path, Route):
         segment, middle, half = (jnp.asarray(x)[cell] for x in grid[1:])

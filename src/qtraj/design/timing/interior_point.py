@@ -1,25 +1,42 @@
-"""A primal-dual interior-point method for the fastest timing: minimise ∫ du/√a under constraints at all nodes.
+"""Compute the fastest timing by a primal-dual interior-point method: minimise ∫ du/√a under constraints at all nodes.
 
-It uses Mehrotra's predictor and corrector (Nocedal and Wright, Numerical Optimization, chapter 19). The matrix of each
-step is a band matrix with three subdiagonals, so the cost of a step is proportional to the number of cells.
+The method is Mehrotra's predictor–corrector with slack variables (Nocedal and Wright, Numerical Optimization, chapter
+19). Iterates need not satisfy the constraints, so that a search can start outside, and limits can be tightened between
+searches. The matrix of each step is a band matrix with three subdiagonals.
 """
 
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.timing import banded
-from qtraj.design.timing.constraints import Constraints, curvature, gradients, values
+from qtraj.design.timing import banded, banded_batch
+from qtraj.design.timing.constraints import (
+    Constraints,
+    Gradients,
+    changes,
+    gradients,
+    second_derivatives,
+    values,
+    weighted,
+)
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band
 from qtraj.foundation.types import Flag, Scalar
 
-BOUNDARY = 0.99
-"""Largest fraction of the distance to the boundary that a step may cover."""
+BOUNDARY, POSITIVE = 0.99, 0.9
+"""Largest fractions of the distance to the boundary that a step may cover, for slacks and multipliers, and for a."""
 
-BALANCE = 0.1
-"""The target of the duality gap is at least this fraction of the residual gradient: both must vanish together."""
+BALANCE = 0.01
+"""The target of the duality gap is at least this fraction of the dual residual, so that both converge together."""
+
+VIOLATED = 1e-6
+"""The largest violation of a constraint, relative to its limit, at which a search may end."""
+
+SLACK = 1.0
+"""The smallest initial slack. With smaller slacks, the first steps would be short."""
 
 MAX_STEPS = 100
 
@@ -28,122 +45,160 @@ class Program(NamedTuple):
     """The problem: nodes, weights of the integral at the nodes [s], and constraints."""
 
     nodes: Nodes
-    weights: Float[Array, " nodes"]
+    weights: Float[Array, "2 cells+1"]
     constraints: Constraints
 
 
 class State(NamedTuple):
-    """An iterate: coefficients, multipliers, the number of steps, and the relative optimality error."""
+    """An iterate: coefficients, slacks, multipliers, the number of steps, and the relative optimality error."""
 
     coefficients: Float[Array, " cells+3"]
-    multipliers: Float[Array, "5 nodes"]
+    slacks: Float[Array, "5 2 cells+1"]
+    multipliers: Float[Array, "5 2 cells+1"]
     steps: Int[Array, ""]
     error: Scalar
 
 
-def solve(program: Program, initial: Float[Array, " cells+3"], gaps: tuple[Scalar, Scalar]) -> State:
-    """The optimal coefficients; the `initial` ones must satisfy every constraint strictly.
+def begun(p: Program, coefficients: Float[Array, " cells+3"]) -> State:
+    """Return the first iterate, whose relative duality gap is 1."""
+    v = at_nodes(p.nodes, coefficients)
+    slacks = jnp.maximum(-values(p.constraints, v), SLACK)
+    return _unfinished(coefficients, slacks, duration(p, v) / slacks.size / slacks)
 
-    `gaps`: the relative duality gaps at the start and at the end of the search.
+
+def continued(p: Program, s: State) -> State:
+    """Return an iterate for constraints that were tightened after a search.
+
+    Slacks and multipliers that are almost zero would make the next steps short.
     """
-    v = at_nodes(program.nodes, initial)
-    slacks = -values(program.constraints, v)
-    barrier = gaps[0] * duration(program, v) / slacks.size
-    count, error = jnp.zeros((), jnp.int32), jnp.full((), jnp.inf, initial.dtype)
-    start = State(initial, barrier / slacks, count, error)
+    violations = values(p.constraints, at_nodes(p.nodes, s.coefficients))
+    slacks = jnp.maximum(jnp.maximum(s.slacks, -violations), jnp.max(violations))
+    return _unfinished(
+        s.coefficients, slacks, jnp.maximum(s.multipliers, jnp.mean(slacks * s.multipliers) / slacks), s.steps
+    )
+
+
+def _unfinished(coefficients: Array, slacks: Array, multipliers: Array, steps: Array | None = None) -> State:
+    count = jnp.zeros((), jnp.int32) if steps is None else steps
+    return State(coefficients, slacks, multipliers, count, jnp.full((), jnp.inf, coefficients.dtype))
+
+
+def solve(program: Program, start: State, enough: Scalar) -> State:
+    """Compute the optimal coefficients; the search ends if the optimality error is below `enough`."""
 
     def goes_on(s: State) -> Flag:
-        return (s.error >= gaps[1]) & (s.steps < MAX_STEPS)
+        return (s.error >= enough) & (s.steps < start.steps + MAX_STEPS)
 
-    return jax.lax.while_loop(goes_on, lambda s: _step(program, s, gaps[1]), start)
+    return jax.lax.while_loop(goes_on, lambda s: _step(program, s, enough), start)
 
 
-def duration(p: Program, v: Float[Array, "3 nodes"]) -> Scalar:
-    """∫ du/√a [s]."""
+def duration(p: Program, v: Float[Array, "3 2 cells+1"]) -> Scalar:
+    """Return ∫ du/√a [s]."""
     return jnp.sum(p.weights * _positive(p, v) ** -0.5)
 
 
-def _positive(p: Program, v: Float[Array, "3 nodes"]) -> Float[Array, " nodes"]:
-    """The values of a; 1 at nodes at rest, whose weight is zero."""
+def _positive(p: Program, v: Float[Array, "3 2 cells+1"]) -> Float[Array, "2 cells+1"]:
+    """Return the values of a, or 1 at nodes at rest, whose weight is zero."""
     return jnp.where(p.nodes.standing > 0, 1.0, v[0])
 
 
+class _Change(NamedTuple):
+    """The changes of the coefficients, slacks and multipliers, and of the values at the nodes."""
+
+    coefficients: Float[Array, " cells+3"]
+    slacks: Float[Array, "5 2 cells+1"]
+    multipliers: Float[Array, "5 2 cells+1"]
+    values: Float[Array, "3 2 cells+1"]
+
+
+@custom_vmap
 def _step(p: Program, s: State, enough: Scalar) -> State:
+    return _step_with(banded, p, s, enough)
+
+
+@_step.def_vmap
+def _step_of_batch(size: int, batched: Any, *given: Any) -> tuple[State, State]:
+    """Compute a step for each problem of a batch, with the linear solver for batches."""
+    axes = jax.tree.map(lambda own: 0 if own else None, batched)
+    found = jax.vmap(lambda *own: _step_with(banded_batch, *own), axes, axis_size=size)(*given)
+    return found, jax.tree.map(lambda _: True, found)
+
+
+def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> State:
+    """Return the next iterate; `linear` is the module that solves the linear system."""
     v, z = at_nodes(p.nodes, s.coefficients), s.multipliers
-    a, slope = _positive(p, v), gradients(p.constraints, v)
-    slacks = -values(p.constraints, v)
-    inverse, inv_slacks = 1 / a, 1 / slacks
+    a, slope, violations = _positive(p, v), gradients(p.constraints, v), values(p.constraints, v)
+    inverse, inv_slacks = 1 / a, 1 / s.slacks
     pace = p.weights * jnp.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
-    weighed = ratio[:, None] * slope
-    parts = curvature(p.constraints, v, z, a) + jnp.sum(weighed[:, :, None] * slope[:, None], axis=0)
-    system = _system(p, parts.at[0, 0].add(0.75 * pace * inverse * inverse))
+    curvature = second_derivatives(p.constraints, v, z, ratio, a)
+    curvature[0][0] = curvature[0][0] + 0.75 * pace * inverse * inverse
+    factored = _factored(linear, p, curvature)
+    mean, time = jnp.mean(s.slacks * z), jnp.sum(pace)
+    residual = violations + s.slacks
+    gradient = _gradient(p, cost_slope, slope, z)
+    least = BALANCE / z.size * (jnp.sum(jnp.abs(gradient * s.coefficients)) + jnp.sum(jnp.abs(residual) * z))
 
-    def changes(target: Array) -> tuple[Array, Array, Array, Array]:
-        """The Newton step towards slack · z = `target`: changes of coefficients, values, slacks and multipliers."""
-        dc = -system(_gradient(p, cost_slope, slope, target * inv_slacks))
+    def newton(state: tuple[Array, Array, _Change], _: Any) -> tuple[tuple[Array, Array, _Change], None]:
+        """Return the Newton step for slack · z = target, and the next target; the first call is the predictor."""
+        target, off, _ = state
+        dc = -_solved(linear, factored, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = at_nodes(p.nodes, dc)
-        ds = -jnp.sum(slope * dv[None], axis=1)
-        return dc, dv, ds, target * inv_slacks - z - ratio * ds
+        rise = changes(slope, dv)
+        ds = -off - rise
+        dz = target * inv_slacks - z - ratio * ds
+        primal, dual = (jnp.minimum(_length(*x), 1.0) for x in ((s.slacks, ds), (z, dz)))
+        predicted = jnp.mean((s.slacks + primal * ds) * (z + dual * dz))
+        centring = jnp.clip((predicted / mean) ** 3, 1e-6, 1.0)
+        target = jnp.maximum(centring * mean, jnp.minimum(least, mean)) - primal * dual * ds * dz
+        bent = values(p.constraints, v + primal * dv) - violations - primal * rise  # correct for the curvature, too
+        return (target, residual + bent, _Change(dc, ds, dz, dv)), None
 
-    mean = jnp.mean(slacks * z)
-    _, dv, ds, dz = changes(jnp.zeros_like(z))
-    step, ahead = _step_within(p, v, dv, slacks, 0.0)
-    dual = jnp.minimum(_length(z, dz), 1.0)
-    gained = ahead - slacks
-    predicted = jnp.mean(ahead * (z + dual * dz))
-    centring = jnp.clip((predicted / mean) ** 3, 1e-6, 1.0)
-    time = jnp.sum(pace)
-    residual = jnp.sum(jnp.abs(_gradient(p, cost_slope, slope, z) * s.coefficients))
-    target = jnp.maximum(centring * mean, jnp.minimum(BALANCE * residual / z.size, mean))
-    correction = dual * dz * gained + z * (gained - step * ds)
-    dc, dv, ds, dz = changes(target - correction)
-    primal, _ = _step_within(p, v, dv, slacks, 1 - BOUNDARY)
-    dual = jnp.minimum(BOUNDARY * _length(z, dz), 1.0)
-    error = (mean * z.size + residual) / time
-    done = error < enough
+    nothing = _Change(jnp.zeros_like(s.coefficients), jnp.zeros_like(z), jnp.zeros_like(z), jnp.zeros_like(v))
+    (_, _, change), _ = jax.lax.scan(newton, (jnp.zeros_like(z), residual, nothing), None, 2)
+    shrinks = jnp.where(p.nodes.standing > 0, 0.0, change.values[0])
+    primal = jnp.minimum(BOUNDARY * _length(s.slacks, change.slacks), POSITIVE * _length(a, shrinks))
+    primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(z, change.multipliers)))
+    # The predicted improvements: by the duality gap, by Newton's step, and by the violations.
+    improvement = jnp.sum(jnp.abs(gradient * change.coefficients)) + jnp.sum(jnp.abs(residual) * z)
+    error = jnp.where(jnp.max(violations) <= VIOLATED, mean * z.size + improvement, jnp.inf) / time
+    moves = jnp.where(error < enough, 0.0, 1.0)
     return State(
-        jnp.where(done, s.coefficients, s.coefficients + primal * dc),
-        jnp.where(done, z, z + dual * dz),
+        s.coefficients + moves * primal * change.coefficients,
+        s.slacks + moves * primal * change.slacks,
+        z + moves * dual * change.multipliers,
         s.steps + 1,
         error,
     )
 
 
-def _step_within(p: Program, v: Array, dv: Array, slacks: Array, keep: float) -> tuple[Scalar, Array]:
-    """A step (by backtracking) after which a > 0 and every slack is at least `keep` times its value; and the slacks."""
-    shrinks = jnp.where(p.nodes.standing > 0, 0.0, dv[0])
-    longest = jnp.minimum(BOUNDARY * _length(_positive(p, v), shrinks), 1.0)
-
-    def at(step: Scalar) -> tuple[Scalar, Array]:
-        return step, -values(p.constraints, v + step * dv)
-
-    def shorter(trial: tuple[Scalar, Array]) -> tuple[Scalar, Array]:
-        return at(0.8 * trial[0])
-
-    def leaves(trial: tuple[Scalar, Array]) -> Flag:
-        return jnp.any(trial[1] < keep * slacks) & (trial[0] > 1e-10)
-
-    return jax.lax.while_loop(leaves, shorter, at(longest))
+def _gradient(p: Program, cost_slope: Array, slope: Gradients, multipliers: Array) -> Float[Array, " cells+3"]:
+    """Return the gradient of the Lagrangian with respect to the free coefficients."""
+    at = weighted(slope, multipliers)
+    return gathered(p.nodes, (at[0] + cost_slope, *at[1:])) * p.nodes.free
 
 
-def _gradient(p: Program, cost_slope: Array, slope: Array, multipliers: Array) -> Float[Array, " cells+3"]:
-    """The gradient of the Lagrangian with respect to the free coefficients."""
-    at = jnp.sum(multipliers[:, None] * slope, axis=0).at[0].add(cost_slope)
-    return gathered(p.nodes, at) * p.nodes.free
+class _Scaled(NamedTuple):
+    """A factored matrix with unit diagonal, and the scale of the rows and columns."""
+
+    factored: Any
+    scale: Float[Array, " cells+3"]
 
 
-def _system(p: Program, parts: Float[Array, "3 3 nodes"]) -> Any:
-    """A function that solves the linear system for a right-hand side; the matrix is scaled to a unit diagonal."""
-    matrix = gathered_band(p.nodes, parts)
-    free = p.nodes.free
-    scale = free * jnp.where(free > 0, matrix[0], 1.0) ** -0.5
-    shifted = jnp.stack([jnp.pad(scale[: scale.size - d], (d, 0)) for d in range(4)])
-    factored = banded.factor((matrix * shifted * scale[None]).at[0].set(1.0 + 1e-14))
-    return lambda right: banded.solve(factored, right * scale) * scale
+def _factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _Scaled:
+    own, *below = gathered_band(p.nodes, curvature)
+    free = jnp.asarray(p.nodes.free)
+    scale = free * jax.lax.rsqrt(jnp.where(free > 0, own, 1.0))
+    rows = [x * scale * jnp.pad(scale, (k, 0))[: scale.size] for k, x in enumerate(below, 1)]
+    band = jnp.stack([*rows[::-1], jnp.full_like(own, 1.0 + 1e-14)], axis=1)
+    return _Scaled(linear.factor(band), scale)
+
+
+def _solved(linear: ModuleType, s: _Scaled, right: Float[Array, " cells+3"]) -> Float[Array, " cells+3"]:
+    return linear.solve(s.factored, right * s.scale) * s.scale
 
 
 def _length(x: Array, dx: Array) -> Scalar:
-    """The largest step, at most 1e3, that keeps x + step·dx ≥ 0."""
+    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0."""
     return 1 / jnp.maximum(jnp.max(-dx / x), 1e-3)

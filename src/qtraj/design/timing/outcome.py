@@ -1,8 +1,8 @@
-"""The result of a retiming."""
+"""Define the result of `retime`."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,22 +12,28 @@ from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
+from qtraj.foundation.drawing import draw
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @storable
 class Retimed(AbstractOutcome):
     """The result of `retime` for one path or a batch (batch axes in front of every array).
 
-    - `path`: the same curve with its fastest timing; a hodograph like any other.
+    - `path`: the path with its fastest timing. `path.path` is the path as a function of its own parameter; if it is a
+      route, slow motion next to a stop is replaced by a stop.
     - `duration` [s]: differentiable with respect to the path and the limits.
     - `certificate`: the findings on the limits on the whole path.
     - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
-    - `code`: a `ResultCode`. `iterations`: the number of steps of all searches.
+    - `code`: a `ResultCode`.
+    - `iterations`: the number of steps of all searches.
     """
 
     path: RetimedPath
@@ -58,9 +64,9 @@ class Retimed(AbstractOutcome):
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """The time intervals (start, end) [s] in whose cells a quantity reaches `part` of its limit, for one path.
+        """Return the time intervals (start, end) [s] in whose cells a quantity reaches `part` times its limit.
 
-        **Raises:** ValueError for a batch, or for a limit that was not given.
+        **Raises:** ValueError for the result of a batch, or for a limit that was not given.
         """
         if self.code.ndim:
             raise ValueError("intervals are available for the result of one path, but this is the result of a batch")
@@ -71,14 +77,21 @@ class Retimed(AbstractOutcome):
         times = np.asarray(self.timing.times)
         return [(float(times[a]), float(times[b])) for a, b in edges.reshape(-1, 2)]
 
+    def plot(self, title: str = "") -> Figure:
+        """Plot the speed along the path and the limits that bound it (needs the extra `viz`).
+
+        **Raises:** ModuleNotFoundError if matplotlib is not installed. ValueError for the result of a batch.
+        """
+        return draw("retimed_plot", self, title)
+
     @property
     def converged(self) -> Any:
-        """Whether the search found the fastest timing with these knots, and it satisfies every limit."""
+        """Whether the search found the fastest timing with these knots, and this timing satisfies every limit."""
         good = concrete_codes(self) < ResultCode.max_steps_reached
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result for one path in words, and advice."""
+        """Describe the result for one path, with advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         time = float(np.asarray(self.duration)[at])
         if code == ResultCode.successful:
@@ -91,18 +104,18 @@ class Retimed(AbstractOutcome):
             return f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end."
         if code == ResultCode.not_converged:
             return (
-                "the search stopped before it found the fastest timing. The timing returned may be slower than "
-                f"necessary. Try more knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
+                "the search stopped before it converged. The returned timing may be slower than necessary. Try more "
+                f"knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
             )
         if code == int(np.asarray(self.certificate.code)[at]):  # names the limits
             return self.certificate.explain(at)
         return code.text
 
     def record(self) -> Record:
-        """Duration, end speeds and the certificate."""
+        """Return the duration, the end speeds, the timing and the certificate as labelled quantities."""
         findings = self.certificate.record()
         variables = {
-            "duration": Quantity(self.duration, "s", "least time along the path"),
+            "duration": Quantity(self.duration, "s", "minimum duration along the path"),
             "end_speeds": Quantity(self.speeds, "m s-1", "speed at the start and at the end", ("end",)),
             "cell_time": Quantity(self.timing.times, "s", "times of the timing's knots", ("knot",)),
             "cell_parameter": Quantity(

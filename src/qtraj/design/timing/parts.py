@@ -1,4 +1,4 @@
-"""The parts of a path that are timed separately: the whole path, or the drives of a route between its stops."""
+"""Divide a path into the parts that are timed separately: the whole path, or the drives of a route between stops."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from qtraj.design.timing.directions import STANDS
 from qtraj.design.timing.grid import Grid, of_segments, uniform
+from qtraj.design.timing.standstill import with_stops
 from qtraj.foundation.arrays import concrete
 from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
@@ -17,12 +18,15 @@ from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
 
 CONTINUOUS = 1e-6
-"""A smaller relative jump of the velocity or of the acceleration at a joint is treated as rounding."""
+"""A smaller relative jump of the velocity or of the acceleration at a joint is treated as a rounding error."""
 
 SAMPLES = 33
 
+STOP_SPEED, STOP_DISTANCE = 0.2, 0.2
+"""By default, motion at this speed [m/s] or less within this distance [m] is treated as a stop."""
+
 SLOW = 0.02
-"""A speed below this part of the largest is slow."""
+"""A speed below this fraction of the highest speed is slow."""
 
 
 class Part(NamedTuple):
@@ -33,8 +37,17 @@ class Part(NamedTuple):
     grid: Grid | None
 
 
+def standing(route: Route, speed: float | None, distance: float) -> Route:
+    """Return the route with stops instead of slow motion.
+
+    `speed` and `distance` are the arguments `stop_speed` and `stop_distance` of `retime`.
+    """
+    segments = known_segments(route)
+    return with_stops(route, segments, min(STOP_SPEED, SLOW * fastest(segments)) if speed is None else speed, distance)
+
+
 def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
-    """The parts in their order, and whether the velocity of a route is zero at its start and at its end.
+    """Return the parts in order, and whether the velocity of a route is zero at its start and at its end.
 
     **Raises:** ValueError for a traced route, a batch of routes, a route that never moves or stops within a segment, or
     a route whose velocity (or acceleration, with a limit on the jerk) jumps.
@@ -54,13 +67,14 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
     parts = []
     for first, last in pairwise(bounds):
         cells = max(knots, 1 << (2 * (last - first) - 1).bit_length())
-        grid = None if still[first] else of_segments(starts[first : last + 1], first, cells)
+        ends = bool(slow[first, 0]), bool(slow[last - 1, 1])
+        grid = None if still[first] else of_segments(starts[first : last + 1], first, cells, ends)
         parts.append(Part(starts[first], starts[last], grid))
     return parts, (bool(slow[0, 0]), bool(slow[-1, 1]))
 
 
 def known_segments(route: Route) -> Segments:
-    """The segments of a route with concrete values, in NumPy arrays.
+    """Return the segments of a route with concrete values, in NumPy arrays.
 
     **Raises:** ValueError for a batch of routes or a traced route.
     """
@@ -75,7 +89,7 @@ def known_segments(route: Route) -> Segments:
 
 
 def standing_ends(s: Segments) -> np.ndarray:
-    """Whether the velocity is zero at the start and at the end of each segment, (n, 2)."""
+    """Return whether the velocity is zero at the start and at the end of each segment, (n, 2)."""
     speeds = _speeds(s)
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)
 
@@ -90,25 +104,27 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
     local = s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
     c = np.broadcast_to(s.coefficients[:, None], (*local.shape, *s.coefficients.shape[1:]))
     v = pieces.values(c, local, 1)[1]
+    speeds = np.linalg.norm(v, axis=-1)
+    v[speeds <= STANDS * speeds.max(axis=1, keepdims=True)] = 0.0  # rounding
     turns = np.sum(v[:, 1:] * v[:, :-1], axis=-1) < 0
     if (found := np.argwhere(turns & ~still[:, None])).size:
         i, k = found[0]
         at = float(s.starts[i] + local[i, k])
         raise ValueError(
-            f"the route turns back at about {at:.4g} s, within a segment, but retime cuts a route only at joints where "
-            f"it stands. {_advice(s, at)}"
+            f"the route turns back at about {at:.4g} s, within a segment, but retime divides a route only at joints "
+            f"where the vehicle is at rest. {_advice(s, at)}"
         )
 
 
 def _advice(s: Segments, at: float) -> str:
-    """What to do with a route that turns back at a time, most often in the slow motion beside a stop."""
+    """Return advice on a route that turns back at the time `at`, most often in slow motion next to a stop."""
     slow = next(
         ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
     )
-    parts = f"before {slow[0]:.6g} s and after {slow[1]:.6g} s, where it is not slow," if slow else "before and after"
+    parts = f"before {slow[0]:.6g} s and after {slow[1]:.6g} s" if slow else "before and after this instant"
     return (
-        f"Take its parts {parts} by window(t0, t1), retime each with end_speed=0 or start_speed=0 for rest, or call "
-        "tune_route, which keeps slow motion as it is."
+        f"Either extract the parts {parts} with route.window(t0, t1) and retime each of them, with end_speed=0 or "
+        "start_speed=0 at an end at rest, or call tune_route, which leaves the segments at a stop unchanged."
     )
 
 
@@ -117,19 +133,19 @@ def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
     for order, name in ((1, "velocity"), *(((2, "acceleration"),) if jerk else ())):
         after = s.coefficients[1:, order] * (1, 1, 2)[order]
         jump = np.linalg.norm(after - ends[order], axis=-1)
-        size = np.linalg.norm(s.coefficients[:, 1:3], axis=-1)[:, order - 1].max(initial=0.0) + np.linalg.norm(
-            ends[order], axis=-1
-        )
+        size = np.linalg.norm(s.coefficients[:, order], axis=-1).max() + np.linalg.norm(ends[order], axis=-1)
+        if order == 2:  # accelerations that are zero everywhere are compared with changes of the velocity
+            size = size + np.linalg.norm(s.coefficients[:, 1], axis=-1).max() / s.durations.max()
         bad = np.flatnonzero((jump > CONTINUOUS * size) & ~cut)
         if bad.size:
             at = s.starts[bad[0] + 1]
             raise ValueError(
-                f"the {name} of the route jumps at {at:.4g} s, where the vehicle moves, so no timing satisfies a limit "
-                f"on the {('acceleration', 'jerk')[order - 1]}. Use a route with continuous acceleration, such as the "
-                "result of fit_route."
+                f"the {name} of the route jumps at {at:.4g} s, while the vehicle is moving, so retime cannot satisfy "
+                f"a limit on the {('acceleration', 'jerk')[order - 1]} there. Use a route with continuous "
+                "acceleration, such as the result of fit_route."
             )
 
 
 def known_zero(v: Any) -> bool:
-    """Whether a speed is known to be zero."""
+    """Return whether a speed is known to be zero."""
     return v is not None and concrete(v) is not None and float(v) == 0

@@ -1,10 +1,10 @@
-"""Proofs that a retimed path satisfies its limits on every cell.
+"""Prove that a retimed path satisfies its limits on every cell.
 
-In a cell the path and the squared path speed a are polynomials, and each limit is one polynomial inequality between
-them (see `constraints`). A route is represented in world axes, any other path in its moving basis. An exact change of
-variable restricts the path to the cell, because every cell is a dyadic part of a segment. Quantities that depend on the
-direction of the path are computed from the direction q instead of r', because q does not vanish where a segment starts
-or ends at a stop (see `directions`).
+In a cell the path and a = u̇² are polynomials, and each limit is a polynomial inequality in them and their
+derivatives (see `constraints`). A route is represented in world axes, any other path in its moving basis. Every cell is
+a dyadic part of a segment, so the change of variable to the cell is exact. Quantities that depend on the direction of
+the path are computed from q instead of r', because q does not vanish where a segment starts or ends at a stop (see
+`directions`).
 """
 
 from typing import Any, NamedTuple
@@ -16,34 +16,26 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.algebra.chebyshev_model import ChebyshevModel, multiple
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
+from qtraj.algebra.cells import enclose_minimum, semi_axes
+from qtraj.algebra.chebyshev_model import NODES, interpolated
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
 from qtraj.design.timing.constraints import NAMES, UPPER
 from qtraj.design.timing.grid import Grid
+from qtraj.design.timing.majorant import ELLIPSES, Majorant, from_model, to_model
 from qtraj.foundation.types import Scalar
+from qtraj.path.components import cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
+WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
+"""Largest half width of a subcell relative to the segment, smallest relative to the cell, and the number of rounds."""
+
+ORDERS = 3
+"""The highest order of a derivative of the path in a limit."""
 HIGHEST = 6
-"""The highest multiplicity of a stop: up to six derivatives of a septic may vanish there."""
-
-
-class _Cells(eqx.Module):
-    """Models on the cells, in units of half durations: three derivatives of the path, and a with its derivatives.
-
-    With r' = w·q, `ahead` contains q and its two derivatives, and `factor` is w. Without stops q is r', and `factor` is
-    None.
-    """
-
-    path: list[ChebyshevModel]
-    ahead: list[ChebyshevModel]
-    factor: ChebyshevModel | None
-    a: ChebyshevModel
-    slope: ChebyshevModel
-    bend: ChebyshevModel
+"""The highest multiplicity of a stop: up to six derivatives of a septic polynomial may vanish there."""
 
 
 class Source(NamedTuple):
@@ -60,66 +52,159 @@ class Proofs(eqx.Module):
     codes: Int[Array, "limits cells"]
 
     def whole(self) -> Int[Array, " limits"]:
-        """The status on all cells together."""
+        """Return the status on all cells together."""
         broken, proved = jnp.any(self.codes == BROKEN, axis=1), jnp.all(self.codes == PROVED, axis=1)
         return jnp.where(broken, BROKEN, jnp.where(proved, PROVED, UNDECIDED)).astype(jnp.int32)
+
+
+class _Queue(NamedTuple):
+    """The queue of subcells `centre` ± `half` of [−1, 1] in a `cell`, from `head` to `tail` modulo the capacity.
+
+    `rows` are the inequalities to prove in a subcell: the limits, and a > 0. The other fields are the results so far.
+    """
+
+    cell: Int[Array, " capacity"]
+    centre: Float[Array, " capacity"]
+    half: Float[Array, " capacity"]
+    rows: Bool[Array, "rows capacity"]
+    head: Int[Array, ""]
+    tail: Int[Array, ""]
+    broken: Bool[Array, "rows cells"]
+    undecided: Bool[Array, "rows cells"]
+    rounds: Int[Array, ""]
 
 
 @eqx.filter_jit
 def prove(
     path: Source,
     grid: Grid,
-    timing: tuple[Float[Array, "cells 4"], Bool[Array, " 2"]],
+    timing: tuple[Float[Array, "cells 4"], Bool[Any, " 2"]],
     bounds: dict[str, Scalar],
 ) -> Proofs:
-    """The status of each limit on each cell; PROVED requires a proof of a > 0.
+    """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
 
-    `timing`: the coefficients of a in each cell, and whether a is zero at the start and at the end. Absent limits are
-    infinite.
+    `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
+    are infinite or not in `bounds` are absent; the latter need no compiled code.
     """
-    coefficients, at_rest = timing
-    segments = path_derivatives(path.polynomials, path.durations)
+    names = tuple(name for name in NAMES if name in bounds)
+    size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
+    wanted = jnp.append(jnp.isfinite(given), True)[:, None]
+    enclose = _enclosures(path, grid, timing, dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True)))
+    width, capacity = max(grid.cells // 4, 16), 8 * grid.cells
+
+    def examine(q: _Queue) -> _Queue:
+        """Examine the first subcells of the queue, and append the halves of those that remain undecided."""
+        ahead = q.head + jnp.arange(width, dtype=jnp.int32)
+        at = ahead % capacity
+        cell, centre, half = (x[at] for x in q[:3])
+        low, high = enclose(cell, centre, half)
+        small = half * size[cell] <= WIDEST
+        considered = q.rows[:, at] & (ahead < q.tail)[None]
+        broken = q.broken.at[:, cell].max(considered & (high < 0) & small[None])
+        unproved = considered & ~((low > 0) & small[None]) & ~(broken | q.undecided)[:, cell]
+        divided, head = jnp.any(unproved, axis=0), jnp.minimum(q.head + width, q.tail)
+        place = q.tail + 2 * (jnp.cumsum(divided, dtype=jnp.int32) - 1)
+        last = divided & ((half <= NARROWEST) | (place + 2 - head > capacity))
+        undecided = q.undecided.at[:, cell].max(unproved & last[None])
+        divided &= ~last
+        place = q.tail + 2 * (jnp.cumsum(divided, dtype=jnp.int32) - 1)
+        both = jnp.concatenate([jnp.where(divided, k, capacity) for k in (place % capacity, (place + 1) % capacity)])
+        centres, halves = jnp.concatenate([centre - 0.5 * half, centre + 0.5 * half]), jnp.tile(0.5 * half, 2)
+        return _Queue(
+            q.cell.at[both].set(jnp.tile(cell, 2), mode="drop"),
+            q.centre.at[both].set(centres, mode="drop"),
+            q.half.at[both].set(halves, mode="drop"),
+            q.rows.at[:, both].set(jnp.tile(unproved, (1, 2)), mode="drop"),
+            head,
+            q.tail + 2 * jnp.sum(divided, dtype=jnp.int32),
+            broken,
+            undecided,
+            q.rounds + 1,
+        )
+
+    start = _whole_cells(wanted, grid.cells, capacity, size.dtype)
+    found = jax.lax.while_loop(lambda q: (q.head < q.tail) & (q.rounds < ROUNDS), examine, start)
+    place = jnp.arange(capacity, dtype=jnp.int32)
+    left = found.rows & ((place - found.head) % capacity < found.tail - found.head)[None]
+    undecided = found.undecided.at[:, found.cell].max(left)
+    codes = jnp.where(found.broken, BROKEN, jnp.where(undecided, UNDECIDED, PROVED)).astype(jnp.int32)
+    own = jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED)
+    return Proofs(jnp.stack([own[names.index(name)] if name in names else codes[-1] for name in NAMES]))
+
+
+def _whole_cells(wanted: Bool[Array, "rows 1"], cells: int, capacity: int, dtype: Any) -> _Queue:
+    """Return the queue of all cells."""
+    none, zero = jnp.zeros((wanted.shape[0], cells), bool), jnp.zeros((), jnp.int32)
+    cell, rows = jnp.arange(capacity, dtype=jnp.int32) % cells, jnp.broadcast_to(wanted, (wanted.shape[0], capacity))
+    ends = zero, jnp.asarray(cells, jnp.int32)
+    return _Queue(cell, jnp.zeros(capacity, dtype), jnp.ones(capacity, dtype), rows, *ends, none, none, zero)
+
+
+def _enclosures(path: Source, grid: Grid, timing: tuple[Array, Array], given: dict[str, Array]) -> Any:
+    """Return a function that computes bounds (rows, subcells) on the minima of the slacks of the limits, and of a."""
+    segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
-    own = _of_cells(segments.derivatives[:3], segment)
-    directions = None if path.ahead is None else _directions(path.ahead, path.durations, segments.length, segment)
-    a, rest = _timing(coefficients, at_rest)
-    finer = [_scaled(p, (1 / size) ** k) for k, p in enumerate(a)]
-    of_cells = PathDerivatives([], segments.length[segment], segments.unit[segment])
-    squares = [squared_bound(bounds[name], _unit(name, of_cells)) for name in NAMES]
-    squares = tuple(jnp.stack(x) for x in zip(*squares, strict=True))
-    widest = jnp.full(segment.shape, 2.0, coefficients.dtype)
+    shape = segments.derivatives
+    ahead, factor = (None, None) if path.ahead is None else _directions(path.ahead, path.durations, segments.length)
+    shape = _stacked(shape if ahead is None else [*shape, *ahead])
+    a, rest = _timing(*timing)
+    of_a = _stacked([*(_scaled(p, (1 / size) ** k) for k, p in enumerate(a)), rest])
+    units, limits = jnp.stack([_unit(name, segments) for name in given]), jnp.stack([*given.values()])
+    square, rounding = squared_bound(limits[:, None], units)
+    limit = jnp.stack([square[0], jnp.where(jnp.isfinite(rounding[0]), square[0], jnp.inf)])  # value and majorant
+    alone = path.durations.size == 1
 
-    def cells(centre: Array, half: Array) -> _Cells:
-        at = middle[None] + centre * size[None], half * size[None]
-        r = [p.on(*at) for p in own]
-        q = r if directions is None else [p.on(*at) for p in directions[0]]
-        factor = None if directions is None else directions[1].on(*at)[0]
-        return _Cells(r, q, factor, *(p.on(centre, half)[0] for p in finer))
+    def of_segment(x: Array, own: Array) -> Array:
+        return x if alone else x[..., own]
 
-    def judged(k: Array) -> Array:
-        """The status of the limit with index `k` on each cell; the last index refers to a > 0."""
-        bound = tuple(x[jnp.minimum(k, len(NAMES) - 1)] for x in squares)
-        slacks = [lambda c, at, name=name: _slack(name, bound, c) for name in NAMES]
-        choices = [*slacks, lambda c, at: rest.on(*at)[0]]
-        code = prove_positive(lambda *at: jax.lax.switch(k, choices, cells(*at), at), widest).code
-        return jnp.where(code == NEGATIVE, BROKEN, jnp.where(code == POSITIVE, PROVED, UNDECIDED)).astype(jnp.int32)
+    def enclose(cell: Array, centre: Array, half: Array) -> tuple[Array, Array]:
+        own, within = segment[cell], (centre[None], half[None])
+        at = middle[cell] + centre * size[cell], half * size[cell]
+        at = at[0][None], at[1][None]
+        r = _models(jax.tree.map(lambda x: of_segment(x, own), shape), at)
+        q, w = r[:3], None
+        if factor is not None:
+            q = r[3:]
+            (w,) = from_model(jax.tree.map(lambda x: of_segment(x, own), factor).on(*at))
+        a, slope, bend, rest = (x[0] for x in _models(jax.tree.map(lambda x: x[..., cell], of_a), within))
+        cells = _Cells(r[:3], q, w, a, slope, bend)
+        of_limits = of_segment(limit, own) * jnp.ones_like(half)[None, None]
+        rows = [_slack(name, _limit(of_limits[:, k]), cells) for k, name in enumerate(given)]
+        found = enclose_minimum(*interpolated(to_model([*rows, rest]), semi_axes(within[1])))
+        return found.low, found.high
 
-    wanted = jnp.append(jnp.stack([jnp.isfinite(bounds[name]) for name in NAMES]), True)
-    none = jnp.full(segment.shape, PROVED, jnp.int32)
-    codes = jax.lax.map(lambda k: jax.lax.cond(wanted[k], judged, lambda k: none, k), jnp.arange(len(NAMES) + 1))
-    return Proofs(jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED))
+    return enclose
 
 
-def _of_cells(polynomials: list[CellPolynomial], segment: Int[Array, " cells"]) -> list[CellPolynomial]:
-    return [jax.tree.map(lambda x: x[..., segment], p) for p in polynomials]
+def _limit(both: Float[Array, "2 subcells"]) -> Majorant:
+    value, bound = both
+    return Majorant(jnp.concatenate([jnp.broadcast_to(x, (n, x.size)) for x, n in ((value, NODES), (bound, ELLIPSES))]))
+
+
+def _models(p: CellPolynomial, at: tuple[Array, Array]) -> list[tuple[Majorant, ...]]:
+    """Return the components of polynomials that are stacked on the first axis, in subcells."""
+    models = jax.vmap(lambda own: own.on(*at))(p)
+    return [from_model(jax.tree.map(lambda x, k=k: x[k], models)) for k in range(p.error.shape[0])]
+
+
+def _stacked(polynomials: list[CellPolynomial]) -> CellPolynomial:
+    """Return the polynomials on a new first axis, with coefficients up to the same degree."""
+    count = max(p.coefficients.shape[1] for p in polynomials)
+
+    def padded(p: CellPolynomial) -> CellPolynomial:
+        more = count - p.coefficients.shape[1]
+        rows = [(0, 0), (0, more), (0, 0), (0, 0)]
+        return CellPolynomial(jnp.pad(p.coefficients, rows), jnp.pad(p.shifts, [(0, more), *rows]), p.error)
+
+    return jax.tree.map(lambda *x: jnp.stack(x), *map(padded, polynomials))
 
 
 def _directions(
-    ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array, segment: Int[Array, " cells"]
+    ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """q with two derivatives in each cell, and w with r' = w·q in the units of r' and q."""
+    """Return q with two derivatives in each segment, and the factor w with r' = w·q in the units of r' and q."""
     polynomials, powers, roundings = ahead
-    found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None])
+    found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None], ORDERS)
     table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
     for m in range(HIGHEST + 1):
         for n in range(HIGHEST + 1):
@@ -129,11 +214,11 @@ def _directions(
     m, n = (jnp.asarray(powers)[:, k] for k in range(2))
     factor = jnp.asarray(table)[m, n].T * (found.length / length)[None]  # lengths are powers of two
     w = cell_polynomial(factor[None, :, None], jnp.zeros_like(length)[None])
-    return _of_cells(found.derivatives[:3], segment), _of_cells([w], segment)[0]
+    return found.derivatives, w
 
 
 def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
-    """The polynomials multiplied by powers of two, which is exact."""
+    """Return the polynomials multiplied by powers of two, which is exact."""
     return CellPolynomial(
         p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
     )
@@ -142,7 +227,7 @@ def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial
 def _timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """a, a' and a'' as polynomials in s in [−1, 1] of each cell, and a divided by its factor that vanishes at rest."""
+    """Return a, a' and a'' as polynomials in s, −1 ≤ s ≤ 1, and a without its factor that vanishes at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)
@@ -156,44 +241,60 @@ def _timing(
 
 
 def _centred(powers: Float[Array, "k cells"]) -> CellPolynomial:
-    """From powers of (1 + s)/2 to powers of s, with a bound on the rounding."""
+    """Convert powers of (1 + s)/2 to powers of s, with a bound on the rounding errors."""
     n = powers.shape[0] - 1
     matrix = np.zeros((n + 1, n + 1))
     for k in range(n + 1):
         matrix[: k + 1, k] = np.polynomial.polynomial.polypow([0.5, 0.5], k)
     form = jnp.sum(jnp.asarray(matrix)[:, :, None] * powers[None], axis=1)
     size = jnp.sum(jnp.abs(powers), axis=0)
-    error = 32 * float(np.finfo(powers.dtype).eps) * size
+    # The factor of the size accounts for ellipses of semi-axis 16 around the cell, whose radius is 17 instead of 3.
+    error = (17 / 3) ** 3 * 32 * float(np.finfo(powers.dtype).eps) * size
     return cell_polynomial(form[None, :, None], error[None])
 
 
 def _unit(name: str, whole: PathDerivatives) -> Array:
-    """The factor that makes the limit dimensionless."""
-    entry = QUANTITIES[name]
-    return whole.unit**entry.per_time / whole.length**entry.length
+    """Return the factor that makes the limit dimensionless."""
+    return whole.unit ** QUANTITIES[name].per_time / whole.length ** QUANTITIES[name].length
 
 
-def _slack(name: str, bound: Any, c: _Cells) -> ChebyshevModel:
-    """limit² · denominator − numerator."""
+class _Cells(NamedTuple):
+    """Models on subcells, in units of half durations; `path` contains the first three derivatives of the path.
+
+    `slope` and `bend` are the first two derivatives of `a`. With r' = w·q, `ahead` contains q and its two derivatives,
+    and `factor` is w. Without stops q is r', and `factor` is None.
+    """
+
+    path: list[Any]
+    ahead: list[Any]
+    factor: Majorant | None
+    a: Majorant
+    slope: Majorant
+    bend: Majorant
+
+
+def _slack(name: str, bound: Majorant, c: _Cells) -> Majorant:
+    """Return limit² · denominator − numerator."""
     real, i, a = Invariants([None, *c.path]), Invariants([None, *c.ahead]), c.a
     if name == "lateral_acceleration":
-        across = i.r[1].cross(real.r[2])
-        return multiple(i.S, *bound) - (across @ across) * (a * a)
+        across = cross(i.r[1], real.r[2])
+        return bound * i.S - dot(across, across) * (a * a)
     if name in UPPER:
         entry, own = QUANTITIES[name], real if name == "speed" else i
         denominator = a.one() if entry.denominator is None else entry.denominator(own)
-        return multiple(denominator, *bound) - entry.numerator(own) * a
+        return bound * denominator - entry.numerator(own) * a
     if name == "longitudinal_acceleration":
         slope = i.S * c.slope
-        along = 2 * ((i.r[1] @ real.r[2]) * a) + (slope if c.factor is None else c.factor * slope)
-        return multiple(4 * i.S, *bound) - along * along
+        along = 2.0 * (dot(i.r[1], real.r[2]) * a) + (slope if c.factor is None else c.factor * slope)
+        return bound * (4.0 * i.S) - along * along
     if name == "acceleration":
-        double = 2 * (real.r[2] * a[None]) + real.r[1] * c.slope[None]
-        return multiple(4 * a.one(), *bound) - double @ double
+        double = tuple(2.0 * (p * a) + q * c.slope for p, q in zip(real.r[2], real.r[1], strict=True))
+        return 4.0 * bound - dot(double, double)
     if name == "jerk":
-        double = 2 * (real.r[3] * a[None]) + 3 * (real.r[2] * c.slope[None]) + real.r[1] * c.bend[None]
-        return multiple(4 * a.one(), *bound) - a * (double @ double)
+        rows = zip(real.r[3], real.r[2], real.r[1], strict=True)
+        double = tuple(2.0 * (p * a) + 3.0 * (q * c.slope) + x * c.bend for p, q, x in rows)
+        return 4.0 * bound - a * dot(double, double)
     SH = i.S * i.H
     growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
-    turning = 2 * (growth * a) + (i.P * SH) * c.slope
-    return multiple(4 * (SH * (SH * SH)), *bound) - turning * turning
+    turning = 2.0 * (growth * a) + (i.P * SH) * c.slope
+    return 4.0 * (bound * (SH * (SH * SH))) - turning * turning

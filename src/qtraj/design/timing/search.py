@@ -1,5 +1,6 @@
-"""The fastest timing on a grid of cells: interior-point searches, with limits tightened where cells exceed them."""
+"""Compute the fastest timing on a grid of cells: repeat searches, with tighter limits in cells that exceed them."""
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,44 +10,71 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.timing.constraints import COUNT, NAMES, UPPER, Constraints, Parts, parts, tightened, used, values
+from qtraj.design.timing.banded import total
+from qtraj.design.timing.constraints import (
+    COUNT,
+    NAMES,
+    POWERS,
+    UPPER,
+    Constraints,
+    Parts,
+    parts,
+    tightened,
+    used,
+    values,
+)
 from qtraj.design.timing.grid import Grid, Shape, derivatives
-from qtraj.design.timing.interior_point import Program, duration, solve
-from qtraj.design.timing.spline import DEGREE, Nodes, at_nodes, local, nodes, power_form, within
+from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
+from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
+from qtraj.path.hodograph import AbstractHodograph
 
-GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
-"""Relative duality gaps at the start and at the end of successive searches; all further searches use the last pair."""
+GAPS = (1e-4, 1e-8)
+"""Relative optimality errors at the end of the first search and of all further searches."""
 
 FINEST = 128
-"""With more cells the final gap grows with their squared number, because rounding errors in the jerk prevent 1e-8."""
+"""With more cells the final gap grows with the square of their number, because rounding errors in the jerk prevent a
+gap of 1e-8."""
 
-ROUNDS, ALLOWED = 8, 2e-6
-"""Maximum number of searches, and the relative excess of a limit between the nodes that ends them."""
+ROUNDS, ALLOWED = 10, 5e-6
+"""Maximum number of searches, and the relative violation between the nodes at which no further search is needed."""
 
 OVER, CHECKED = 1.3, 17
-"""Limits are tightened by `OVER` times the excess found at `CHECKED` places of each cell."""
+"""After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. After
+the third search, this factor doubles each time: limits at nodes must become much tighter to reduce a peak far away."""
+
+MARGIN = 1e-5
+"""Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
 
 SLOWED = 1e-4
-"""A timing slower than the solution of the last search by more than this part of a has not converged."""
+"""If the solution of the last search must be slowed down by more than this fraction of a, it has not converged."""
 
-INSIDE, CLOSE = 0.9, 0.98
-"""The initial values of the first and of later searches are scaled to this fraction of the largest feasible ones."""
+RANGE, RAMP, SMOOTHED = 1e3, 32, 32
+"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest, a grows from 0 to the largest bound
+in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
 
 
 class Problem(NamedTuple):
-    """A path, its limits by name (infinite if absent), and the largest squared path speed at its ends."""
+    """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends."""
 
-    shape: Shape
+    path: AbstractHodograph
+    start: Scalar
+    end: Scalar
     bounds: dict[str, Scalar]
     ends: Float[Array, " 2"]
 
 
 class Tables(NamedTuple):
-    """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell."""
+    """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell.
+
+    `cell` and `place` are the index of the cell and the position in it for all nodes, followed by all points at which
+    limits are checked.
+    """
 
     grid: Grid
     nodes: Nodes
+    cell: Int[np.ndarray, " all"]
+    place: Float[np.ndarray, " all"]
     within: Float[np.ndarray, "places 3 4 cells"]
     powers: Float[np.ndarray, "4 4 cells"]
 
@@ -54,10 +82,10 @@ class Tables(NamedTuple):
 class Found(NamedTuple):
     """The fastest timing of a path on its cells.
 
-    `powers` (cells, 4): the coefficients of the squared path speed in powers of the place in each cell. `usage`
-    (limits, cells): the largest ratio of each quantity to its limit, in the order of `NAMES`. `sensitivity` has the
-    value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, `error` the
-    error of the last search.
+    `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
+    (limits, cells) is the largest ratio of each quantity to its limit, in the order of `NAMES`. `sensitivity` has the
+    value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
+    the optimality error of the last search.
     """
 
     powers: Float[Array, "cells 4"]
@@ -68,101 +96,109 @@ class Found(NamedTuple):
 
 
 def last_gap(cells: int) -> float:
-    """The relative duality gap at which the last search ends."""
-    return GAPS[-1][1] * max(1.0, (cells / FINEST) ** 2)
+    """Return the relative duality gap at which the last search ends."""
+    return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
 
 
 def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
-    """The tables of a grid; `rest` says whether the vehicle is at rest at the start and at the end."""
-    return Tables(grid, nodes(grid.knots, rest), within(grid.knots, CHECKED), power_form(grid.knots))
+    """Return the tables of a grid; `rest` is whether the vehicle is at rest at the start and at the end."""
+    return _tables(tuple(tuple(x.tolist()) for x in grid), rest)
+
+
+@functools.lru_cache(maxsize=32)
+def _tables(listed: tuple[tuple[float, ...], ...], rest: tuple[bool, bool]) -> Tables:
+    knots, segment, middle, half = (np.array(x) for x in listed)
+    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest), np.diff(knots)
+    columns = np.append(np.arange(length.size), length.size - 1)
+    cell = np.concatenate([columns, columns, np.tile(np.arange(length.size), CHECKED)])
+    at_nodes = ((own.place - knots[columns]) / length[columns]).ravel()
+    place = np.concatenate([at_nodes, np.repeat(np.linspace(0.0, 1.0, CHECKED), length.size)])
+    return Tables(grid, own, cell, place, within(knots, CHECKED), power_form(knots))
 
 
 def fastest(problem: Problem, t: Tables) -> Found:
-    """The fastest timing; `sensitivity` has derivatives with respect to the path and the limits."""
+    """Compute the fastest timing; its `sensitivity` has derivatives with respect to the path and the limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    powers, usage, slower = _satisfied(r, stop_gradient(places), t)
-    sensitivity = _sensitivity(program, r)
-    return Found(powers, usage, sensitivity, r.steps, jnp.where(slower >= 1 - SLOWED, r.error, jnp.inf))
+    powers, usage, error = _satisfied(r, t)
+    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
 
 
 class _Round(NamedTuple):
-    """The solution of the last search, the factors it `used` and those of the next, the usage, and counters."""
+    """The state of the last search, the `used` and the next factors of the limits, the usage, and a counter."""
 
-    coefficients: Float[Array, " cells+3"]
-    multipliers: Float[Array, "5 nodes"]
+    state: State
     used: Float[Array, "5 cells"]
     factors: Float[Array, "5 cells"]
     usage: Float[Array, "8 cells"]
     searches: Int[Array, ""]
-    steps: Int[Array, ""]
-    error: Scalar
 
 
 @eqx.filter_jit
 def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
-    """The problem with the limits at the nodes, and the limits at places within the cells."""
+    """Return the problem with the limits at the nodes, and the limits at the points at which they are checked."""
     cells, grid = t.grid.cells, t.grid
-    cell = np.concatenate([np.arange(cells), [cells - 1], np.arange(cells), np.tile(np.arange(cells), CHECKED)])
-    count, dtype = 2 * cells + 1, problem.shape.per_cell.dtype
-    knots, at, own = jnp.asarray(grid.knots), jnp.asarray(t.nodes.place), cell[:count]
-    places = jnp.asarray(np.repeat(np.linspace(0.0, 1.0, CHECKED), cells), dtype)
-    place = jnp.concatenate([(at - knots[own]) / (knots[own + 1] - knots[own]), places])
-    r = derivatives(problem.shape, grid, cell, place)
-    found = parts(r, problem.shape.per_cell, problem.bounds)
-    imposed, between = Parts(*(x[..., :count] for x in found)), Parts(*(x[..., count:] for x in found))
+    count, dtype = 2 * (cells + 1), problem.ends.dtype
+    shape = Shape(problem.path, problem.start, (problem.end - problem.start) / cells)
+    r = derivatives(shape, grid, t.cell, jnp.asarray(t.place, dtype))
+    found = parts(r, shape.per_cell, {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()})
+    imposed, between = (
+        Parts(*(part.reshape(*part.shape[:-1], -1, size) for part in own))
+        for own, size in (
+            (Parts(*(x[..., :count] for x in found)), cells + 1),
+            (Parts(*(x[..., count:] for x in found)), cells),
+        )
+    )
     nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
     c = imposed.constraints()
-    upper = c.upper.at[0].max(1 / problem.ends[0]).at[cells].max(1 / problem.ends[1])
-    weights = jnp.asarray(nodes.weight) * problem.shape.per_cell
-    return Program(nodes, weights, Constraints(upper, c.forms, jnp.where(nodes.standing > 0, 0.0, c.jerk))), between
+    upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
+    forms = c.forms.at[..., 1, cells].set(0.0)  # padding: there are only `cells` nodes of the second kind
+    jerk = jnp.where(nodes.standing > 0, 0.0, c.jerk)
+    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, Constraints(upper, forms, jerk)), between
 
 
 @eqx.filter_jit
 def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 cells"]) -> _Round:
-    """Searches until the limits are satisfied between the nodes too; independent of the kind of path."""
-    cells, dtype = program.nodes.inner.shape[-1], program.weights.dtype
-    last = last_gap(cells)
-    gaps = jnp.asarray([(a, max(b, last)) for a, b in GAPS], dtype)
+    """Repeat the search until the limits are satisfied between the nodes, too.
+
+    The compiled code is the same for all classes of paths.
+    """
+    cells, dtype = within.shape[-1], program.weights.dtype
+    gaps = jnp.asarray([GAPS[0], last_gap(cells)], dtype)
 
     def attempt(r: _Round) -> _Round:
-        begin, end = gaps[jnp.minimum(r.searches, len(GAPS) - 1)]
         own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
-        part = _largest_part(own.constraints, at_nodes(own.nodes, r.coefficients))
-        part = jnp.where(r.searches == 0, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
-        state = solve(own, r.coefficients * part, (begin, end))
+        state = solve(own, continued(own, r.state), gaps[jnp.minimum(r.searches, 1)])
         usage = _between_nodes(between, within, state.coefficients)
         excess = _grouped(usage)
-        factors = r.factors * jnp.where(excess > 1, 1 + OVER * (excess - 1), 1.0)
-        counts = r.searches + 1, r.steps + state.steps
-        return _Round(state.coefficients, state.multipliers, r.factors, factors, usage, *counts, state.error)
+        over = OVER * 2.0 ** jnp.maximum(r.searches - 2, 0).astype(dtype)
+        factors = r.factors * jnp.where(excess > 1, 1 + over * (excess - 1), 1.0)
+        return _Round(state, r.factors, factors, usage, r.searches + 1)
 
     def goes_on(r: _Round) -> Array:
-        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.error)
+        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.state.error)
         return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
 
-    none, ones = jnp.zeros((), jnp.int32), jnp.ones((COUNT, cells), dtype)
-    multipliers = jnp.zeros((COUNT, 2 * cells + 1), dtype)
-    usage = jnp.zeros((len(NAMES), cells), dtype)
-    infinite = jnp.full((), jnp.inf, dtype)
-    start = _Round(_initial(program), multipliers, ones, ones, usage, none, none, infinite)
+    ones, usage = jnp.ones((COUNT, cells), dtype), jnp.zeros((len(NAMES), cells), dtype)
+    start = _Round(begun(program, _initial(program)), ones, ones, usage, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)
 
 
 @eqx.filter_jit
-def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Array]:
-    """The powers of a, the usage, and a factor of a: a small remaining excess is removed by driving more slowly."""
+def _satisfied(r: _Round, t: Tables) -> tuple[Array, Array, Array]:
+    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains."""
     excess = jnp.max(_grouped(r.usage))
     slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
-    coefficients = r.coefficients * slower
-    powers = jnp.sum(jnp.asarray(t.powers, coefficients.dtype) * local(coefficients)[None], axis=1).T
-    return powers, _between_nodes(between, t.within, coefficients), slower
+    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * r.state.coefficients)[None], axis=1).T
+    usage = r.usage * slower ** jnp.asarray(POWERS, slower.dtype)[:, None]
+    return powers, usage, jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
 
 
 def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 cells"]:
-    """The largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
-    v = jnp.sum(jnp.asarray(within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
-    usage = used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
+    """Return the largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
+    own, table = local(coefficients), jnp.asarray(within, coefficients.dtype)
+    v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(ORDERS)]
+    usage = used(between, jnp.stack(v))
     before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]
     bend, change = 2 * at - before - after, after - before
     peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # the vertex is between the three samples
@@ -171,38 +207,48 @@ def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Ar
 
 
 def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
-    """The usage by constraint: the upper bounds on a are one constraint, for which speeds are squared."""
+    """Return the usage of each constraint; the upper bounds on a are one constraint, and its usage is a ratio of a."""
     upper = jnp.max(usage[: len(UPPER)], axis=0) ** 2
     return jnp.concatenate([upper[None], usage[len(UPPER) :]])
 
 
-def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 nodes"]:
-    """The factors at the nodes; at a knot, the larger one of the two cells."""
+def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 2 cells+1"]:
+    """Return the factors at the nodes; a knot has the larger factor of its two cells."""
     one = jnp.ones_like(factors[:, :1])
     before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
-    return jnp.concatenate([jnp.maximum(before, after), factors], axis=1)
+    return jnp.stack([jnp.maximum(before, after), after], axis=1)
 
 
 def _initial(p: Program) -> Float[Array, " cells+3"]:
-    """The coefficients of a smooth curve that vanishes where the vehicle is at rest."""
-    count = p.nodes.free.shape[0]
-    x = jnp.clip(jnp.arange(count, dtype=p.weights.dtype) - 1, 0, count - DEGREE) / (count - DEGREE)
-    starts, ends = p.nodes.free[0] < 1, p.nodes.free[-1] < 1
-    return jnp.where(starts, x * (2 - x), 1.0) * jnp.where(ends, (1 - x) * (1 + x), 1.0)
+    """Return the coefficients of the fastest timing for the upper bounds and the longitudinal acceleration, smoothed.
 
-
-def _largest_part(c: Constraints, v: Array) -> Scalar:
-    """The factor by which a can be multiplied until it reaches a limit."""
-    g = values(c, v) + 1
-    return 1 / jnp.maximum(
-        jnp.maximum(jnp.max(g[0]), jnp.max(g[1:-1]) ** 0.5), jnp.maximum(jnp.max(g[-1]) ** (1 / 3), 1e-12)
-    )
+    With the kinetic energy E and the path length x, which here is measured in units of 2/(largest acceleration), the
+    limits are E ≤ its upper bound and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
+    """
+    c, knots = p.constraints, p.nodes.place[0]
+    count = knots.size
+    highest = 1 / c.upper[0]
+    highest = jnp.minimum(highest, RANGE * jnp.min(highest))
+    pace = jnp.sqrt(jnp.maximum(c.forms[0, 2, 0], c.forms[2, 2, 0]))
+    pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
+    x = jnp.cumsum(jnp.diff(knots, prepend=knots[:1]) * (pace + jnp.concatenate([pace[:1], pace[:-1]])))
+    energy = jnp.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
+    energy = jnp.minimum(jax.lax.cummin(energy - x) + x, jax.lax.cummin(energy + x, reverse=True) - x)
+    total = jnp.pad(jnp.cumsum(energy / pace**2), (1, 0))
+    k = np.arange(count)
+    width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
+    a = (total[k + width + 1] - total[k - width]) / (2.0 * width + 1.0)
+    ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]
+    return jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
 
 
 @eqx.filter_jit
 def _sensitivity(program: Program, r: _Round) -> Scalar:
-    """Zero, with the derivatives of the minimum duration: those of the Lagrangian at the optimum (envelope theorem)."""
-    v = stop_gradient(at_nodes(program.nodes, r.coefficients))
+    """Return zero, with the derivatives of the Lagrangian at the optimum.
+
+    By the envelope theorem, they are the derivatives of the minimum duration.
+    """
+    v = stop_gradient(at_nodes(program.nodes, r.state.coefficients))
     limits = values(tightened(program.constraints, _at_nodes(r.used)), v)
-    lagrangian = duration(program, v) + jnp.sum(r.multipliers * limits)
+    lagrangian = duration(program, v) + jnp.sum(r.state.multipliers * limits)
     return lagrangian - stop_gradient(lagrangian)

@@ -1,48 +1,59 @@
-"""Clamped cubic splines with cells of unequal length: values at nodes, and the power form.
+"""Evaluate clamped cubic splines with cells of unequal length at nodes, and convert them to power form.
 
 A spline with n cells has n + 3 coefficients and is twice continuously differentiable. Cell j depends only on the
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
-the n + 1 knots, at which the values depend on three coefficients, and one place inside each cell.
+the n + 1 knots and one point inside each cell.
+
+Sums over short axes are written as sums of arrays, which become one loop over the nodes; reductions of stacked arrays
+are about 20 times slower.
 """
 
-import functools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.timing.banded import total
+
 DEGREE = 3
 
 ORDERS = 3
-"""Value, first and second derivative."""
+"""Number of orders: value, first and second derivative."""
 
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
-"""Gauss quadrature with one node for ∫ f(z)/√z dz, exact for a linear f: the node, and the weight of f/√z there."""
+"""Node, and weight of f/√z, of the Gauss quadrature with one node for ∫ f(z)/√z dz, which is exact for linear f."""
 
 Numbers = Float[np.ndarray, "..."]
 
+Lower = Sequence[Sequence[Any]]
+"""Rows of the lower triangle of a symmetric matrix, whose entries are arrays over the nodes."""
+
 
 class Nodes(NamedTuple):
-    """The nodes of a spline, knots first; derivatives are with respect to the parameter in units of the knots.
+    """The nodes of a spline; derivatives are with respect to the parameter in units of the knots.
 
-    `place`: the parameters of the nodes; `weight`: the weights of the integral over all cells; `knot` (orders, 3,
-    n + 1) and `inner` (orders, 4, n): the matrices from coefficients to values and derivatives. `free` is 0 for the
-    coefficient at an end at rest, which must be zero, and 1 for all others; `standing` is 1 for nodes at rest.
+    Column j contains knot j and the node inside cell j. The last column contains the last knot; its second node does
+    not exist and is treated as a node at rest, which has no influence.
+
+    `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
+    matrices from the coefficients j to j + 3 to values and derivatives. `free` is 0 for the coefficient at an end at
+    rest, which must be zero, and 1 for all others; `standing` is 1 for nodes at rest.
     """
 
-    place: Float[np.ndarray, " nodes"]
-    weight: Float[np.ndarray, " nodes"]
-    knot: Float[np.ndarray, "3 3 cells+1"]
-    inner: Float[np.ndarray, "3 4 cells"]
+    place: Float[np.ndarray, "2 cells+1"]
+    weight: Float[np.ndarray, "2 cells+1"]
+    basis: Float[np.ndarray, "3 4 2 cells+1"]
     free: Float[np.ndarray, " cells+3"]
-    standing: Float[np.ndarray, " nodes"]
+    standing: Float[np.ndarray, "2 cells+1"]
 
 
 def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 cells"]:
-    """[p, k]: the contribution of coefficient k of a cell to the coefficient of zᵖ, where z in [0, 1] is the place.
+    """Return the matrices from the four spline coefficients of a cell to its polynomial coefficients.
 
-    It is computed by the Cox–de Boor recursion, applied to polynomials in z.
+    Entry [p, k] is the contribution of coefficient k to the coefficient of zᵖ, where 0 ≤ z ≤ 1 is the position in the
+    cell. The Cox–de Boor recursion is applied to polynomials in z.
     """
     cells = knots.size - 1
     t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
@@ -64,13 +75,7 @@ def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 c
 
 
 def nodes(knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool]) -> Nodes:
-    """The nodes; `rest` says whether the value vanishes at the start and at the end."""
-    return _nodes(tuple(knots.tolist()), rest)
-
-
-@functools.lru_cache(maxsize=32)
-def _nodes(listed: tuple[float, ...], rest: tuple[bool, bool]) -> Nodes:
-    knots = np.array(listed)
+    """Return the nodes; `rest` is whether the value is zero at the start and at the end."""
     length, cells = np.diff(knots), knots.size - 1
     inner, at_knots, inside = np.full(cells, 0.5), np.zeros(cells + 1), np.full(cells, 4.0)
     ends = np.ones((2, cells))
@@ -81,23 +86,23 @@ def _nodes(listed: tuple[float, ...], rest: tuple[bool, bool]) -> Nodes:
     at_knots[:-1] += length * ends[0] / 6
     at_knots[1:] += length * ends[1] / 6
     form = power_form(knots)
-    first = _at(form, np.zeros(cells), length)[:, :3]
-    last = _at(form[..., -1:], np.ones(1), length[-1:])[:, 1:]
-    free, standing = np.ones(cells + DEGREE), np.zeros(2 * cells + 1)
+    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)  # its first coefficient has no influence
+    last[:, -1] = 0.0
+    at_each = np.concatenate([_at(form, np.zeros(cells), length), last], axis=-1)
+    free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))
     free[0], free[-1] = 1.0 - rest[0], 1.0 - rest[1]
-    standing[0], standing[cells] = rest
+    standing[0, 0], standing[0, -1], standing[1, -1] = *rest, 1.0
     return Nodes(
-        np.concatenate([knots, knots[:-1] + inner * length]),
-        np.concatenate([at_knots, length * inside / 6]),
-        np.concatenate([first, last], axis=-1),
-        _at(form, inner, length),
+        np.stack([knots, np.append(knots[:-1] + inner * length, knots[-1])]),
+        np.stack([at_knots, np.append(length * inside / 6, 0.0)]),
+        np.stack([at_each, np.pad(_at(form, inner, length), [(0, 0), (0, 0), (0, 1)])], axis=2),
         free,
         standing,
     )
 
 
 def within(knots: Float[np.ndarray, " cells+1"], count: int) -> Float[np.ndarray, "count 3 4 cells"]:
-    """The matrices from the coefficients of a cell to value and derivatives at equally spaced places, ends included."""
+    """Return the matrices from the coefficients of a cell to value and derivatives at `count` equally spaced points."""
     length = np.diff(knots)
     form = power_form(knots)
     return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])
@@ -110,40 +115,35 @@ def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[np.ndarray, "3 
 
 
 def local(coefficients: Float[Array, " cells+3"]) -> Float[Array, "4 cells"]:
-    """The four coefficients of each cell."""
+    """Return the four coefficients of each cell."""
     cells = coefficients.shape[0] - DEGREE
     return jnp.stack([coefficients[k : k + cells] for k in range(DEGREE + 1)])
 
 
-def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "3 nodes"]:
-    """Value and derivatives at the nodes."""
-    near = local(coefficients)
-    cells = near.shape[-1]
-    knots = jnp.stack([coefficients[k : k + cells + 1] for k in range(DEGREE)])
-    return jnp.concatenate([jnp.sum(n.knot * knots[None], axis=1), jnp.sum(n.inner * near[None], axis=1)], axis=-1)
+def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "3 2 cells+1"]:
+    """Return value and derivatives at the nodes."""
+    own = local(jnp.pad(coefficients, (0, 1)))
+    return total(n.basis[:, k] * own[k][None, None] for k in range(DEGREE + 1))
 
 
-def gathered(n: Nodes, parts: Float[Array, "3 nodes"]) -> Float[Array, " cells+3"]:
-    """The gradient with respect to the coefficients, from that with respect to values and derivatives at the nodes."""
-    knots = n.knot.shape[-1]
-    families = ((n.knot, parts[:, None, :knots]), (n.inner, parts[:, None, knots:]))
-    total: Array | float = 0.0
-    for basis, part in families:
-        own = jnp.sum(basis * part, axis=0)
-        last = own.shape[0] - 1
-        total = total + sum(jnp.pad(own[k], (k, last - k)) for k in range(last + 1))
-    return total  # type: ignore[return-value]
+def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Array, " cells+3"]:
+    """Convert the gradient with respect to values and derivatives at the nodes to that with respect to coefficients."""
+    own = [total(n.basis[order, k] * part for order, part in enumerate(parts)) for k in range(DEGREE + 1)]
+    return total(jnp.pad(x[0] + x[1], (k, DEGREE - k)) for k, x in enumerate(own))[:-1]
 
 
-def gathered_band(n: Nodes, parts: Float[Array, "3 3 nodes"]) -> Float[Array, "4 cells+3"]:
-    """The same for second derivatives: the subdiagonals of a symmetric matrix, entry (i, i − d) at index i of row d."""
-    knots = n.knot.shape[-1]
-    rows: list[Array | float] = [0.0] * (DEGREE + 1)
-    for basis, part in ((n.knot, parts[..., :knots]), (n.inner, parts[..., knots:])):
-        half = jnp.sum(part[:, :, None] * basis[None], axis=1)  # (orders, coefficients, nodes)
-        last = half.shape[1] - 1
-        for below in range(last + 1):
-            products = jnp.sum(basis[:, below:] * half[:, : last + 1 - below], axis=0)
-            for k in range(below, last + 1):
-                rows[below] = rows[below] + jnp.pad(products[k - below], (k, last - k))
-    return jnp.stack(rows)  # type: ignore[arg-type]
+def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
+    """Convert second derivatives likewise; `parts[i][j]` with j ≤ i are the entries of the symmetric matrix at nodes.
+
+    Array d of the result contains the entries (i, i − d) of the matrix.
+    """
+    half = [
+        [total(parts[max(d, e)][min(d, e)] * n.basis[e, k] for e in range(ORDERS)) for d in range(ORDERS)]
+        for k in range(DEGREE + 1)
+    ]
+
+    def entry(k: int, m: int) -> Array:
+        both = total(half[m][d] * n.basis[d, k] for d in range(ORDERS))
+        return jnp.pad(both[0] + both[1], (k, DEGREE - k))
+
+    return tuple(total(entry(k, k - d) for k in range(d, DEGREE + 1))[:-1] for d in range(DEGREE + 1))

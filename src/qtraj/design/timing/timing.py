@@ -1,4 +1,4 @@
-"""The relation of the parameter u of a path and time, u̇² = a(u) with a piecewise cubic a, and the path in time."""
+"""Define the relation u̇² = a(u) between a path parameter u and time, with a piecewise cubic a, and the retimed path."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ NEWTON_STEPS = 8
 
 @storable
 class Timing(eqx.Module):
-    """Time along a path with the parameter u: u̇² = a(u) > 0, a cubic polynomial in each cell between two `knots`.
+    """The relation between a path parameter u and time: u̇² = a(u), where a is a cubic polynomial between two `knots`.
 
-    `knots` (n + 1,) increase from 0. `coefficients` (n, 4) are those of ascending powers of the place in [0, 1] within
-    each cell. `rest`: whether a is zero at the start and at the end, because the vehicle is at rest there. `times`
-    (n + 1,) [s] are the times of the knots. `time` and `parameter` are inverse functions, to about 1e-12 of the
-    duration.
+    `knots` (n + 1,) increase from 0. `coefficients` (n, 4) are the coefficients of a in each cell, for ascending powers
+    of the position x in the cell, 0 ≤ x ≤ 1. `rest` contains whether the vehicle is at rest, a = 0, at the start and at
+    the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and `parameter` are
+    inverses of each other to within about 1e-12 of the duration.
     """
 
     coefficients: Float[Array, "cells 4"]
@@ -64,26 +64,26 @@ class Timing(eqx.Module):
         return self.times[..., -1]
 
     def squared_speed(self, u: ScalarLike) -> Scalar:
-        """a(u) = u̇² at one parameter."""
+        """Return a(u) = u̇² at one parameter `u`."""
         cell, place = self._locate(one_instant(u))
         return jnp.maximum(_horner(self.coefficients[cell], place), 0.0)
 
     def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
-        """Taylor coefficients of a about one parameter."""
+        """Return the Taylor coefficients of a about one parameter `u`."""
         cell, place = self._locate(one_instant(u))
         c = self.coefficients[cell]
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
         return jnp.stack(shifted) / (self.knots[cell + 1] - self.knots[cell]) ** jnp.arange(4, dtype=c.dtype)
 
     def time(self, u: ScalarLike) -> Scalar:
-        """The time [s] at which the parameter is u; outside the knots, the time at the nearer end."""
+        """Return the time [s] at which the parameter is `u`; outside the knots, return the time of the nearer end."""
         cell, place = self._locate(one_instant(u))
         starts, ends = self._kinds(cell)
         z = _unstretched(place, starts, ends)
         return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
-        """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
+        """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
         t = _clipped(one_instant(t), 0.0, self.duration)
         return _parameter(self, t)
 
@@ -119,12 +119,12 @@ class Timing(eqx.Module):
 
 
 # The derivatives of u(t) and of its rate w(t) = √a(u(t)) follow from u̇ = w and ẇ = a'(u)/2. Each rule calls both
-# functions again, so derivatives of every order are correct, at rest too, where √a itself has none in u.
+# functions again, so derivatives of every order are correct, even at rest, where √a is not differentiable in u.
 
 
 @eqx.filter_custom_jvp
 def _parameter(timing: Timing, t: Scalar) -> Scalar:
-    """The parameter at a time within [0, duration]."""
+    """Return the parameter at a time within [0, duration]."""
     return timing._inverted(t)
 
 
@@ -137,7 +137,7 @@ def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
 
 @eqx.filter_custom_jvp
 def _rate(timing: Timing, t: Scalar) -> Scalar:
-    """u̇ at a time within [0, duration]."""
+    """Return u̇ at a time within [0, duration]."""
     return _root(timing.squared_speed(timing._inverted(t)))
 
 
@@ -152,7 +152,7 @@ def _rate_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
 
 
 def _advance(timing: Timing, u: Scalar, tangents: Any) -> Scalar:
-    """The tangent of t, less that of the time at which the parameter is u."""
+    """Return the tangent of t minus the tangent of the time at which the parameter is `u`."""
     of_timing, of_time = tangents
     advance = jnp.zeros_like(u) if of_time is None else of_time
     if _varies(of_timing):
@@ -165,12 +165,12 @@ def _varies(tangents: Any) -> bool:
 
 
 # Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
-# rest the place is z² or 1 − (1 − z)², and time is a smooth function of z.
+# rest the position x is z² or 1 − (1 − z)², and time is a smooth function of z.
 
 
 @eqx.filter_jit
 def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
-    """The times of the knots [s]."""
+    """Return the times of the knots [s]."""
     c = jnp.moveaxis(timing.coefficients, -1, 0)
     length = timing.knots[..., 1:] - timing.knots[..., :-1]
     k = jnp.arange(c.shape[-1])
@@ -180,7 +180,7 @@ def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
 
 
 def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """The time [s] from the start of a cell to the place `_stretched(z)`."""
+    """Return the time [s] from the start of a cell to the position `_stretched(z)`."""
     at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2
     weights = jnp.asarray(QUADRATURE[1] / 2, z.dtype)
     c, length, starts, ends = (jnp.asarray(x)[..., None] for x in (c, length, starts, ends))
@@ -197,7 +197,7 @@ def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
 
 
 def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """dt/dz [s] in a cell with the coefficients `c` (4, …)."""
+    """Return dt/dz [s] in a cell with the coefficients `c` (4, …)."""
     place = _stretched(z, starts, ends)
     left = 1 - place
     from_start = c[1] + place * (c[2] + place * c[3])
@@ -208,9 +208,10 @@ def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Arra
 
 @storable
 class RetimedPath(AbstractHodograph):
-    """A path r(u) with a timing u(t): the hodograph r(u(t)), with t in seconds from its start.
+    """A path r(u) with a timing u(t): the hodograph r(u(t)), where t is the time [s] since the start.
 
-    It has no polynomials in t, so `certify` can only sample it; the proofs of `retime` use r(u) and u̇² instead.
+    This hodograph is not polynomial in t, so `certify` can only sample it. The proofs of `retime` use the polynomials
+    r(u) and u̇²(u) instead.
     """
 
     path: AbstractHodograph
@@ -228,11 +229,11 @@ class RetimedPath(AbstractHodograph):
         return self.timing.duration
 
     def nodes(self) -> Float[Array, " nodes"]:
-        """The times of the knots [s]; the path is smooth between them."""
+        """Return the times of the knots [s]; the path is smooth between them."""
         return self.timing.times
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
+        """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
         u = self.timing.parameter(t)
         change = _increments(self.timing.taylor(u), order)
         factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
@@ -240,7 +241,7 @@ class RetimedPath(AbstractHodograph):
 
 
 def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
-    """Taylor coefficients in time of u − u₀, from u̇ = √a and ü = a'(u)/2."""
+    """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = √a and ü = a'(u)/2."""
     zero = jnp.zeros_like(a[0])
     change = [zero, _root(a[0])]
     for k in range(order - 1):
@@ -251,7 +252,7 @@ def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
 
 
 def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Array, "orders 3"]:
-    """The truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
+    """Return the truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
     orders = shape.shape[0]
     result = jnp.zeros_like(shape).at[0].set(shape[-1])
     for row in shape[-2::-1]:
@@ -263,7 +264,7 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
 
 
 def _clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
-    """x within its bounds; where it equals one, its derivative is still 1."""
+    """Clip `x` to its bounds; unlike with `jnp.clip`, the derivative is 1 if `x` equals a bound."""
     return jnp.where(x < low, low, jnp.where(x > high, high, x))
 
 
@@ -272,5 +273,5 @@ def _horner(c: Array, x: Array) -> Array:
 
 
 def _root(x: Array) -> Array:
-    """√x, with derivative 0 at x = 0."""
+    """Return √x, with the derivative 0 at x = 0."""
     return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)

@@ -1,1 +1,1 @@
-"""Boundary velocities that meet limits."""
+"""Tuning of boundary velocities, so that a path satisfies limits."""

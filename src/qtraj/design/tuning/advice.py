@@ -1,13 +1,14 @@
-"""Infeasibility advice: which limits to raise, or which boundary number to change, and by how much.
+"""Advice on infeasible problems: limits to raise or a boundary value to change, and by how much.
 
-The minimum violation is a smooth function of the boundary data. Its gradient is the sum of the gradients of the
-constraints, weighted by their multipliers (envelope theorem), and a boundary number is changed along it. Every remedy
-in the advice has been checked: with it, sequential quadratic programming from the same starts satisfies the limits.
+The minimum violation is a smooth function of the boundary data as long as the active constraints do not change. The
+gradient of this function is the sum of the gradients of the constraints, weighted by their multipliers (envelope
+theorem). With this gradient, Newton's method finds the required change of one boundary value. Every remedy in the
+advice was checked: with the remedy, sequential quadratic programming from the same starts satisfies the limits.
 """
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, divisors
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.constraints import of_one_path, values
 from qtraj.design.tuning.model import make_setting
@@ -32,26 +33,26 @@ from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
 from qtraj.path.quantity import CORRIDOR, quantity
-from qtraj.path.vehicle import Vehicle
+from qtraj.path.vehicle import NO_VEHICLE, Vehicle
 
 RELAXATION = 1e6
-"""Factor that makes a limit ineffective."""
+"""Factor by which a limit is multiplied to make it ineffective."""
 
 MARGINS = (1.0001, 1.01, 1.1)
-"""A limit is raised to the smallest peak times a factor: the first of these for which the problem can be solved."""
+"""Factors on the smallest peak; the new limit is the first product for which a search satisfies all limits."""
 
 MORE_STARTS = 4
-"""Factor on the number of starts in the advice to use more of them."""
+"""Factor on the number of starts in the advice to use more starts."""
 
 MAX_MOVES, MAX_NUMBERS, OVERSHOOT = 5, 2, 1.3
-"""Maximum number of steps of one number, of numbers to try, and the factor on each Newton step."""
+"""Maximum number of steps for one boundary value, number of boundary values to try, and factor on each Newton step."""
 
 MAX_RELATIVE_MOVE = 3.0
-"""Largest useful change of a number, relative to its scale."""
+"""Largest useful change of a boundary value, relative to its scale."""
 
 
 class _Number(NamedTuple):
-    """A boundary number: its name and unit, and the attribute and field of a problem that contain it."""
+    """A boundary value: its name and unit, and the attribute (and field) of a problem that contains it."""
 
     text: str
     unit: str
@@ -69,7 +70,7 @@ NUMBERS = (
 
 
 class SearchOptions(NamedTuple):
-    """The options shared by all searches for one piece of advice."""
+    """The options of all searches for the advice on one problem."""
 
     slots: LimitSlots
     starts: int
@@ -78,21 +79,32 @@ class SearchOptions(NamedTuple):
     vehicle: Vehicle | None = None
 
     def minimise_violation(self, tasks: Task, result: SearchResult) -> SearchResult:
-        """The minimum violation, from the result of another search."""
+        """Minimise the violation, starting from the result of another search."""
         return minimise_violation(tasks, self.slots, result, self.max_steps, self.report)
 
     def solve(self, tasks: Task) -> SearchResult:
-        """The best result from all starts, by sequential quadratic programming."""
+        """Solve the tasks from all starts by sequential quadratic programming, and return the best result."""
         method = SequentialQuadratic(self.max_steps)
         return solve(method, tasks, self.slots, self.starts, self.max_steps, self.report)
 
+    def divisors(self, names: Iterable[str]) -> dict[str, float]:
+        """Return, by name, the numbers by which the search divides the limits."""
+        road = NO_VEHICLE if self.vehicle is None else self.vehicle.parameters()
+        own = divisors([name for name in names if name != CORRIDOR.name], road)
+        return {name: float(own.get(name, 1.0)) for name in names}
+
+    def user_limits(self, tasks: Task, names: Sequence[str]) -> dict[str, float]:
+        """Return the limits of one problem (a batch of one) in the user's units, by name."""
+        reduced = np.asarray(tasks.limits, float)[0] / TARGET_RATIO
+        return {name: float(limit) * x for (name, x), limit in zip(self.divisors(names).items(), reduced, strict=False)}
+
     def can_be_met(self, tasks: Task, names: Sequence[str]) -> bool:
-        """Whether a multistart finds a path that satisfies the limits of one problem (a batch of one)."""
+        """Check whether a multistart search finds a path that satisfies the limits of one problem (a batch of one)."""
         result = self.solve(tasks)
         if float(result.violation[0]) > FEASIBLE:
             return False
         problem, z = take(tasks.problem, 0), jnp.asarray(result.z[0])
-        limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / TARGET_RATIO, strict=False))
+        limits = self.user_limits(tasks, names)
         corridor = limits.pop(CORRIDOR.name, None)
         reference = None if corridor is None else _path(problem, jnp.zeros_like(z))
         return certify(
@@ -104,10 +116,10 @@ _path = eqx.filter_jit(lambda problem, z: problem.path(z))
 
 
 def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: SearchOptions) -> str:
-    """What to do about the limits of one problem (a batch of one), from the result with minimum violation."""
+    """Return advice on the limits of one problem (a batch of one), from the result with minimum violation."""
     tasks = without_objective(tasks)
-    # The limits that the search uses: it replaces limits that are almost zero.
-    limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / TARGET_RATIO, strict=False))
+    # The search replaces limits that are almost zero by larger limits. Use the limits of the search here as well.
+    limits = options.user_limits(tasks, names)
     worst = dict(zip(limits, _peak_ratios(result)[0], strict=False))
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     min_ratios = worst
@@ -121,7 +133,7 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
     if tasks.problem.objective.fixes_duration:
         possible_remedies.append("a longer duration, which this objective does not change")
     if remedies:
-        sentences.append("What would help: " + "; or ".join(remedies) + " (then the limits can be met).")
+        sentences.append("What would help: " + "; or ".join(remedies) + " (then the limits can be satisfied).")
     if possible_remedies:
         sentences.append("What may help: " + "; or ".join(possible_remedies) + ".")
     sentences.append(f"More starts may find a path: pass starts={MORE_STARTS * options.starts}.")
@@ -129,34 +141,39 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
 
 
 def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
-    """The result of a search with one violated limit alone; `min_ratio` is its smallest peak divided by the limit."""
+    """Describe the result of a search with one limit alone; `min_ratio` is the smallest peak divided by the limit."""
     if min_ratio > 1 + FEASIBLE:
         smallest = with_unit(min_ratio * limit, quantity(name).unit)
         searched = "1 start" if starts == 1 else f"{starts} starts"
-        return f"{name} was not met even as the only limit (from {searched}); the smallest peak found is {smallest}."
-    return f"{name} can be met on its own, but was not met together with the other limits."
+        return (
+            f"{name} was not satisfied even as the only limit (from {searched}); the smallest maximum found is "
+            f"{smallest}."
+        )
+    return f"{name} can be satisfied on its own, but was not satisfied together with the other limits."
 
 
 def _raise_limits(
     tasks: Task, limits: dict[str, float], worst: dict[str, float], violated: list[str], options: SearchOptions
 ) -> list[str]:
-    """The values to which the violated limits must be raised, in words; empty if none were found that can be met."""
+    """Describe the values to which the violated limits must be raised; return an empty list if no values were found."""
     for margin in MARGINS:
         raised = {name: float(f"{margin * worst[name] * limits[name]:.6g}") for name in violated}
         new = np.array(tasks.limits, float)
-        new[0, : len(limits)] = [TARGET_RATIO * raised.get(name, limit) for name, limit in limits.items()]
+        new[0, : len(limits)] = [
+            TARGET_RATIO * raised.get(name, limits[name]) / x for name, x in options.divisors(limits).items()
+        ]
         if options.can_be_met(dataclasses.replace(tasks, limits=new), [*limits]):
             return ["raise " + " and ".join(f"{k} to {with_unit(x, quantity(k).unit)}" for k, x in raised.items())]
     return []
 
 
 def _peak_ratios(result: SearchResult) -> Float[np.ndarray, "batch slots"]:
-    """The largest value of each quantity over its limit."""
+    """Return the largest value of each quantity divided by its limit."""
     return np.sqrt(np.maximum(1 + 2 * np.max(np.asarray(result.values), axis=2), 0.0))
 
 
 def _min_ratio_alone(tasks: Task, slot: int, options: SearchOptions) -> float:
-    """The smallest peak of one quantity over its limit, with every other limit relaxed."""
+    """Return the smallest peak of one quantity divided by its limit, with all other limits relaxed."""
     others = np.arange(tasks.limits.shape[1]) != slot
     relaxed = np.where(others, RELAXATION * np.asarray(tasks.limits), tasks.limits)
     relaxed_result = options.solve(dataclasses.replace(tasks, limits=relaxed))
@@ -164,7 +181,7 @@ def _min_ratio_alone(tasks: Task, slot: int, options: SearchOptions) -> float:
 
 
 def _move_number(tasks: Task, limits: dict[str, float], result: SearchResult, options: SearchOptions) -> list[str]:
-    """The change of one boundary number that helps, in words; the numbers with the smallest changes are tried."""
+    """Describe a change of one boundary value that makes the problem solvable; an empty list if none was found."""
     steps = _newton_steps(tasks, result, options.slots)
     for k in sorted(range(len(NUMBERS)), key=lambda k: abs(steps[k][1]))[:MAX_NUMBERS]:
         moved = _move_until_met(tasks, limits, result, k, options)
@@ -178,12 +195,12 @@ def _move_number(tasks: Task, limits: dict[str, float], result: SearchResult, op
 def _move_until_met(
     tasks: Task, limits: dict[str, float], result: SearchResult, k: int, options: SearchOptions
 ) -> float | None:
-    """The value of one boundary number with which the limits can be met, or None."""
+    """Change one boundary value until the limits can be satisfied; return the new value, or None without success."""
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MAX_MOVES):
         step, relative = _newton_steps(tasks, result, options.slots)[k]
-        # Rounded as in the message, so that exactly this value is checked.
+        # Round as in the message, so that the value in the message is the value that is checked.
         value = float(f"{float(_value(take(tasks.problem, 0), number)) + OVERSHOOT * step:.4g}")
         crosses_zero = number.field != "height" and value * first <= 0
         if not math.isfinite(relative) or abs(value - first) > MAX_RELATIVE_MOVE * size or crosses_zero:
@@ -197,7 +214,7 @@ def _move_until_met(
 
 
 def _newton_steps(tasks: Task, result: SearchResult, slots: LimitSlots) -> list[tuple[float, float]]:
-    """For each number, the Newton step that removes the violation, and the same step divided by the number's scale."""
+    """Return, for each boundary value, the Newton step to zero violation, and the step divided by the value's scale."""
     task, at = take(tasks, 0), take(result, 0)
     violation, slopes = float(at.violation), [float(s) for s in _violation_gradient(task, slots, at)]
     steps = [-violation / s if s != 0 else math.inf for s in slopes]
@@ -206,7 +223,7 @@ def _newton_steps(tasks: Task, result: SearchResult, slots: LimitSlots) -> list[
 
 @eqx.filter_jit
 def _violation_gradient(task: Task, slots: LimitSlots, at: SearchResult) -> tuple[Scalar, ...]:
-    """The derivative of the minimum violation with respect to each number."""
+    """Return the derivatives of the minimum violation with respect to the boundary values."""
 
     def violation_of(numbers: tuple[Scalar, ...]) -> Scalar:
         problem = task.problem
@@ -221,7 +238,7 @@ def _violation_gradient(task: Task, slots: LimitSlots, at: SearchResult) -> tupl
 
 
 def _constraint_values(task: Task, slots: LimitSlots, at: SearchResult) -> Float[Array, "slots k"]:
-    """The constraint values of a task at the times and variables of a search result."""
+    """Return the constraint values of a task at the times and variables of a search result."""
     here = make_setting(task.problem, at.z)
 
     def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
@@ -249,7 +266,7 @@ def _with_value(problem: Problem, number: _Number, value: Float[Array, "*batch"]
 
 
 def _size(problem: Problem, number: _Number) -> float:
-    """The scale of a number: the mean radius, or the turn itself."""
+    """Return the scale of a boundary value: the magnitude of the turn, or the mean radius for radii and heights."""
     if number.of == "turn":
         return abs(float(problem.turn))
     return (float(problem.start.radius) + float(problem.end.radius)) / 2

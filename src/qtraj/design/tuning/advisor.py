@@ -1,4 +1,4 @@
-"""Advice on the problems of a batch, computed on demand."""
+"""Advice on problems of a batch, computed on demand."""
 
 import itertools
 from collections.abc import Collection, Sequence
@@ -20,8 +20,8 @@ from qtraj.path.vehicle import Vehicle
 class Advisor:
     """Advice on the problems of a batch, computed on demand and cached.
 
-    All advisors compare equal, so they affect neither the compilation nor the tree structure of a batch. A batch stores
-    the `number` of its advisor with the index of each element, because JAX may substitute another advisor.
+    All advisors compare equal, so they affect neither the compilation nor the tree structure of a batch. Each element
+    of a batch stores its index and the `number` of its advisor, because JAX may substitute another advisor.
     """
 
     _numbers = itertools.count(1)
@@ -50,7 +50,7 @@ class Advisor:
         return hash(Advisor)
 
     def __call__(self, place: int, code: ResultCode, report: Report | None = None) -> str:
-        """Advice on one problem with this result code: what would help, and which variables reached their bounds."""
+        """Return advice on the problem with index `place`, whose result code is `code`."""
         if place not in self._cache:
             self._cache[place] = " ".join(filter(None, self._sentences(place, code, report)))
         return self._cache[place]
@@ -74,12 +74,13 @@ class Advisor:
 
 
 def standstill_warning(problem: Problem, names: Sequence[str]) -> str:
-    """A message for an initial state of zero velocity, if a limit divides by the speed; otherwise empty."""
-    singular = [name for name in names if quantity(name).divisor not in (None, "level")]
+    """Return a message if a limited quantity is singular because a boundary velocity is zero, else an empty string."""
+    singular = [name for name in names if quantity(name).divisor is not None]
     ends = [x for x in ("start", "end") if not np.any(np.asarray(getattr(problem, x).velocity))]
     if not (singular and ends):
         return ""
     return (
-        f"The velocity at the {' and the '.join(ends)} is zero, where {', '.join(singular)} may grow without bound. "
-        "Give a small velocity there, or limit speed, acceleration or jerk instead."
+        f"The velocity at the {' and the '.join(ends)} is zero: {', '.join(singular)} may grow without bound there, "
+        "or limits on them may be impossible to prove. Pass a small velocity instead of zero, or limit speed, "
+        "acceleration or jerk instead."
     )

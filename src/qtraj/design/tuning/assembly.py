@@ -1,4 +1,4 @@
-"""Assembles the outcome of a tuning from the results of searches: its paths, their certificates, and its codes."""
+"""Assemble the outcome of a tuning from the results of searches."""
 
 from typing import Any
 
@@ -23,6 +23,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.vehicle_data import with_batch
 
 
 def make_outcome(
@@ -36,14 +37,15 @@ def make_outcome(
     placement: Placement | None,
     faults: Any,
 ) -> Tuned:
-    """The outcome of a batch of tasks, which may be padded; `faults` are the codes of ill-posed problems."""
+    """Return the outcome of a batch of tasks (possibly padded); `faults` are the codes of ill-posed problems."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
     if traced:
         order, constant = limit_names(limits, corridor), jax.lax.stop_gradient(result)
         z = jax.vmap(lambda task, at: solution(task, at, order))(tasks, constant)
     else:
         z = result.z
-    # A callable objective may contain arrays, which are constants of the problem: it is not traced.
+    # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
+    # executable.
     compute_paths = _paths_jit if tasks.problem.objective.is_smooth else _paths
     unbatched = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
     path, objective, first, last = jax.tree.map(unbatched, compute_paths(tasks.problem, z, start, end))
@@ -57,24 +59,25 @@ def make_outcome(
     if traced or np.any(ill_posed):
         axis = path.placement
         path, objective, first, last = _with_nan((path, objective, first, last), ill_posed)
-        # The certificate requires the placement of the reference path.
+        # The certificate requires that path and reference have equal placements, and NaN is not equal to NaN.
         path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
     certificate = certify(path, limits, corridor=corridor, reference=reference)
     code = _code(unbatched(result.stationary), unbatched(result.violation), certificate.codes <= SAMPLED)
     xp: Any = jnp if traced else np
     code = xp.where(ill_posed, faults, code).astype(np.int32)
-    return Tuned(path, first, last, objective, certificate, code, unbatched(result.steps))
+    vehicle = with_batch(limits.vehicle, batch[0]) if batch else limits.vehicle
+    return Tuned(path, first, last, objective, certificate, code, unbatched(result.steps), vehicle=vehicle)
 
 
 def _with_nan(data: Any, ill_posed: Any) -> Any:
-    """`data` with NaN in place of ill-posed elements."""
+    """Replace the ill-posed elements of `data` by NaN."""
     return jax.tree.map(
         lambda x: jnp.where(jnp.expand_dims(ill_posed, range(ill_posed.ndim, x.ndim)), jnp.nan, x), data
     )
 
 
 def _code(stationary: Any, violation: Any, findings_met: Any) -> Any:
-    """The result code, from the search result and from the findings on the path."""
+    """Return the result code, from the search result and the findings on the path."""
     xp: Any = jnp if any(isinstance(x, Tracer) for x in (stationary, violation, findings_met)) else np
     all_met = xp.all(xp.asarray(findings_met), axis=-1)
     feasible = xp.asarray(violation) <= FEASIBLE
@@ -85,7 +88,7 @@ def _code(stationary: Any, violation: Any, findings_met: Any) -> Any:
 def _paths(
     problems: Problem, z: Float[Array, "batch n"], start: BoundaryState, end: BoundaryState
 ) -> tuple[SpiralHelix, Array, BoundaryState, BoundaryState]:
-    """The paths of the solutions, the objectives there, and their boundary states."""
+    """Return the paths of the solutions, the values of the objective, and the boundary states at the start and end."""
 
     def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
         path = problem.path(z)

@@ -1,13 +1,15 @@
 """The augmented Lagrangian method, with any optax optimiser for the inner problem.
 
-An outer iteration, or round, minimises the augmented Lagrangian (see `lagrangian`) with the optimiser, and returns the
-best point. The next round depends on how accurate that point is:
+An outer iteration (a round) minimises the augmented Lagrangian (see `lagrangian`) with the optimiser, and selects the
+best of the evaluated points. The next round depends on the accuracy of the best point:
 
-- Accurate: the multipliers become max(0, m + μg), and the penalty μ grows if the violation did not decrease enough.
-- Inaccurate, with no improvement in the last steps: the steps of the optimiser are too long. The next round multiplies
-  all updates by a smaller `stride`. This lets an optimiser with a fixed learning rate converge.
+- If the point is accurate (its gradient is small, or the optimiser no longer moves), the multipliers m become max(0, m
+  + μg), where g are the constraint values. The penalty μ grows if the violation did not decrease enough.
+- If the point is inaccurate but the last steps still improved it, the next round keeps m, μ and the stride.
+- If the point is inaccurate and the last steps did not improve it, the steps of the optimiser are too long. The next
+  round multiplies all updates by a smaller `stride`, so that an optimiser with a fixed learning rate converges, too.
 
-The times of the peaks are constant during one step, including the line search of the optimiser if it has one.
+The times of the peaks are constant during one step of the optimiser, including its line search.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -38,29 +40,29 @@ from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 10.0, 4.0, 1e9
-SUFFICIENT_DECREASE = 0.25  # ratio of the residual over one round: above it the penalty grows
-HOPELESS_DECREASE, HOPELESS_ROUNDS = 0.9, 6  # the search fails after this many rounds above this ratio
+SUFFICIENT_DECREASE = 0.25  # the penalty is raised if the ratio of successive residuals exceeds this value
+HOPELESS_DECREASE, HOPELESS_ROUNDS = 0.9, 6  # the search fails after 6 successive ratios above 0.9
 
 STATIONARY = 1e-6
 """Largest component of the Lagrangian's gradient at a converged point, in the scaled problem."""
 
 COMPLEMENTARY = 1e-6
-"""Tolerance on the value ½((value/limit)² − 1) of an active constraint at a converged point."""
+"""Tolerance on ½((value/limit)² − 1) for an active constraint at a converged point."""
 
 MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE_RATIO = 1e-2, 1e-7, 0.1
-"""Bounds on the gradient at which a round ends, and its ratio to the last residual."""
+"""Bounds on the gradient tolerance at which a round ends, and the ratio of this tolerance to the residual."""
 
 STRIDE_FACTOR, MIN_STRIDE = 0.5, 1e-9  # factor on the stride after a round without improvement, and its lower bound
 
 LATE_FRACTION = 10
-"""If the best point is in the last tenth of the steps of a round, the steps are still improving."""
+"""The optimiser is still improving if the best point is in the last tenth of the steps of a round."""
 
 ROUNDING = 1e-13
-"""Values with a smaller relative difference count as equal; the point with the smaller gradient is then better."""
+"""Values count as equal if their relative difference is smaller; then the point with the smaller gradient is better."""
 
 
 class Point(NamedTuple):
-    """A point that a round has evaluated."""
+    """A point that was evaluated during a round."""
 
     y: Variables
     value: Scalar
@@ -73,7 +75,7 @@ class Point(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state of the searches; `constants` are the constants of the current round."""
+    """The state of a batch of searches; `constants` are the constants of the current round."""
 
     y: Variables
     memory: Any  # the optimiser's state
@@ -94,7 +96,7 @@ class State(NamedTuple):
 
 
 class AugmentedLagrangian(AbstractSearch):
-    """The augmented Lagrangian search with an optax optimiser; `step_limit` counts its steps in all rounds."""
+    """The augmented Lagrangian search with an optax optimiser."""
 
     stages: ClassVar[tuple[int, ...]] = (100, 200, 400, 800, 1600, 3200, 6400)
     optimiser: Any = eqx.field(static=True)
@@ -107,7 +109,7 @@ class AugmentedLagrangian(AbstractSearch):
         return self.rounds * (self.inner_steps + 1)
 
     def init(self, tasks: Task, z: Any) -> State:
-        """The state of searches from `z`, clipped to the box."""
+        """Return the initial state of the searches; each starts from its `z`, clipped to the box."""
         xp: Any = np if isinstance(z, np.ndarray) else jnp
         batch, dtype, slots = z.shape[:1], z.dtype, tasks.limits.shape[-1]
         one = jax.eval_shape(self.optimiser.init, jax.ShapeDtypeStruct(z.shape[1:], dtype))
@@ -138,7 +140,7 @@ class AugmentedLagrangian(AbstractSearch):
         )
 
     def run(self, tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np.ndarray, ""]) -> State:
-        """Take steps of the optimiser, over several rounds, until each search is done or has taken `max_steps`."""
+        """Perform steps of the optimiser, in several rounds, until each search is done or has reached `max_steps`."""
 
         def is_running(s: State) -> Bool[Array, " batch"]:
             return ~s.done & (s.steps < max_steps)
@@ -151,7 +153,7 @@ class AugmentedLagrangian(AbstractSearch):
         return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
 
     def result(self, tasks: Task, states: State, xp: Any) -> tuple[SearchResult, Any]:
-        """The best points of the current rounds, and their costs."""
+        """Return the best points of the current rounds, and their costs."""
         best = states.best
         z = to_box(tasks, best.y, xp)
         violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
@@ -161,7 +163,7 @@ class AugmentedLagrangian(AbstractSearch):
         ), best.cost
 
     def _step(self, task: Task, slots: LimitSlots, s: State, on: Flag) -> State:
-        """Evaluate the current point; then take a step of the optimiser, or start the next round."""
+        """Evaluate the current point. Then take a step of the optimiser, or start the next round."""
         y = jnp.where(s.steps < 0, from_box(task, s.y), s.y)
         times, peaks = interval_maxima(task, slots, s.constants, y)
         at = expand(task, slots, s.constants, times, y)
@@ -188,8 +190,8 @@ class AugmentedLagrangian(AbstractSearch):
     def _optimiser_step(
         self, task: Task, slots: LimitSlots, s: State, at: Any, times: PerInterval, y: Variables, is_active: Flag
     ) -> tuple[Variables, Any]:
-        """The point after a step of the optimiser, and the optimiser's state."""
-        # With a zero gradient, an inactive search does not delay the others by a long line search.
+        """Return the point after a step of the optimiser, and the optimiser's state."""
+        # A long line search of an inactive search would delay the others in the batch, so its gradient is zero.
         gradient = jnp.where(is_active, at.gradient, 0.0)
         with jax.numpy_dtype_promotion("standard"):  # optax mixes dtypes, which strict promotion rejects
             memory = jax.tree.map(lambda a, b: jnp.where(s.reset, a, b), self.optimiser.init(y), s.memory)
@@ -212,7 +214,7 @@ def _better(here: Point, best: Point) -> Flag:
 
 
 def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndarray, ""]) -> State:
-    """The state at the beginning of the next round, which starts from the best point of the last one."""
+    """Return the state at the beginning of the next round, which starts from the best point of the last round."""
     constants = s.constants
     residual = jnp.max(jnp.abs(best.multipliers - constants.multipliers)) / constants.penalty
     violation = jnp.max(best.peaks.value)

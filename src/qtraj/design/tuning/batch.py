@@ -1,8 +1,8 @@
-"""Runs many searches in blocks on all cores, and regroups the unfinished searches from time to time.
+"""Run many searches in blocks on all cores, and regroup the unfinished searches from time to time.
 
-Searches that are computed together wait for the slowest of them. So each stage runs a few steps, and the searches that
-are not done by then are packed into fewer blocks, next to others whose last step took a similar effort. The blocks are
-independent calls of one compiled function, distributed over the cores.
+All searches of a block run until the slowest of them is done. Therefore each stage runs only a few steps. The searches
+that are not done are then packed into fewer blocks, each with searches whose last steps had similar computational
+costs. The blocks are independent calls of one compiled function, distributed over the cores.
 """
 
 from collections.abc import Callable
@@ -23,9 +23,9 @@ Callback = Callable[[int, int], None]
 def search(
     method: AbstractSearch, tasks: Task, slots: LimitSlots, z: ArrayLike, callback: Callback | None = None
 ) -> Any:
-    """The final state (NumPy arrays) of the searches of stacked tasks, each from its own `z`.
+    """Return the final state (NumPy arrays) of a batch of searches, each from its own start in `z`.
 
-    `callback(done, searches)` is called after every block.
+    After every block, `callback` is called with the number of searches that are done, and the total number of searches.
     """
     tasks = jax.tree.map(np.asarray, tasks)
     z = np.asarray(z)

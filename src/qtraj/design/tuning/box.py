@@ -1,4 +1,4 @@
-"""Fixed and bounded variables, and the weights of their changes, by name."""
+"""Fix, bound and weight the variables of a tuning by name."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
-"""Default bounds on the change of a velocity, in units of the reference speed, and on the logarithm of T/T₀."""
+"""Default bounds on the change of a velocity, in units of the reference speed, and on ln(duration/initial duration)."""
 
 BOUND_TOLERANCE = 1e-6
 """A variable within this distance of a default bound counts as at the bound."""
@@ -23,13 +23,17 @@ Bounds = TypeAliasType("Bounds", Mapping[str, tuple[ArrayInput | None, ArrayInpu
 
 
 def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: Sequence[str], bounds: Bounds) -> None:
-    """Raise a ValueError for unknown names, for contradictory bounds, or if all variables are fixed."""
+    """Raise a ValueError if a name is unknown, if bounds contradict each other, or if all variables are fixed."""
     names = variable_names(motion, objective)
     for name in (*fixed, *bounds):
         if name in HEADINGS and name not in bounds:
             continue
         if name not in names:
-            hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
+            hint = (
+                " (in uniform motion V_phi = rho·turn/duration: bound the duration instead)"
+                if name in VELOCITIES
+                else ""
+            )
             raise ValueError(
                 f"{name!r} is not a variable of this problem{hint}: its variables are {', '.join(names)}; fixed also "
                 f"accepts {', '.join(HEADINGS)}"
@@ -38,7 +42,7 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
             raise ValueError(f"{name} is both fixed and bounded: remove one of the two")
     for name in (dependent_velocity(x) for x in fixed if x in HEADINGS):
         if name in fixed or name in bounds:
-            raise ValueError(f"a fixed heading determines {name}: do not fix or bound both")
+            raise ValueError(f"a fixed heading determines {name}: remove one of the two from fixed or bounds")
     if set(names) <= {dependent_velocity(x) if x in HEADINGS else x for x in fixed}:
         raise ValueError("every variable is fixed: remove at least one name from fixed")
     for name, (low, high) in bounds.items():
@@ -46,16 +50,17 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
 
 
 def dependent_velocity(heading: str) -> str:
-    """The variable that a fixed heading determines."""
+    """Return the name of the variable that a fixed heading determines."""
     return heading.replace("heading", "V_rho")
 
 
 def change_weights(
     weights: Mapping[str, float], objective: AbstractObjective, motion: AbstractMotion
 ) -> Float[Array, " 7"]:
-    """The weights of the squared changes, in the order of `Problem.weights`; 1 by default.
+    """Return the weights of the squared changes, in the order of `Problem.weights`; the default is 1.
 
-    **Raises:** ValueError for an unknown name, or a weight that is negative or not finite.
+    **Raises:** ValueError if weights are given for an objective other than "nearest", if a name is unknown, or if a
+    weight is negative or not finite.
     """
     names = VELOCITIES if motion.is_uniform else (*VELOCITIES, DURATION)
     if weights and objective.name != "nearest":
@@ -63,15 +68,15 @@ def change_weights(
     for name, weight in weights.items():
         if name not in names:
             raise ValueError(
-                f"{name!r} cannot be weighted: objective 'nearest' sums only the changes of {', '.join(names)}"
+                f"{name!r} cannot be weighted: the objective 'nearest' contains only the changes of {', '.join(names)}"
             )
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
-            raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
+            raise ValueError(f"the weight of {name} must be finite and 0 or more, but {weight!r} was given")
     return as_float([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
 
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
-    """Lower and upper bounds of the variables z of one problem."""
+    """Return the lower and upper bounds of the variables z of one problem."""
     fixed_variables = {dependent_velocity(x) if x in HEADINGS else x for x in fixed}
     low: list[Scalar] = []
     high: list[Scalar] = []
@@ -80,8 +85,8 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
         if name in fixed_variables:
             reach = 0.0
         lower, upper = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
-        # A missing bound is ±reach from zero. If the other bound is beyond zero, it is ±reach from that bound instead,
-        # so that the interval is not empty.
+        # The default bounds are ±reach. If the user's lower bound is positive, the default upper bound is the user's
+        # bound plus `reach`, so that the interval is not empty; the same is true with opposite signs.
         low.append(lower if lower is not None else jnp.minimum(-reach, (0.0 if upper is None else upper) - reach))
         high.append(upper if upper is not None else jnp.maximum(reach, (0.0 if lower is None else lower) + reach))
     forward_ranges = [_forward_range(problem, name, fixed) for name in problem.names]
@@ -97,7 +102,10 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
 
 
 def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
-    """The range in which V_φ keeps its sign, for a fixed heading; outside it the vehicle would drive backwards."""
+    """Return the range in which a V_φ keeps its sign, or None if `name` is not a V_φ with a fixed heading.
+
+    Outside this range the vehicle would drive backwards.
+    """
     end, _, component = name.partition(".")
     if component != "V_phi" or f"{end}.heading" not in fixed:
         return None
@@ -106,13 +114,13 @@ def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[S
 
 
 def default_bound_warning(names: Sequence[str], z: Float[np.ndarray, " n"], user_bounds: Collection[str]) -> str:
-    """A message that names the variables at their default bounds; empty if there are none."""
+    """Return a message that names the variables at their default bounds, or an empty string without such variables."""
     max_values = [MAX_LOG_DURATION if name == DURATION else MAX_CHANGE for name in names]
     is_at_bound = np.abs(z) > np.asarray(max_values) - BOUND_TOLERANCE
     names_at_bound = [name for name, at in zip(names, is_at_bound, strict=True) if at and name not in user_bounds]
     if not names_at_bound:
         return ""
-    advice = "Set bounds by name (bounds=, or [tune.bounds] in a scenario) to change them."
+    advice = "To change these bounds, pass bounds= (in a scenario, the table [tune.bounds])."
     return f"Note: {', '.join(names_at_bound)} reached the default bounds of the search. {advice}"
 
 
@@ -121,7 +129,7 @@ def _stacked(values: list[Scalar], problem: Problem) -> Variables:
 
 
 def _variable(problem: Problem, name: str, value: ArrayInput) -> Scalar:
-    """The variable z of a velocity [m/s] or a duration [s]."""
+    """Return the value of the variable z that corresponds to a velocity [m/s] or a duration [s]."""
     value = as_float(value).astype(problem.speed.dtype)
     if name == DURATION:
         return jnp.log(value / problem.duration)
@@ -134,11 +142,11 @@ def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -
     ends = [None if x is None else concrete(as_float(x)) for x in (low, high)]
     for value in ends:
         if value is not None and not np.all(np.isfinite(value)):
-            raise ValueError(f"the bounds of {name} must be finite, or None for an open side, but {value} was given")
+            raise ValueError(f"the bounds of {name} must be finite, or None for no bound, but {value} was given")
         if name == DURATION and value is not None and not np.all(value > 0):
             raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
     if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):
         raise ValueError(
-            f"the bounds of {name} contradict each other: {ends[0]} is not below {ends[1]}. To keep its value, add it "
-            "to fixed"
+            f"the bounds of {name} contradict each other: {ends[0]} is not below {ends[1]}. To keep the initial value, "
+            f"add {name} to fixed"
         )

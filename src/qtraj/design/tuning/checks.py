@@ -1,6 +1,7 @@
-"""Checks the input of a tuning: contradictory options and the data of a single ill-posed problem raise a ValueError.
+"""Check the input of a tuning.
 
-In a batch, each ill-posed problem gets a result code instead.
+Contradictory options and the data of a single ill-posed problem raise a ValueError. In a batch, each ill-posed problem
+gets a result code instead.
 """
 
 from collections.abc import Callable
@@ -24,17 +25,17 @@ from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.bounds_speed)
-"""Limits that bound the speed: the fastest path needs one of them."""
+"""Limits that bound the speed; the objective "fastest" needs at least one of these limits."""
 
 MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3
-"""Largest distance of the default axis over the distance between the states; beyond it a placement is probably missing.
+"""Largest distance of the nearer state from the default axis, divided by the distance between the states.
 
-The second value is for turns beyond half a revolution with the sense of both velocities, whose ends may be close
-together.
+Above this ratio the user probably forgot the placement. The second value applies if the path turns by more than half a
+revolution in the sense of both velocities, because the ends of such a path may be close together.
 """
 
 TURN_TOLERANCE = 1e-6
-"""[rad] Tolerance on the user's turn, which must end at the azimuth of the end state."""
+"""[rad] Tolerance on the difference between the user's turn and the nearest turn that leads to the end's azimuth."""
 
 
 def require_choices(
@@ -45,28 +46,30 @@ def require_choices(
     motion: AbstractMotion,
     has_duration: bool,
 ) -> None:
-    """Raise a ValueError for arguments that contradict each other; `has_duration`: the user passed a duration."""
+    """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     if not isinstance(limits, Limits):
         raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
     user_limits = limits.given()
     if not user_limits:
         raise ValueError("no limit was given: a tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not any(name in BOUNDING for name in user_limits):
+        # A limit on the power does not bound the speed while braking.
+        braking = " while the vehicle brakes" if "power" in user_limits else ""
         raise ValueError(
-            f"the fastest path is unbounded: the given limits ({', '.join(user_limits)}) allow any speed. "
-            f"Give one of {', '.join(BOUNDING)}."
+            f"there is no fastest path: the given limits ({', '.join(user_limits)}) do not bound the "
+            f"speed{braking}. Set one of {', '.join(BOUNDING)}."
         )
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError("tuning changes the boundary velocities and cannot keep boundary accelerations: omit them")
     if has_duration and motion.is_uniform and not objective.fixes_duration:
         raise ValueError(
-            "a duration was given, but the tuned rate of uniform motion determines the duration. Omit it, or use "
-            "motion='hermite' or objective='smoothest'."
+            "a duration was given, but the tuned rate of uniform motion determines the duration. Omit the duration, or "
+            "use motion='hermite' or objective='smoothest'."
         )
 
 
 class _Data(NamedTuple):
-    """The data to check, of one problem or a batch; all arrays belong to `xp`, which is NumPy or JAX's NumPy."""
+    """The data to check, for one problem or a batch; `xp` is the module of the arrays, NumPy or JAX's NumPy."""
 
     problem: Problem
     turn: Any
@@ -78,9 +81,9 @@ class _Data(NamedTuple):
 def fault_codes(
     problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool
 ) -> Int[Array | np.ndarray, "*batch"]:
-    """The code of the first fault of each problem, or `successful`. It can be traced.
+    """Return the code of the first fault of each problem, or `successful`; the arguments can be traced.
 
-    `turn` is the turn that the user passed; `has_placement` is true if the user passed a placement.
+    `turn` is the user's turn or None; `has_placement` is true if the user passed a placement.
     """
     data = _data(problem, turn, limits, corridor, has_placement)
     code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
@@ -92,7 +95,7 @@ def fault_codes(
 def require_well_posed(
     problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool
 ) -> None:
-    """Raise a ValueError if one problem, whose data must be concrete, is ill-posed; see `fault_codes`."""
+    """Raise a ValueError if a single problem with concrete values is ill-posed; see `fault_codes` for the arguments."""
     data = _data(problem, turn, limits, corridor, has_placement)
     for fault in FAULTS:
         if np.any(fault.occurs(data)):
@@ -115,7 +118,7 @@ def _positive(x: Any, xp: Any) -> Any:
 
 
 def _rates(data: _Data) -> tuple[Any, Any]:
-    """V_phi/rho at both ends [rad/s], zero on the axis."""
+    """Return V_phi/rho [rad/s] at both ends, or zero for a state on the axis."""
     rates = []
     for state in (data.problem.start, data.problem.end):
         off_axis = state.radius > 0
@@ -124,7 +127,7 @@ def _rates(data: _Data) -> tuple[Any, Any]:
 
 
 def _angular_velocities(data: _Data) -> Any:
-    """V_phi at both ends."""
+    """Return V_phi [m/s] at both ends."""
     a, b = data.problem.start, data.problem.end
     return data.xp.stack([a.velocity[..., 1], b.velocity[..., 1]], axis=-1)
 
@@ -174,20 +177,20 @@ def _far_message(data: _Data) -> str:
     distance = np.linalg.norm(np.asarray(states[1].position - states[0].position)[:2])
     message = (
         f"the states are {distance:.4g} m apart, but {data.problem.start.radius:.6g} m away from the world's z axis, "
-        "about which the path turns by default (pass Placement() to confirm that axis)"
+        "about which the path turns by default (pass Placement() to confirm this axis)"
     )
     try:
         x, y, _ = np.asarray(axis_between(*states).origin)
     except ValueError:
-        return f"{message}: give a placement (in a scenario, a table [placement])"
+        return f"{message}: pass a placement (in a scenario, a table [placement])"
     return (
-        f"{message}: give a placement such as axis_between(start, end), where the normals of the velocities meet, or "
-        f"in a scenario a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
+        f"{message}: pass a placement such as axis_between(start, end), whose axis is at the intersection of the "
+        f"normals to the velocities; in a scenario, write a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
     )
 
 
 def _in_world(state: Cylindrical) -> BoundaryState:
-    """The boundary state, in world axes, of a cylindrical state about the world's z axis."""
+    """Convert a cylindrical state about the world's z axis to a boundary state in world axes."""
     (cos, sin), (radial, angular, up) = state.planar[:2] / state.radius, state.velocity
     velocity = [radial * cos - angular * sin, radial * sin + angular * cos, up]
     return BoundaryState([*state.planar[:2], state.height], velocity)
@@ -196,14 +199,14 @@ def _in_world(state: Cylindrical) -> BoundaryState:
 def _senses_message(data: _Data) -> str:
     first, last = _rates(data)
     return (
-        f"the states turn in opposite senses (V_phi/rho is {first:.6g} rad/s at the start and {last:.6g} at the end), "
-        "so they do not define a duration: give the end a velocity with the same sense of rotation as the start, or "
-        "use motion='hermite' with a duration."
+        f"the boundary velocities have opposite senses about the axis (V_phi/rho is {first:.6g} rad/s at the start and "
+        f"{last:.6g} rad/s at the end), so no rotation at a constant rate joins the states. Pass an end whose velocity "
+        "has the same sense as the start, or use motion='hermite' with a duration."
     )
 
 
 class _Fault(NamedTuple):
-    """A kind of ill-posed problem: its code, its test, and the message for one problem."""
+    """A fault of an ill-posed problem: its code, its test, and the message for a single problem."""
 
     code: ResultCode
     occurs: Callable[[_Data], Any]
@@ -216,21 +219,20 @@ FAULTS = (
     _Fault(
         ResultCode.velocity_vanishes,
         lambda d: ~_positive(d.problem.speed, d.xp),
-        lambda d: f"the velocities must be finite and not all zero: their mean is {d.problem.speed} m/s",
+        lambda d: (
+            f"the initial velocities must be finite and not all zero, but their RMS magnitude is {d.problem.speed} m/s"
+        ),
     ),
     _Fault(
         ResultCode.position_on_axis,
         lambda d: (d.problem.start.radius == 0) | (d.problem.end.radius == 0),
-        lambda _: "a boundary position lies on the axis (radius 0): give a placement whose axis lies elsewhere",
+        lambda _: ResultCode.position_on_axis.text,
     ),
     _Fault(ResultCode.axis_far_away, _axis_far_away, _far_message),
     _Fault(
         ResultCode.sense_unknown,
         lambda d: (d.problem.start.velocity[..., 1] == 0) & (d.turn is None),
-        lambda _: (
-            "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, "
-            "or a placement whose axis lies elsewhere."
-        ),
+        lambda _: ResultCode.sense_unknown.text,
     ),
     _Fault(
         ResultCode.heading_unknown,
@@ -240,16 +242,13 @@ FAULTS = (
     _Fault(
         ResultCode.azimuths_equal,
         lambda d: d.problem.turn == 0,
-        lambda _: "the start and the end have the same azimuth: pass turns=1 for one whole turn",
+        lambda _: ResultCode.azimuths_equal.text,
     ),
     _Fault(ResultCode.senses_opposite, _senses_oppose, _senses_message),
     _Fault(
         ResultCode.turn_against_sense,
         lambda d: (d.problem.duration < 0) & (d.turn is not None),
-        lambda _: (
-            "the turn and V_phi have opposite senses, so the states do not define a duration: give a duration with "
-            "motion='hermite', or a turn with the same sense as V_phi"
-        ),
+        lambda _: ResultCode.turn_against_sense.text,
     ),
     _Fault(
         ResultCode.duration_not_positive,
@@ -259,7 +258,7 @@ FAULTS = (
     _Fault(
         ResultCode.objective_not_finite,
         lambda d: ~d.xp.isfinite(d.problem.scale),
-        lambda d: f"the objective is {d.problem.scale} at the initial boundary states: it must be finite there",
+        lambda d: f"the objective must be finite at the initial boundary states, but it is {d.problem.scale}",
     ),
     _Fault(
         ResultCode.turn_mismatch,
@@ -270,4 +269,4 @@ FAULTS = (
         ),
     ),
 )
-"""All faults, in order: the first one that occurs is reported."""
+"""All faults; the first fault that occurs is reported."""

@@ -1,6 +1,7 @@
-"""The names of motions and objectives, for `tune`, scenarios and the command line; importing this is cheap.
+"""Names of motions and objectives, for `tune`, scenarios and the command line.
 
-A motion or an objective is a class in a file of the same name, in `motions/` or `objectives/`.
+A motion or an objective is a class in a file of the same name, in `motions/` or `objectives/`. Importing this module
+does not import these classes.
 """
 
 from collections.abc import Iterable, Mapping
@@ -12,11 +13,11 @@ OBJECTIVES = {"nearest": "Nearest", "fastest": "Fastest", "smoothest": "Smoothes
 
 
 def instances(package: str, classes: Mapping[str, str]) -> dict[str, Any]:
-    """One instance of each class, by name."""
+    """Return one instance of each class, by name."""
     return {name: getattr(import_module(f"{__package__}.{package}.{name}"), cls)() for name, cls in classes.items()}
 
 
 def either(names: Iterable[str], quote: str = "'") -> str:
-    """The names as an English list: 'a', 'b' or 'c'."""
+    """Join names to an English list such as 'a', 'b' or 'c'."""
     *first, last = (f"{quote}{name}{quote}" for name in names)
     return f"{', '.join(first)} or {last}" if first else last

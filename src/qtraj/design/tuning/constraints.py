@@ -1,13 +1,13 @@
 """Evaluate the limits as constraints at many instants of a path.
 
-A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0 at the fraction u of the duration. In unit time the duration T only
-scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s in the quantity's unit. G is a
-function of a few invariants. These invariants are scalar products of the vectors r', r'', …, c = r'×r'' and
-c' = r'×r''', which the code calls blocks.
+A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0, where z are the variables and u is the time divided by the duration
+T. With u as the time, T only scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s
+in the unit of the quantity. G is a function of a few invariants, which are scalar products of the vectors r', r'', …, c
+= r'×r'' and c' = r'×r'''. The code calls these vectors blocks.
 
-The limit is selected by an index that all searches of a batch share. So the formula of each limit is compiled once, and
-only the limits that are set are evaluated. All functions here take a batch of paths instead of being vmapped, because
-`jax.vmap` traces branches and loops several times.
+An index selects the limit. All searches of a batch share the index, so the formula of each limit is compiled once, and
+only the limits that are set are evaluated. The functions in this module operate on a batch of paths without `jax.vmap`,
+which would trace branches and loops several times.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,9 +35,11 @@ Places = Float[Array, "batch places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, the rotation from its placement's axes to the world's, the initial path, a vehicle.
+    """The data of a path for the evaluation of constraints.
 
-    For a batch of paths every array has a leading axis.
+    `curves` is the path as a function of u, `log_duration` is ln T, `axes` rotates from the axes of the placement to
+    world axes, `reference` are the coefficients of the initial path, and `road` are the parameters of the vehicle, or
+    None. For a batch of paths every array has a leading axis.
     """
 
     curves: Curves
@@ -47,11 +49,14 @@ class Setting(NamedTuple):
     road: RoadParameters | None
 
 
-@dataclass(frozen=True, eq=False)  # compared by identity, so that compiled functions can depend on it
+@dataclass(frozen=True, eq=False)  # compared by identity, so that groups can be static arguments of compiled functions
 class Group:
-    """Quantities that share the same invariants.
+    """Quantities that are functions of the same invariants.
 
-    `products` maps each invariant to the names of the two blocks that it multiplies, or of a block and the vertical.
+    `order` is the highest order of the derivatives of the path in the quantities. `members` are the functions that
+    compute the squares of the quantities from the invariants, and `table` contains the same squares as monomials.
+    `products` maps each invariant to the names of its two factors, which are two blocks, or a block and the vertical.
+    `upright` is true if a quantity depends on the vertical.
     """
 
     order: int
@@ -62,17 +67,17 @@ class Group:
 
     @property
     def cross_products(self) -> dict[str, int]:
-        """The blocks that are cross products of r' with another derivative, and the index of that derivative."""
+        """The blocks that are cross products of r' with another derivative of r, and the index of that derivative."""
         used = {name for pair in self.products.values() for name in pair}
         return {name: k for name, k in (("c", 1), ("c1", 2)) if name in used}
 
 
 HORIZONTAL = ("H", "G")
-"""Invariants of the horizontal components only."""
+"""Invariants that contain only the horizontal components of the blocks."""
 
 
 HINTS = ("S", "N")
-"""Quantities that divide by these invariants may have narrow peaks between the nodes, where the invariant is small."""
+"""Invariants that are divisors; where a divisor is small, a quantity may have a narrow peak between grid nodes."""
 
 
 def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: str) -> Group:
@@ -89,7 +94,7 @@ def _group_index(entry: PathQuantity) -> int:
 
 
 _ENTRIES = [
-    [entry for entry in QUANTITIES.values() if _group_index(entry) == k and not entry.needs_vehicle] for k in range(2)
+    [entry for entry in QUANTITIES.values() if _group_index(entry) == k and not entry.on_road] for k in range(2)
 ]
 _COMMON = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
 _HIGHER = {
@@ -107,23 +112,23 @@ GROUPS = (
     _group(2, {**_COMMON, "A": ("r2", "r2")}, _ENTRIES[0], *HINTS),
     _group(4, {**_COMMON, **_HIGHER}, _ENTRIES[1]),
 )
-"""The quantities of low order, which most problems limit, and all others."""
+"""Two groups: the quantities of low order, which most problems limit, and all others except those in `ROAD_GROUP`."""
 
 FIRST_HINT = len(QUANTITIES)
-"""The first index after the limits; it belongs to the negative invariants of `HINTS`, whose peaks are minima."""
+"""The index of the first hint; hints are the negatives of `HINTS`, so that their peaks are minima of the divisors."""
 
 HINT_OF = np.asarray(
     [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.uint32
 )
-"""The hint that each quantity uses."""
+"""The index of the hint for each quantity."""
 
 CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
 """The index of the corridor, which is a separate group."""
 
 ROAD_GROUP = len(GROUPS) + 1
-"""The group of the quantities that need a vehicle, which only problems with one have."""
+"""The group of forces on the road, friction and power; it exists only in problems that limit one of them."""
 
-_GROUP_INDICES = [ROAD_GROUP if entry.needs_vehicle else _group_index(entry) for entry in QUANTITIES.values()]
+_GROUP_INDICES = [ROAD_GROUP if entry.on_road else _group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
 GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.uint32)
 MEMBER = np.asarray(
@@ -133,7 +138,7 @@ PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] 
 
 
 def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places) -> Places:
-    """The constraint g of a batch of paths, each at its own places `u`."""
+    """Return the constraint g for a batch of paths, each at its own instants `u` (fractions of the duration)."""
     scale, _ = limit_scale(settings, index, limits)
 
     def in_world(order: int, upright: bool) -> Array:
@@ -162,7 +167,7 @@ def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batc
 
 
 def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`values` or one of the functions like it for one path: the arguments and the result without the batch axis."""
+    """Return a version of `values` (or a similar function) for one path, without the batch axis."""
 
     def of_one(setting: Setting, *arguments: Any) -> Any:
         *derivatives, index, limit, u = arguments
@@ -175,7 +180,7 @@ def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
 def limit_scale(
     settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"]
 ) -> tuple[Float[Array, " batch"], Scalar]:
-    """κ and d ln κ / d ln T."""
+    """Return κ, the factor of G, and d ln κ / d ln T."""
     per_log = element(-2.0 * PER_TIME, index).astype(limits.dtype)
     return jnp.exp(per_log * settings.log_duration) / limits**2, per_log
 
@@ -183,8 +188,9 @@ def limit_scale(
 def switch_group(
     index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], others: Sequence[Callable[[], Any]]
 ) -> Any:
-    """Evaluate the branch of the group to which the quantity with this index belongs.
+    """Call the function of the group that contains the quantity with this index.
 
-    `others` are the branches of the corridor and, for a problem with a vehicle, of the road.
+    `make_branch` returns the functions of `GROUPS`. `others` are the functions of the corridor and, in a problem with a
+    vehicle, of `ROAD_GROUP`.
     """
     return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), *others])

@@ -1,7 +1,8 @@
-"""The distance from the initial path as a constraint: its square, with derivatives for the end slopes and u.
+"""The squared distance from the initial path as a constraint, with its derivatives.
 
-ρ, φ and h are linear in the slopes. So only the square needs second derivatives; it is a polynomial in the four numbers
-of `Offset`.
+The derivatives are with respect to the slopes at both ends and to u. The coordinates ρ, φ and h are linear in the
+slopes. So only the squared distance, which is a polynomial in the four fields of `Offset`, has nonzero second
+derivatives.
 """
 
 import jax
@@ -16,14 +17,14 @@ Places = Float[Array, " places"]
 
 
 def value(place: Cubics, reference: Cubics, u: Places) -> Places:
-    """The squared distance at the places `u`."""
+    """Return the squared distance at the instants `u`; `place` and `reference` are coefficients of (ρ, φ, h)."""
     return _square(along_u(_offset(place, reference), u, 0)[0])
 
 
 def slopes(
     place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Float[Array, "k places"]]:
-    """The squared distance at the places `u`, and its derivatives with respect to the slopes."""
+    """Return the squared distance at the instants `u`, and its derivatives with respect to the slopes."""
     p = along_u(_offset(place, reference), u, 0)[0]
     gradient = jax.grad(lambda p: jnp.sum(_square(p)))(p)
     return _square(p), _along(gradient, along_u(_padded(directions), u, 0)[0])
@@ -32,15 +33,19 @@ def slopes(
 def second_order(
     place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Array, Array, Array, Places, Places]:
-    """The squared distance, its first and second derivatives for the slopes, the mixed ones, and those for u."""
+    """Return the squared distance at the instants `u`, and its derivatives.
+
+    The derivatives are the first and second derivatives with respect to the slopes, the mixed second derivatives with
+    respect to the slopes and u, and the first and second derivatives with respect to u.
+    """
     p, in_u, in_u_twice = along_u(_offset(place, reference), u, 2)
     first, first_in_u = along_u(_padded(directions), u, 1)
     n = directions.shape[0]
     w = jnp.concatenate([first, in_u[None]])
     gradient, hessian_vp = jax.vjp(lambda p: jax.grad(lambda p: jnp.sum(_square(p)))(p), p)
-    projected = jax.vmap(lambda v: hessian_vp(v)[0])(
-        w
-    )  # by the Hessian, which is symmetric and separate for each place
+    # Products with the Hessian equal products with its transpose, because it is symmetric. One product treats all
+    # instants, because they are independent of each other.
+    projected = jax.vmap(lambda v: hessian_vp(v)[0])(w)
     hessian = jnp.sum(w[:, None] * projected[None], axis=2)
     first_order = _along(gradient, w)
     mixed = hessian[:n, n] + _along(gradient, first_in_u)
@@ -49,7 +54,7 @@ def second_order(
 
 
 def _offset(place: Cubics, reference: Cubics) -> Float[Array, "terms 4"]:
-    """Coefficients of the four numbers of an `Offset`."""
+    """Return the coefficients of the four fields of `Offset`."""
     return jnp.concatenate([place - reference, reference[:, :1]], axis=1)
 
 

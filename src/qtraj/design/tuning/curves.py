@@ -1,9 +1,10 @@
-"""Paths in unit time: the polynomials of their derivatives, differentiated with respect to the variables.
+"""Polynomials for the derivatives of a path, and derivatives of these polynomials with respect to the variables.
 
-In the moving basis the derivatives of R_z(φ)·(ρ, 0, h) with respect to u = t/T are polynomials in u:
-(a, b, h)' = (a' − bφ', b' + aφ', h'). Between fixed ends the path in unit time depends only on its slopes there, which
-are the boundary velocities times T. The coefficients are differentiated with respect to these slopes, once for all
-limits and places.
+The time is u = t/T, where T is the duration. In the moving basis, the derivatives of the position R_z(φ)·(ρ, 0, h) with
+respect to u have polynomial components (a, b, h), because (a, b, h)' = (a' − bφ', b' + aφ', h'). If the end positions
+are fixed, the path as a function of u depends only on its slopes at both ends, which are the boundary velocities (for
+φ, the angular rates) times T. The coefficients are differentiated with respect to these slopes, once for all limits and
+instants.
 """
 
 from functools import partial
@@ -20,15 +21,16 @@ ORDERS = 4
 TERMS = 4  # coefficients of cubics
 
 HERMITE = np.asarray([[1, 0, 0, 0], [0, 0, 1, 0], [0, 3, -2, -1], [0, -2, 1, 1]], float)
-"""From the first value, the difference of the values, and the slopes at both ends to the coefficients of a cubic."""
+"""The matrix from the first value, the difference of the two values, and both slopes to the coefficients of a cubic."""
 
 ANGLE = 1  # the index of φ in (ρ, φ, h)
 
 
 class Curves(NamedTuple):
-    """Ascending coefficients in u of r', r'', r''', r'''' and of ρ, φ, h; or derivatives of these, with leading axes.
+    """The coefficients of 1, u, u², … in r', r'', r''', r'''' (`derivatives`) and in ρ, φ, h (`place`).
 
-    With constant φ' all orders have the same degree; otherwise each order adds two.
+    The arrays may also contain derivatives of the coefficients; leading axes then index these derivatives. If φ' is
+    constant, r', r'', … have the same degree; otherwise the degree increases by two with each derivative.
     """
 
     derivatives: Float[Array, "*more orders terms 3"]
@@ -40,22 +42,23 @@ class Curves(NamedTuple):
         return self.place[..., ANGLE]
 
     def up_to(self, order: int) -> Float[Array, "*more order terms 3"]:
-        """The coefficients of the derivatives up to `order`, without trailing zeros."""
+        """Return the coefficients of the derivatives up to `order`, without trailing zeros."""
         return up_to(self.derivatives, order)
 
 
 def up_to(derivatives: Float[Array, "*more orders terms 3"], order: int) -> Float[Array, "*more order terms 3"]:
-    """The coefficients of the derivatives up to `order`, without trailing zeros."""
+    """Return the coefficients of the derivatives up to `order`, without trailing zeros."""
     orders, terms = derivatives.shape[-3:-1]
     per_order = (terms - TERMS) // orders
     return derivatives[..., :order, : terms - per_order * (orders - order), :]
 
 
 class CurveDerivatives(NamedTuple):
-    """Derivatives of curves with respect to the end slopes, and of the slopes and ln T with respect to the variables.
+    """Derivatives of a path with respect to its slopes at both ends, and of the slopes with respect to the variables.
 
-    The path is linear in the slopes of ρ and h. So `second` contains only the pairs of slopes that include φ' (see
-    `pairs`), and is None if φ' is constant.
+    `first` and `second` are derivatives with respect to the slopes; `slopes` (k, n) and `log_duration` (n,) are the
+    derivatives of the slopes and of ln T with respect to the variables. The path is linear in the slopes of ρ and h. So
+    `second` contains only the pairs of slopes that include φ' (see `pairs`), and is None if φ' is constant.
     """
 
     first: Curves
@@ -65,19 +68,19 @@ class CurveDerivatives(NamedTuple):
 
 
 def cubics(problem: Problem, slopes: Float[Array, "2 3"]) -> Float[Array, "4 3"]:
-    """The coefficients of ρ, φ and h in u, with these slopes at the ends."""
+    """Return the coefficients of ρ, φ and h in u for given slopes at both ends."""
     first, last = problem.ends
     return jnp.asarray(HERMITE, slopes.dtype) @ jnp.concatenate([jnp.stack([first, last - first]), slopes])
 
 
 @jax.jit
 def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
-    """The coefficients of ρ, φ and h in u of the initial path."""
+    """Return the coefficients of ρ, φ and h in u for the initial path."""
     return cubics(problem, problem.slopes(jnp.zeros(problem.size, problem.speed.dtype))[0])
 
 
 def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
-    """The path with these slopes dρ/du, dφ/du and dh/du at its ends."""
+    """Return the path with the given slopes dρ/du, dφ/du and dh/du at both ends."""
     cubic = cubics(problem, slopes)
     return Curves(_orders(cubic[None], _angle_rate(problem, cubic), None)[0], cubic)
 
@@ -85,9 +88,10 @@ def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
 def curve_derivatives(
     problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]
 ) -> tuple[Curves, CurveDerivatives]:
-    """The path for the variables, with its derivatives."""
+    """Return the path for the variables `z`, which has the given slopes at both ends, and the path's derivatives."""
     cubic, directions = cubics(problem, slopes), _directions(problem)
-    moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)  # of the cubics, the same for all slopes
+    # The derivatives of the cubics do not depend on the slopes.
+    moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)
     orders = _orders(
         jnp.concatenate([cubic[None], jnp.asarray(moved, z.dtype)]),
         _angle_rate(problem, cubic),
@@ -104,7 +108,7 @@ def curve_derivatives(
 
 
 def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " rates"]:
-    """The coefficients of φ' in u."""
+    """Return the coefficients of φ' in u."""
     if problem.motion.is_uniform:
         return cubic[1:2, ANGLE]
     return cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype)
@@ -113,12 +117,11 @@ def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " 
 def _orders(
     cubic: Float[Array, "rows 4 3"], angle_rate: Float[Array, " rates"], moved_rate: Float[np.ndarray, "k rates"] | None
 ) -> Float[Array, "rows_ orders terms 3"]:
-    """The coefficients of r', r'', … of a path and of their derivatives with respect to the slopes.
+    """Return the coefficients of r', r'', … of a path and of their derivatives with respect to the slopes.
 
-    The first derivatives are those with respect to the k slopes, the second ones those with respect to the `pairs` of
-    slopes. `cubic` contains the coefficients of ρ, φ and h, and optionally their derivatives with respect to the
-    slopes. The pairs are included if `moved_rate`, the derivatives of φ', is given. With x = (a, b, h), the recursion
-    is x ← x' + φ'·(−b, a, 0).
+    `cubic` contains the coefficients of ρ, φ and h, and optionally their derivatives with respect to the k slopes. If
+    `moved_rate`, the derivatives of φ' with respect to the slopes, is given, the result includes the second derivatives
+    for the `pairs` of slopes. With x = (a, b, h), the recursion is x ← x' + φ'·(−b, a, 0).
     """
     terms = TERMS if angle_rate.shape[0] == 1 else TERMS + (TERMS - 2) * ORDERS
     n_pairs = 0 if moved_rate is None else len(pairs())
@@ -143,12 +146,12 @@ def _orders(
 
 
 def pairs() -> np.ndarray:
-    """Index pairs i ≤ j of slopes, at least one of which is a slope of φ, (pairs, 2)."""
+    """Return the index pairs (pairs, 2) i ≤ j of slopes with at least one slope of φ."""
     return np.asarray([(i, j) for i in range(6) for j in range(i, 6) if ANGLE in (i % 3, j % 3)])
 
 
 def from_pairs(x: Float[Array, "pairs *rest"]) -> Float[Array, "k k *rest"]:
-    """Symmetric matrices from their entries at `pairs()`; zero elsewhere."""
+    """Return symmetric matrices with the given entries at `pairs()`, and zeros elsewhere."""
     places = np.full((6, 6), len(pairs()))
     for k, (i, j) in enumerate(pairs()):
         places[i, j] = places[j, i] = k
@@ -158,7 +161,11 @@ def from_pairs(x: Float[Array, "pairs *rest"]) -> Float[Array, "k k *rest"]:
 def second_along(
     derivatives: CurveDerivatives, gradient: Float[Array, "order 3 places"], order: int, u: Float[Array, " places"]
 ) -> Array:
-    """The gradient in r', r'', … times their second derivatives in the slopes: (k, k, places)."""
+    """Contract `gradient` with the second derivatives of r', r'', … with respect to the k slopes.
+
+    `gradient` is the gradient of a function with respect to r', r'', … at the instants `u`. The shape of the result is
+    (k, k, places).
+    """
     k = derivatives.slopes.shape[0]
     if derivatives.second is None:
         return jnp.zeros((k, k, *u.shape), u.dtype)
@@ -171,12 +178,12 @@ def second_along(
 
 
 def along_u(coefficients: Float[Array, "*more terms 3"], u: Float[Array, " places"], order: int) -> list[Array]:
-    """Vectors of polynomials at the places, and their Taylor coefficients up to `order`: (*more, 3, places) each."""
+    """Return the values of vector polynomials at the instants `u`, and their Taylor coefficients up to `order`."""
     return _horner(jnp.moveaxis(coefficients, -2, 0), u, order)
 
 
 def angle_at(angle: Float[Array, "*more terms"], u: Float[Array, " places"], order: int) -> list[Array]:
-    """φ at the places, and its Taylor coefficients up to `order`: (*more, places) each."""
+    """Return the values of φ at the instants `u`, and its Taylor coefficients up to `order`."""
     return _horner(jnp.moveaxis(angle, -1, 0), u, order)
 
 
@@ -198,7 +205,7 @@ def _horner(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"
 
 
 def _directions(problem: Problem) -> np.ndarray:
-    """Unit changes of the free slopes: all six, or those of ρ and h for uniform motion."""
+    """Return the unit vectors (k, 2, 3) of the free slopes: all six, or in uniform motion the four of ρ and h."""
     unit = np.eye(6)
     free = [k for k in range(6) if not (problem.motion.is_uniform and k % 3 == ANGLE)]
     return unit[free].reshape(-1, 2, 3)

@@ -1,4 +1,4 @@
-"""Products and sums of vectors and of their derivatives in many directions, for the expansions of constraints."""
+"""Products and sums of vectors and of their derivatives in several directions, for the expansions of constraints."""
 
 from typing import Any
 
@@ -11,45 +11,45 @@ from qtraj.path.components import Triple, add_vectors, cross, dot
 
 
 def vectors(r: Array) -> list[Triple]:
-    """Vectors (*rest, orders, 3, places) as triples of arrays (*rest, places), one triple for each order."""
+    """Split an array of vectors (…, orders, 3, instants) into one triple of components (…, instants) for each order."""
     return [(r[..., k, 0, :], r[..., k, 1, :], r[..., k, 2, :]) for k in range(r.shape[-3])]
 
 
 def broadcast(v: Triple) -> Triple:
-    """The vector with a new first axis, for the directions."""
+    """Return the vector with a new first axis for the directions."""
     return (v[0][None], v[1][None], v[2][None])
 
 
-# Compiled as functions, these are traced once for all their uses.
+# As compiled functions, dot and cross are traced only once for all calls.
 compiled_dot, compiled_cross = jax.jit(dot), jax.jit(cross)
 
 
 @jax.jit
 def along(v: Triple, w: Triple) -> Array:
-    """The scalar products of v with all directions w."""
+    """Return the scalar products of v with all directions w."""
     return dot(broadcast(v), w)
 
 
 @jax.jit
 def change(a_w: Any, a: Any, b_w: Any, b: Any) -> Array:
-    """The derivatives of a·b."""
+    """Return the derivatives of a·b in all directions; `a_w` and `b_w` are the derivatives of a and b."""
     return add([a_w[k] * b[k][None] + b_w[k] * a[k][None] for k in range(len(a))])
 
 
 @jax.jit
 def cross_change(a_w: Triple, a: Triple, b_w: Triple, b: Triple) -> Triple:
-    """The derivatives of a × b."""
+    """Return the derivatives of a × b in all directions; `a_w` and `b_w` are the derivatives of a and b."""
     return add_vectors(cross(a_w, broadcast(b)), cross(broadcast(a), b_w))
 
 
 @jax.jit
 def outer_sum(a: tuple[Array, ...], b: tuple[Array, ...]) -> Array:
-    """The sum of the products of all pairs of directions."""
+    """Return the scalar products of the vectors `a` and `b` for all pairs of directions."""
     return add([x[:, None] * y[None] for x, y in zip(a, b, strict=True)])
 
 
 def add_scaled(v: Triple, w: Triple, weight: Array, axes: int) -> Triple:
-    """v + weight·w, without the vertical component of w if `axes` is 2."""
+    """Return v + weight·w, without the vertical component of w if `axes` is 2."""
     if any(is_zero(x) for x in v):
         return add_vectors(v, tuple(_scaled(w[:axes], weight)) + (0,) * (3 - axes))
     return _plus_scaled(v[:axes], w[:axes], weight) + v[axes:]
@@ -67,5 +67,5 @@ def _plus_scaled(v: tuple[Array, ...], w: tuple[Array, ...], weight: Array) -> t
 
 
 def as_array(x: Any, like: Array) -> Array:
-    """The component as an array; zeros for the integer 0."""
+    """Return a component as an array; the integer 0 becomes an array of zeros."""
     return jnp.zeros_like(like) if isinstance(x, int) else x

@@ -1,4 +1,4 @@
-"""Derivatives of the constraints with respect to the variables and to the place u on the path."""
+"""Derivatives of the constraints with respect to the variables z and to the time u (a fraction of the duration)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -31,7 +31,7 @@ from qtraj.path.components import Triple, add_vectors
 
 
 class Expansion(NamedTuple):
-    """The constraint g at many places: its value and its derivatives with respect to the variables and u."""
+    """The constraint g at several instants: its value and its derivatives with respect to the variables and to u."""
 
     value: Float[Array, "*batch places"]
     slope: Float[Array, "*batch n places"]
@@ -44,7 +44,7 @@ class Expansion(NamedTuple):
 def slopes(
     settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> tuple[Places, Float[Array, "batch n places"]]:
-    """g of a batch of paths at the places `u` of each, and its derivatives in the variables."""
+    """Return g of a batch of paths, each at its own instants `u`, and the derivatives with respect to the variables."""
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
     member = element(MEMBER, index)
@@ -73,7 +73,7 @@ def slopes(
 def _first_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, Array]:
-    """G of one path and its derivatives in the slopes at the ends."""
+    """Return G of one path and its derivatives with respect to the slopes at both ends."""
     at = _local(group, index, setting, derivatives, u)
     return at.G, at.first_order[:-1]
 
@@ -81,7 +81,7 @@ def _first_order(
 def expansions(
     settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> Expansion:
-    """g of a batch of paths at the places `u` of each, with first and second derivatives in the variables and in u."""
+    """Return g of a batch of paths, each at its own instants `u`, with first and second derivatives."""
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
     member = element(MEMBER, index)
@@ -102,17 +102,17 @@ def expansions(
 def _in_variables(
     G: Expansion, setting: Setting, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar
 ) -> Expansion:
-    """The expansion of g in the variables from the expansion of G in the slopes at the ends."""
+    """Convert the expansion `G` of a quantity in the end slopes to the expansion of its constraint in the variables."""
     J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
-    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
+    # A slope is T times a velocity, so its second derivatives that involve ln T are not zero.
     k = derivatives.slopes.shape[0]
     in_slopes = slope if setting.road is None else derivatives.slopes.T @ G.slope[:k]
     log_terms = e[:, None] * in_slopes[None]
     both = e[:, None] * e[None] * jnp.sum(e * in_slopes, axis=0)[None, None]
     curvature = curvature + log_terms + jnp.swapaxes(log_terms, 0, 1) - both
-    # κ = exp(−2p ln T)/limit².
+    # Add the derivatives of κ = exp(−2p ln T)/limit².
     first = per_log * e
     cross = first[:, None] * slope[None]
     second = first[:, None] * first[None] * G.value[None, None]
@@ -127,19 +127,19 @@ def _in_variables(
 
 
 def _directions(setting: Setting, derivatives: CurveDerivatives) -> Float[Array, "m n"]:
-    """The derivatives of the slopes in the variables and, with a vehicle, those of ln T."""
+    """Return the derivatives of the slopes (and, with a vehicle, of ln T) with respect to the variables."""
     if setting.road is None:
         return derivatives.slopes
     return jnp.concatenate([derivatives.slopes, derivatives.log_duration[None]])
 
 
 def _others(setting: Setting, corridor_branch: Any, road_branch: Any) -> list[Any]:
-    """The branches beside those of the groups, with a zero derivative of the corridor in ln T."""
+    """Return the functions of the corridor and, with a vehicle, of `ROAD_GROUP`."""
     return [_with_log(setting, corridor_branch), *([] if setting.road is None else [road_branch])]
 
 
 def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
-    """The branch with the direction of ln T, in which its quantity does not change, in a problem with a vehicle."""
+    """In a problem with a vehicle, add zero derivatives with respect to ln T to the result of a function."""
 
     def padded() -> Any:
         G, slope, *rest = branch()
@@ -156,9 +156,9 @@ def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
 def _second_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, ...]:
-    """G of one path, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
+    """Return G of one path with its first and second derivatives with respect to the slopes at both ends and to u.
 
-    In the directions w of the slopes and of u, with invariants s and blocks Y,
+    Subscripts denote derivatives. With directions w (the slopes and u), invariants s and blocks Y,
     G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
     """
     at = _local(group, index, setting, derivatives, u)
@@ -205,7 +205,7 @@ def _second_order(
 
 
 class _Local(NamedTuple):
-    """G of one path, its first derivatives, and what the second ones need.
+    """G of one path, its first derivatives, and intermediate values for its second derivatives.
 
     `w` are the derivatives of r', r'', … in the directions of the slopes and of u, in the basis of the invariants;
     `moving_w` and `r` are in the moving basis.
@@ -219,10 +219,10 @@ class _Local(NamedTuple):
     moved_in_u: Float[Array, "n orders 3 places"]
     in_u_twice: Float[Array, "orders 3 places"]
     blocks: dict[str, Triple]
-    gradient: list[Triple]  # in r', r'', …
+    gradient: list[Triple]  # with respect to r', r'', …
     in_blocks: dict[str, Triple]
     in_invariants: Float[Array, "i places"]
-    hessian: Float[Array, "i i places"]  # in the invariants
+    hessian: Float[Array, "i i places"]  # with respect to the invariants
 
 
 @partial(jax.jit, static_argnums=0)  # traced once for the peaks and the fixed times
@@ -254,7 +254,11 @@ def _local(
 
 
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
-    """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
+    """Return G, its gradients with respect to r', r'', …, and intermediate values.
+
+    The intermediate values are the blocks, the gradients with respect to the blocks and to the invariants, and the
+    Hessian with respect to the invariants.
+    """
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
     Y |= {name: compiled_cross(r[0], r[k]) for name, k in group.cross_products.items()}
     s = []

@@ -1,4 +1,4 @@
-"""The path from which a tuning starts."""
+"""The initial path of a tuning."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,19 +27,22 @@ def initial_path(
     placement: Placement | None = None,
     turn: ArrayInput | None = None,
 ) -> SpiralHelix:
-    """The path between two states from which `tune` starts with the same arguments.
+    """Return the path with which `tune` starts if it is called with the same arguments.
 
-    "uniform" motion rotates at the rate that fits both V_φ/ρ best; they need not agree. "hermite" motion satisfies all
-    boundary velocities. With a duration it also satisfies boundary accelerations, which `tune` does not accept.
+    With "uniform" motion the angular rate is constant: it is the turn divided by `duration`, or without a `duration`
+    the rate that fits V_φ at both ends best in the least-squares sense. With "hermite" motion the path has the given
+    boundary velocities. If `duration` is given, the states may also contain accelerations, which the path then has at
+    its ends; `tune` does not accept such states.
 
-    **Raises:** ValueError if the input does not define a path.
+    **Raises:** ValueError if the arguments do not determine a path.
     """
     objective, motion = get_objective(objective), get_motion(motion)
     if start.acceleration is None and end.acceleration is None:
-        any_limit = Limits(speed=1.0)  # the checks require a limit; the initial path does not depend on it
+        any_limit = Limits(speed=1.0)  # the checks require a limit, but the initial path does not depend on limits
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
-        # A callable objective may contain arrays, which are constants of the problem: it is not traced.
+        # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
+        # executable.
         make = _pose_jit if objective.is_smooth else pose
         problem = make(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
         require_well_posed(problem, turn, any_limit, None, placement is not None)
@@ -47,7 +50,7 @@ def initial_path(
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
     if motion.is_uniform or duration is None:
         raise ValueError(
-            "boundary accelerations need motion='hermite' and a duration: give both, or omit the accelerations"
+            "boundary accelerations need motion='hermite' and a duration: pass both, or omit the accelerations"
         )
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     short = azimuth_difference(a, b)

@@ -1,12 +1,13 @@
 """The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over intervals of time.
 
-At the beginning of an outer iteration (a round), each limit divides the time into intervals, one about each of its
-peaks. Its largest value in each interval is a constraint with its own multiplier. That value is a continuous function
-of the variables, even while peaks move between intervals, appear or vanish. Its gradient is evaluated at the maximum
-(envelope theorem).
+At the beginning of an outer iteration (a round), the time is divided for each limit into intervals, one about each peak
+of the limited quantity. The largest value in each interval is a constraint with its own multiplier. This value is a
+continuous function of the variables, even if peaks move between intervals, appear or vanish. The gradient of the
+largest value is evaluated at the maximum (envelope theorem).
 
-The substitution z = m + r sin((y − m)/r) satisfies the bounds of the variables for any y. A variable reaches its bound
-at a finite y. The curvature with respect to y is the multiplier of the bound there, so such a minimum is regular, too.
+The substitution z = c + r sin((y − c)/r), with the centre c and the half-width r of the bounds, satisfies the bounds
+for any y. A variable reaches its bound at a finite y. At this y, the second derivative of the Lagrangian with respect
+to y is proportional to the multiplier of the bound, so a minimum on a bound is regular, too.
 """
 
 from typing import Any, NamedTuple
@@ -28,15 +29,15 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
-"""A start on a bound is moved inside, to this fraction of the half-width, since ∂z/∂y vanishes on the bound."""
+"""A start on a bound is moved to this fraction of the half-width from the centre: ∂z/∂y is zero on the bound."""
 
 PerInterval = Float[Array, "slots k"]
 
 
 class Round(NamedTuple):
-    """The constants of one round: the intervals [low, high] of time, their multipliers, and the penalty."""
+    """The constants of one round: the time intervals [low, high], their multipliers, and the penalty."""
 
-    valid: Bool[Array, "slots k"]  # false where there is no such interval
+    valid: Bool[Array, "slots k"]  # false for unused elements
     low: PerInterval
     high: PerInterval
     multipliers: PerInterval
@@ -53,20 +54,23 @@ class Expanded(NamedTuple):
 
 
 def to_box(task: Task, y: Any, xp: Any = jnp) -> Any:
-    """The variables z for y, of one problem or a batch. `xp` is NumPy or JAX's NumPy, as y is."""
+    """Return the variables z for y, of one problem or a batch; `xp` is the module of y, NumPy or JAX's NumPy."""
     middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
     return middle + half * xp.sin((y - middle) / xp.where(half > 0, half, 1.0))
 
 
 def from_box(task: Task, z: Variables) -> Variables:
-    """y for the variables z; a z on a bound is moved slightly inside."""
+    """Return y for the variables z; variables on a bound are moved slightly inside."""
     middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
     safe = jnp.where(half > 0, half, 1.0)
     return middle + safe * jnp.arcsin(jnp.clip((z - middle) / safe, -MAX_FRACTION, MAX_FRACTION))
 
 
 def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
-    """A round with intervals about these peaks, and the multipliers of the previous intervals at `times`."""
+    """Return a round with intervals about `peaks`, and with the multipliers of the previous intervals.
+
+    `times` are the times of the maxima in the previous intervals.
+    """
     peak_times, other = peaks.time[:, :, None], peaks.time[:, None]
     valid = peaks.present[:, None]
     middle = (peak_times + other) / 2
@@ -76,7 +80,7 @@ def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
 
 
 def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) -> tuple[PerInterval, Peaks]:
-    """The time of the maximum of each limit in each interval, as a fraction of the duration, and the current peaks."""
+    """Return the times of the maxima in all intervals, as fractions of the duration, and the current peaks."""
     here = make_setting(task.problem, to_box(task, y))
     one = jax.tree.map(lambda x: x[None], (here, task.limits))
     peaks = jax.tree.map(lambda x: x[0], find_peaks(one[0], slots, one[1]))
@@ -98,8 +102,8 @@ def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) 
 
 
 def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: Variables) -> Expanded:
-    """The augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), with the constraints g at `times`."""
-    z, scale = jax.jvp(lambda y: to_box(task, y), (y,), (jnp.ones_like(y),))  # the map is diagonal
+    """Evaluate the augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), with the constraints g at `times`."""
+    z, scale = jax.jvp(lambda y: to_box(task, y), (y,), (jnp.ones_like(y),))  # the Jacobian is diagonal
     cost, cost_gradient = jax.value_and_grad(task.problem.cost)(z)
     ends, log_duration = task.problem.slopes(z)
     at, derivatives = curve_derivatives(task.problem, z, ends)
@@ -125,7 +129,7 @@ def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: 
 
 @eqx.filter_custom_jvp
 def lagrangian(y: Variables, task: Task, slots: LimitSlots, round_: Round, times: PerInterval) -> Scalar:
-    """The value of `expand`. It can be differentiated only with respect to y, in forward and reverse mode."""
+    """Return the value of `expand`; in forward and reverse mode, it is differentiable with respect to y only."""
     return expand(task, slots, round_, times, y).value
 
 

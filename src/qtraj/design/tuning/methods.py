@@ -10,16 +10,18 @@ from qtraj.design.tuning.sqp import SequentialQuadratic
 METHODS = ("sqp", "lbfgs")
 
 MEMORY = 12
-"""Number of past steps that "lbfgs" keeps."""
+"""Number of past steps that "lbfgs" stores."""
 
 Method = Any
-"""One of `METHODS`, or an `optax.GradientTransformation`, with extra arguments or without."""
+"""One of `METHODS`, or an `optax.GradientTransformation` (with or without extra arguments)."""
 
 
 def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps: int) -> AbstractSearch:
-    """The search for a method. None means "sqp", or "lbfgs" if the objective may not be twice differentiable.
+    """Return the search for a method.
 
-    **Raises:** ValueError for an unknown method, and for step counts that are not positive integers.
+    `method=None` means "sqp" if the objective is `smooth` (twice differentiable), and "lbfgs" otherwise.
+
+    **Raises:** ValueError if the method is unknown, or if a step count is not a positive integer.
     """
     for name, steps in (("max_steps", max_steps), ("inner_steps", inner_steps)):
         if isinstance(steps, bool) or int(steps) != steps or steps < 1:
@@ -39,7 +41,7 @@ def _optimiser(method: Method) -> Any:
             f"method must be {' or '.join(map(repr, METHODS))}, or an optax optimiser such as optax.adam(1e-2), "
             f"but {method!r} was given"
         )
-    import optax  # imported here, so that `import qtraj` does not import it
+    import optax  # imported here, so that `import qtraj` does not import optax
 
     return optax.with_extra_args_support(method)
 

@@ -1,8 +1,8 @@
-"""The local model at one point: the cost and the constraints with their derivatives.
+"""The local model of a problem at one point: the cost and the constraints with their derivatives.
 
-A peak moves with the variables so that ∂g/∂u = 0. The gradient of its value is ∂g/∂z (envelope theorem), the Hessian
-is g_zz − g_zu g_uz/g_uu. A peak at an end of the path does not move. Constraints at fixed times between the peaks, with
-first derivatives only, predict new peaks that a step would raise.
+The time u of a peak of a constraint g changes with the variables z so that ∂g/∂u = 0. The gradient of the peak's value
+is ∂g/∂z (envelope theorem), and the Hessian of this value is g_zz − g_zu g_uz/g_uu. The time of a peak at an end of the
+path is constant. Additional constraints at fixed times, with first derivatives only, predict new peaks after a step.
 """
 
 from typing import NamedTuple
@@ -23,48 +23,48 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 NODE_STRIDE = 8
-"""Every eighth node is a fixed time with its own constraint."""
+"""Every eighth node of the grid is a fixed time with its own constraint."""
 
 FIXED_TIMES = len(range(NODE_STRIDE, NODES - 1, NODE_STRIDE))
 PER_LIMIT = PEAKS + FIXED_TIMES
-"""Number of constraints for each limit: peaks and ends first, then fixed times."""
+"""Number of constraints for each limit: first the peaks and ends, then the fixed times."""
 
 MAX_DRIFT = 0.1
-"""Maximum shift of a peak during one step, as a fraction of the duration."""
+"""Maximum shift of the time of a peak during one step, as a fraction of the duration."""
 
 
 class Constraints(NamedTuple):
-    """The constraints of all limits, linearised."""
+    """The constraints of all limits, with their derivatives with respect to the n variables; r is `PER_LIMIT`."""
 
     value: Float[Array, "*batch slots r"]
     slope: Float[Array, "*batch slots r n"]
     time: Float[Array, "*batch slots r"]
-    curvature: Float[Array, "*batch slots peaks n n"]
-    drift: Float[Array, "*batch slots peaks n"]  # derivatives of the peaks' times in the variables
+    curvature: Float[Array, "*batch slots peaks n n"]  # Hessians
+    drift: Float[Array, "*batch slots peaks n"]  # derivatives of the times of the peaks with respect to the variables
 
 
 class Model(NamedTuple):
     """The local model of the problem at one point."""
 
-    slope: Float[Array, "*batch n"]  # of the cost
-    curvature: Float[Array, "*batch n n"]
+    slope: Float[Array, "*batch n"]  # gradient of the cost
+    curvature: Float[Array, "*batch n n"]  # Hessian of the cost
     constraints: Constraints
 
 
 @jax.jit
 def make_setting(problem: Problem, z: Variables) -> Setting:
-    """The path for the variables `z`, in unit time."""
+    """Return the data of the path for the variables `z`, for the evaluation of constraints."""
     slopes, log_duration = problem.slopes(z)
     return setting(problem, curve(problem, slopes), log_duration)
 
 
 def setting(problem: Problem, curves: Curves, log_duration: Scalar) -> Setting:
-    """The setting of a path in unit time."""
+    """Return the data of a path for the evaluation of constraints."""
     return Setting(curves, log_duration, problem.axes, reference_cubics(problem), problem.road)
 
 
 def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Peaks) -> Model:
-    """The cost and the constraints of a batch of problems, each at its `z`, with their derivatives."""
+    """Build the local models of a batch of problems, each at its own `z`."""
     slope, curvature, here, derivatives = jax.vmap(_differentiated)(tasks.problem, z)
     batch, n = z.shape
     nodes = jnp.asarray(np.linspace(0.0, 1.0, NODES)[NODE_STRIDE:-1:NODE_STRIDE], z.dtype)
@@ -86,7 +86,7 @@ def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Pea
 
 
 def _differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setting, CurveDerivatives]:
-    """The derivatives of the cost, the path, and its derivatives."""
+    """Return the gradient and the Hessian of the cost, the path, and the derivatives of the path."""
     _, slope, curvature = with_derivatives(problem.cost, z)
     slopes, log_duration = problem.slopes(z)
     at, derivatives = curve_derivatives(problem, z, slopes)
@@ -96,7 +96,10 @@ def _differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setti
 def values_nearby(
     tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], step: Float[Array, "batch n"], constraints: Constraints
 ) -> Float[Array, "batch slots r"]:
-    """The constraint values at each `z`, one `step` from the point of `constraints`; the times of peaks drift along."""
+    """Return the constraint values at each `z`, which is one `step` away from the point of `constraints`.
+
+    The times of the peaks are updated to first order.
+    """
     here = jax.vmap(make_setting)(tasks.problem, z)
     parts = constraints.value, constraints.time, constraints.drift, tasks.limits
 
@@ -119,7 +122,7 @@ def _constraints(
     peak: Peaks,
     nodes: Float[Array, "batch fixed"],
 ) -> Constraints:
-    """The constraints of one limit for a batch of paths."""
+    """Return the constraints of one limit for a batch of paths."""
     g = expansions(here, derivatives, index, limits, peak.time)
     node_value, node_slope = slopes(here, derivatives, index, limits, nodes)
     return jax.vmap(_linearised)(g, peak, nodes, node_value, node_slope)
@@ -132,11 +135,11 @@ def _linearised(
     node_value: Float[Array, " fixed"],
     node_slope: Float[Array, "n fixed"],
 ) -> Constraints:
-    """The constraints of one limit, from their derivatives at fixed places."""
+    """Return the constraints of one limit, from the expansions at the peaks and the derivatives at the fixed times."""
     is_maximum = peak.moving & (g.second_rate < 0)
     inv_second_rate = jnp.where(is_maximum, 1 / jnp.where(is_maximum, g.second_rate, 1.0), 0.0)
     drift = -inv_second_rate[None] * g.mixed
-    # Corrects the slope to the exact peak: the search located it only approximately.
+    # Correct the slope for the distance between the time of the exact peak and the time that the search found.
     slope = g.slope + drift * g.rate[None]
     curvature = g.curvature + drift[:, None] * g.mixed[None]
     valid = peak.present & jnp.all(jnp.isfinite(slope), 0) & jnp.all(jnp.isfinite(curvature), (0, 1))

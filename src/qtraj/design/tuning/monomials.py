@@ -1,7 +1,8 @@
-"""Squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
+"""Represent squares of path quantities as sums of monomials in the invariants, by tables of coefficients and exponents.
 
-The tables are computed by evaluating the formulas of the registry with symbols. The derivatives of a sum Σ c·Π sᵢ^eᵢ
-are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
+The tables are computed by evaluating the formulas of the registry for symbolic polynomials. The derivatives of a sum
+Σ c·Π sᵢ^eᵢ are sums of monomials, too, because ∂/∂sᵢ multiplies a monomial by eᵢ/sᵢ. So one function evaluates all
+quantities.
 """
 
 from collections.abc import Sequence
@@ -15,18 +16,18 @@ from jaxtyping import Array, Float
 from qtraj.path.path_quantity import PathQuantity
 
 TINY = 1e-70
-"""Replaces an invariant that is zero: the monomials and their derivatives then take their limit values."""
+"""Invariants of smaller magnitude are replaced by this value, so that their logarithms and inverses are finite."""
 
 
 class Table(NamedTuple):
-    """Coefficients (monomials,) and exponents (monomials, invariants) of one square."""
+    """The coefficients (monomials,) and exponents (monomials, invariants) of the square of one quantity."""
 
     coefficients: np.ndarray
     exponents: np.ndarray
 
     @property
     def odd(self) -> np.ndarray:
-        """One where an exponent is odd, else zero."""
+        """1 for odd exponents and 0 for even exponents, (monomials, invariants)."""
         return self.exponents % 2.0
 
 
@@ -59,7 +60,7 @@ class _Polynomial:
 
 
 def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
-    """The square of one quantity as a table of monomials in these invariants.
+    """Return the square of one quantity as a table of monomials in the given invariants.
 
     **Raises:** ValueError if the denominator is not a single product of invariants.
     """
@@ -70,14 +71,14 @@ def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
     numerator = entry.numerator(symbols).terms
     denominator = {(0,) * len(invariants): 1.0} if entry.denominator is None else entry.denominator(symbols).terms
     if len(denominator) != 1:
-        raise ValueError(f"the denominator of {entry.name} is a sum: give it as one product of invariants")
+        raise ValueError(f"the denominator of {entry.name} must be one product of invariants, but it is a sum")
     (divisor_exponents, divisor) = next(iter(denominator.items()))
     exponents = np.asarray([*numerator]) - np.asarray(divisor_exponents)
     return Table(np.asarray([*numerator.values()]) / divisor, exponents)
 
 
 def stacked(tables: Sequence[Table]) -> Table:
-    """Several tables stacked on a first axis, padded with monomials whose coefficient is zero."""
+    """Stack several tables along a first axis, padded with monomials whose coefficient is zero."""
     max_terms = max(len(t.coefficients) for t in tables)
     coefficients = np.stack([np.pad(t.coefficients, (0, max_terms - len(t.coefficients))) for t in tables])
     exponents = np.stack([np.pad(t.exponents, ((0, max_terms - len(t.exponents)), (0, 0))) for t in tables])
@@ -87,7 +88,7 @@ def stacked(tables: Sequence[Table]) -> Table:
 def expand(
     coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], odd: Float[Array, "t i"], s: Float[Array, "i p"]
 ) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """The square at many places, with its gradient and Hessian in the invariants; `odd` is that of the table."""
+    """Return the square at several instants, with its gradient and Hessian with respect to the invariants `s`."""
     safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
     half_negative = 0.5 * odd @ jnp.where(safe < 0, 1.0, 0.0)
     sign = jnp.where(half_negative == jnp.floor(half_negative), coefficients[:, None], -coefficients[:, None])

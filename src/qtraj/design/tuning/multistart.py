@@ -1,4 +1,7 @@
-"""Multistart: runs searches from several starts, and keeps the best result or the one with the smallest violation."""
+"""Run searches from several starts, and select the best result.
+
+If no result satisfies the limits, the result with the smallest violation is selected.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -30,26 +33,26 @@ PLANNED = (
     (1.0, 1.0, 0.0),
     (-1.0, -1.0, 0.0),
 )
-"""The first starts: changes of the radial velocities, in units of the reference speed, and of ln T.
+"""The planned starts: changes of V_ρ at both ends, in units of the reference speed, and of ln(duration).
 
-The local optima of a problem differ in where the path swings out. The first five starts reach the best known optimum in
-998 of 1000 random problems, eight random starts in 992, and the initial states alone in 964.
+The local optima of a problem differ in the instant at which the path swings outwards. Searches from the first five
+starts reach the best known optimum in 998 of 1000 random problems. With eight random starts, the number is 992, and
+with the initial states alone, it is 964.
 """
 
 NEAR, SPREAD = 0.05, 0.6
-"""Standard deviations of the planned starts about their nominal values, and of further starts about zero."""
+"""Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
 
 SEED = 20171993
 MAX_LOWERINGS, LOWERING = 6, 0.5
-"""To minimise a violation, the limits are lowered at most this number of times, to this fraction of the current peaks.
-"""
+"""Maximum number of times that limits are lowered to minimise a violation, and the ratio of lowered limits to peaks."""
 
 INFEASIBLE_COST = 1e100
-"""The merit of a result that violates the limits; larger than any cost."""
+"""The minimum merit of a result that violates the limits, larger than any cost."""
 
 
 def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
-    """The starts, (starts, variables): the initial states, planned changes of them, then reproducible random ones."""
+    """Return the starts (starts, variables): the initial states, planned changes, and reproducible random changes."""
     planned = np.asarray(
         [[dict(zip(PLANNED_VARIABLES, change, strict=True)).get(name, 0.0) for name in names] for change in PLANNED]
     )
@@ -60,7 +63,7 @@ def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
 
 
 def solve_traced(method: AbstractSearch, tasks: Task, slots: LimitSlots, starts: int) -> SearchResult:
-    """The best result of each problem of a batch. It can be traced."""
+    """Return the best result of each problem of a batch; the arguments can be traced."""
     count = tasks.low.shape[0]
     points = jnp.asarray(np.tile(starting_points(tasks.problem.names, starts), (count, 1)), tasks.low.dtype)
     many = jax.tree.map(lambda x: jnp.repeat(x, starts, axis=0), tasks)
@@ -73,10 +76,10 @@ def solve_traced(method: AbstractSearch, tasks: Task, slots: LimitSlots, starts:
 def solve(
     method: AbstractSearch, tasks: Task, slots: LimitSlots, starts: int, max_steps: int, report: Report | None = None
 ) -> SearchResult:
-    """The best result of each problem of a batch, computed on all cores.
+    """Return the best result of each problem of a batch, computed on all cores.
 
-    If no search satisfies the limits, the violation is minimised (by "sqp", in `max_steps`) from the best result. If
-    the limits are then satisfied, the objective is minimised from there.
+    If no search satisfies the limits of a problem, "sqp" minimises the violation from the best result in at most
+    `max_steps` steps. If the limits are then satisfied, the objective is minimised from this point.
     """
     n_problems = tasks.low.shape[0]
     points = np.tile(starting_points(tasks.problem.names, starts), (n_problems, 1))
@@ -95,7 +98,7 @@ def solve(
 def minimise_violation(
     tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None = None
 ) -> SearchResult:
-    """Minimise the largest violation of each problem of a batch, starting from the results of other searches."""
+    """Minimise the largest violation in each problem of a batch, starting from the results of other searches."""
     method = SequentialQuadratic(max_steps)
     tasks, result = without_objective(tasks), jax.tree.map(np.asarray, result)
     for _ in range(MAX_LOWERINGS):
@@ -114,14 +117,14 @@ def minimise_violation(
             values=np.where(lowered_result.values > ABSENT, 0.5 * (squares - 1), lowered_result.values),
             steps=result.steps + lowered_result.steps,
         )
-        # If the lowered limits are met as well, the minimum is lower still.
+        # If the lowered limits are satisfied as well, the minimum violation is even lower.
         if not np.any((lowered_result.violation <= FEASIBLE) & (result.violation > FEASIBLE)):
             break
     return result
 
 
 def take(tree: Any, place: Any) -> Any:
-    """Elements of a batch, from every array of `tree`."""
+    """Select elements of a batch in every array of `tree`."""
     return jax.tree.map(lambda x: part(x, place) if eqx.is_array(x) else x, tree)
 
 
@@ -130,7 +133,7 @@ def _select(result: SearchResult, indices: np.ndarray) -> SearchResult:
 
 
 def _replace(result: SearchResult, indices: np.ndarray, by: SearchResult) -> SearchResult:
-    """The result, with the elements at `indices` replaced."""
+    """Replace the elements at `indices` of a result by the elements of the result `by`."""
 
     def replaced(old: np.ndarray, new: np.ndarray) -> np.ndarray:
         updated = np.array(old)
@@ -141,7 +144,7 @@ def _replace(result: SearchResult, indices: np.ndarray, by: SearchResult) -> Sea
 
 
 def without_objective(tasks: Task) -> Task:
-    """The same tasks with a smooth objective in place of a custom one, which may not be twice differentiable."""
+    """Replace a custom objective, which may not be twice differentiable, by a smooth objective."""
     if tasks.problem.objective.is_smooth:
         return tasks
     return dataclasses.replace(tasks, problem=tasks.problem.without_objective())
@@ -150,7 +153,7 @@ def without_objective(tasks: Task) -> Task:
 def _rescue(
     method: AbstractSearch, tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None
 ) -> SearchResult:
-    """The results with minimum violation; where it is zero, the results of a search from there with the objective."""
+    """Minimise the violation. In problems where it becomes zero, minimise the objective from the resulting point."""
     rescued = minimise_violation(tasks, slots, result, max_steps, report)
     feasible = np.flatnonzero(rescued.violation <= FEASIBLE)
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
@@ -168,9 +171,10 @@ def _rescue(
 
 
 def _results_and_merit(method: AbstractSearch, tasks: Task, states: Any, xp: Any) -> tuple[SearchResult, Any]:
-    """The results of searches, and the merit to minimise: the cost, or a large number that grows with the violation.
+    """Return the results of searches, and the merit by which they are compared.
 
-    `xp` is NumPy or JAX's NumPy, as the states are.
+    The merit is the cost, or a large number that increases with the violation. `xp` is the module of the states'
+    arrays, NumPy or JAX's NumPy.
     """
     result, cost = method.result(tasks, states, xp)
     cost = xp.where(result.stationary, cost, cost + 1e-9 * xp.abs(cost))

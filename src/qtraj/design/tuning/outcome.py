@@ -1,4 +1,4 @@
-"""The outcome of a tuning, of one problem or a batch."""
+"""The outcome of tuning one problem or a batch of problems."""
 
 import dataclasses
 import os
@@ -23,6 +23,8 @@ from qtraj.foundation.result import batch_prefix, counts_text, extent
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.vehicle import Vehicle
+from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,12 +32,12 @@ if TYPE_CHECKING:
 CONVERGED, INFEASIBLE, NOT_CONVERGED = ResultCode.successful, ResultCode.infeasible, ResultCode.not_converged
 
 STATUSES = {CONVERGED: "converged", INFEASIBLE: "infeasible", NOT_CONVERGED: "not converged"}
-"""The status for each code; every other code means an ill-posed problem."""
+"""The status for each code; all other codes belong to ill-posed problems."""
 
 ILL_POSED_STATUS = "ill-posed"
 
 _OLDER_CODES = {1: INFEASIBLE, 2: NOT_CONVERGED}
-"""Maps the codes of older documents to those of `ResultCode`."""
+"""The codes of `ResultCode` for the codes of older documents."""
 
 
 def _reads_older_codes(fields: dict[str, Any]) -> dict[str, Any]:
@@ -45,15 +47,19 @@ def _reads_older_codes(fields: dict[str, Any]) -> dict[str, Any]:
 @reads_older(_reads_older_codes)
 @storable
 class Tuned(AbstractOutcome):
-    """The outcome of `tune`, of one problem or a batch (batch dimensions in front of every array).
+    """The outcome of `tune` for one problem or a batch of problems; for a batch, all arrays have leading batch axes.
 
-    `path` is the tuned path, `start` and `end` are its boundary states in world axes, and `objective` is the attained
-    value in its own units. `certificate` contains the findings on the limits. `code` is a `ResultCode`, `status` the
-    same in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
+    - `path`: the tuned path.
+    - `start`, `end`: the boundary states of the tuned path in world axes.
+    - `objective`: the value of the objective for the tuned path, in its own units.
+    - `certificate`: the findings on the limits.
+    - `code`: a `ResultCode`; `status` describes it in one or two words, and `result` explains it and contains advice.
+    - `iterations`: the number of steps of the best search.
+    - `advice`: notes on the search and, after a failure, advice. For a batch, `advisor` computes the advice on an
+      element when its `result` is requested; `place` contains the number of the advisor and the index of the element.
 
-    `advice` says what would help if the limits cannot be met. For a batch, `advisor` computes it when the `result` of
-    an element is requested; `place` contains the number of the advisor and the index there. `outcome[k]` is one element
-    of a batch.
+    `outcome[k]` is one element of a batch. `vehicle` is the vehicle of the limits, or None; figures and reports use it
+    to plot limited forces.
     """
 
     path: SpiralHelix
@@ -66,6 +72,7 @@ class Tuned(AbstractOutcome):
     advice: str = eqx.field(static=True)
     advisor: Advisor | None = eqx.field(static=True)
     place: Int[Array, "*batch 2"] | None
+    vehicle: Vehicle | None
 
     def __init__(
         self,
@@ -79,12 +86,14 @@ class Tuned(AbstractOutcome):
         advice: str = "",
         advisor: "Advisor | None" = None,
         place: ArrayInput | None = None,
+        vehicle: "Vehicle | None" = None,
     ):
         self.path, self.start, self.end = path, start, end
         self.objective, self.certificate = as_float(objective), certificate
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
         self.advice, self.advisor = advice, advisor
         self.place = None if place is None else as_array(place, jnp.int32)
+        self.vehicle = vehicle
 
     @property
     def status(self) -> Any:
@@ -94,12 +103,12 @@ class Tuned(AbstractOutcome):
 
     @property
     def converged(self) -> Any:
-        """Whether the path meets every limit and its objective is stationary."""
+        """Whether the path satisfies every limit and the Lagrangian is stationary."""
         good = concrete_codes(self) == CONVERGED
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one problem in words, and what to do."""
+        """Return the result of one problem in words, with advice."""
         code, steps, radius, duration = (
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )
@@ -114,15 +123,16 @@ class Tuned(AbstractOutcome):
         return self.advisor(index, ResultCode(int(code))) if number == self.advisor.number else self.advice
 
     def record(self) -> Record:
-        """Path, boundary states, findings, objective and result codes as labelled quantities."""
+        """Return path, boundary states, vehicle, findings, objective and result codes as labelled quantities."""
         findings, status = self.certificate.record(), np.asarray(self.status)
         variables = {
-            "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
+            "objective": Quantity(self.objective, "", "value of the objective, in its own units"),
             "outcome": Quantity(status, "", f"one of {', '.join([*STATUSES.values(), ILL_POSED_STATUS])}"),
             "code": Quantity(self.code, "1", "result code of the tuning"),
-            "iterations": Quantity(self.iterations, "1", "steps of the best search"),
+            "iterations": Quantity(self.iterations, "1", "number of steps of the best search"),
             **findings.variables,
             **self.path.record().variables,
+            **vehicle_quantities(self.vehicle),
         }
         for side, state in (("start", self.start), ("end", self.end)):
             for name, unit in (("position", "m"), ("velocity", "m s-1")):
@@ -142,7 +152,7 @@ class Tuned(AbstractOutcome):
         return jax.tree.map(lambda x: part(x, index), self)
 
     def __bool__(self) -> bool:
-        return True  # without this, Python would use the length
+        return True  # without this method, an empty batch would be false
 
     def __len__(self) -> int:
         if self.code.ndim == 0:
@@ -150,24 +160,24 @@ class Tuned(AbstractOutcome):
         return self.code.shape[0]
 
     def plot(self, frame: Any = None) -> "Figure":
-        """The tuned path in space and its limited quantities over time, as a matplotlib figure (extra `viz`).
+        """Plot the tuned path in space and its limited quantities against time (needs the extra `viz`).
 
-        `frame` selects the trihedra, as for `qtraj.evaluate`; the default is the natural frame.
+        `frame` selects the trihedra as in `qtraj.evaluate`; the default is the natural frame.
 
-        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for the outcome of a
-        batch.
+        **Raises:** ModuleNotFoundError if matplotlib is not installed. ValueError for the outcome of a batch.
         """
         return draw("tuned_plot", self, frame)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the outcome to a TOML or JSON file, without loss of precision; `qtraj.load` reads it.
+        """Write the outcome to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
 
-        **Raises:** ValueError for the outcome of a batch: save one element, or the paths as a dataset.
+        **Raises:** ValueError if the suffix is neither .toml nor .json, or for the outcome of a batch. Save single
+        elements of a batch, or its paths as a dataset.
         """
         if self.code.ndim > 0:
             raise ValueError(
-                f"one document contains one outcome, but this result has {len(self)}: save one by "
-                "outcome[k].save(...), or the paths as a dataset"
+                f"a file can contain only one result, but this is a batch of {len(self)}: save one of them with "
+                "outcome[k].save(...), or save the paths as a dataset"
             )
         document.save(dataclasses.replace(self, advice=self._advice(()), advisor=None, place=None), file)
 

@@ -1,4 +1,4 @@
-"""The highest peaks in time of each constraint: sampled on a grid, then refined."""
+"""Find the highest peaks of each constraint over time on a grid of instants, and refine them."""
 
 from typing import Any, NamedTuple
 
@@ -14,49 +14,49 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Flag
 
 NODES = 65
-"""Number of grid times."""
+"""Number of grid instants."""
 
 REFINED = 4
-"""Number of the highest inner local maxima that are refined."""
+"""Number of local maxima at inner nodes that are refined, starting with the highest."""
 
 FIXED = 3
-"""Number of peaks that are always refined: at the hint (the slowest or straightest point), and next to both ends."""
+"""Number of peaks that are always refined: near the hint (the slowest or straightest point) and near both ends."""
 
 PEAKS = REFINED + FIXED
 
 REACH = 1 / (NODES - 1)
-"""A peak is searched within this distance of its node."""
+"""The distance from a node, as a fraction of the duration, within which a peak near this node is sought."""
 
 OFFSETS = 9
-"""Number of places about a peak in one round of refinement; for all peaks together there are nearly NODES places."""
+"""Number of instants about a peak in one round of refinement; all peaks together use almost `NODES` instants."""
 
 ROUNDS = (1.0, 1 / 16, 1 / 256)
-"""Half-widths of the intervals of the rounds, in units of REACH; each round ends with a parabola at the maximum."""
+"""Half-widths of the intervals in the rounds, in units of `REACH`; each round ends with a parabola at the maximum."""
 
 LIMIT_ROUNDS, HINT_ROUNDS = 2, 3
-"""Rounds for the peaks of a limit, and for hints, which need more: a small divisor makes a narrow peak."""
+"""Number of rounds for limits and for hints; hints need more, because a small divisor results in a narrow peak."""
 
 MIN_DISTANCE = 1e-5
-"""Peaks closer than this fraction of the duration are the same peak."""
+"""Peaks count as equal if their times differ by less than this fraction of the duration."""
 
 ABSENT = -1e3
-"""The constraint value in a place without a peak."""
+"""The constraint value of unused elements."""
 
 TOO_MUCH = 1e9
-"""The constraint value that replaces one that is not finite."""
+"""The value that replaces constraint values that are not finite."""
 
 
 class Peaks(NamedTuple):
-    """The peaks and ends of all constraints: times as fractions of the duration, presence, and values."""
+    """The peaks of all constraints, and the ends of the path; `present` marks the elements that are in use."""
 
-    time: Float[Array, "*batch slots k"]
+    time: Float[Array, "*batch slots k"]  # fractions of the duration
     present: Bool[Array, "*batch slots k"]
-    moving: Bool[Array, "*batch slots k"]  # an inner peak, whose time changes with the variables
+    moving: Bool[Array, "*batch slots k"]  # true for inner peaks, whose times change with the variables
     value: Float[Array, "*batch slots k"]
 
 
 def no_peaks(slots: int, dtype: Any) -> Peaks:
-    """Peaks that are all absent, as NumPy arrays."""
+    """Return NumPy arrays of peaks without any used element."""
     no: Any = np.zeros((slots, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
@@ -64,12 +64,12 @@ def no_peaks(slots: int, dtype: Any) -> Peaks:
 
 
 def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch slots"]) -> Peaks:
-    """The peaks and ends of the constraints of all limits, for a batch of paths."""
+    """Find the peaks and ends of the constraints of all limits for a batch of paths."""
     quantity_index = jnp.asarray(slots.index)
     slot_hints = jnp.asarray(HINT_OF)[quantity_index]
     here = jnp.arange(len(HINTS), dtype=slots.index.dtype)
     batch = limits.shape[:1]
-    # Few quantities need the straightest point.
+    # Compute the second hint, the straightest point, only if a limit needs it.
     positions = jnp.arange(quantity_index.shape[0], dtype=slots.index.dtype)
     n_hints = 1 + jnp.max(jnp.where(positions < slots.count, slot_hints, 0))
 
@@ -95,7 +95,7 @@ def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch
 
 
 def transfer_multipliers(multipliers: Array, times: Array, peaks: Peaks) -> Float[Array, "slots k"]:
-    """The multipliers of constraints at `times`, each transferred to the nearest peak or end of the same limit."""
+    """Assign the multipliers of constraints at `times` to the nearest peak or end of the same limit."""
     distance = jnp.abs(peaks.time[:, :, None] - times[:, None]) + jnp.where(peaks.present, 0.0, 2.0)[:, :, None]
     nearest = jnp.argmin(distance, axis=1)
     here = nearest[:, None] == jnp.arange(peaks.time.shape[1])[None, :, None]
@@ -103,7 +103,7 @@ def transfer_multipliers(multipliers: Array, times: Array, peaks: Peaks) -> Floa
 
 
 class _Round(NamedTuple):
-    """The state of the refinement: places to evaluate, initial and current times of the peaks, and their values."""
+    """The state of the refinement: instants to evaluate, initial and current times of the peaks, and their values."""
 
     places: Float[Array, "batch nodes"]
     start: Float[Array, "batch k"]
@@ -119,7 +119,7 @@ def _peaks(
     hints: Float[Array, " batch"],
     is_hint: Flag,
 ) -> Peaks:
-    """The peaks of one quantity, or of a hint, for a batch of paths."""
+    """Find the peaks of one quantity, or of a hint, for a batch of paths."""
     dtype, batch = limits.dtype, limits.shape[0]
     nodes = jnp.broadcast_to(jnp.asarray(np.linspace(0.0, 1.0, NODES)[None], dtype), (batch, NODES))
     offsets = jnp.asarray(np.linspace(-1.0, 1.0, OFFSETS)[:, None], dtype)
@@ -142,7 +142,8 @@ def _peaks(
 
         time, present = jax.lax.cond(k == 0, choose, refine)
         half = jnp.where(k < rounds, element(halves, k), 0.0)
-        # A narrow peak may lie at the time itself; the minimum of a divisor may lie close to an end.
+        # Centre the interval on a peak, which may be narrow. The interval of a hint remains within [0, 1], because the
+        # minimum of a divisor may be close to an end.
         middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
         around = jnp.clip(middle[:, None] + half * offsets[None], 0.0, 1.0).reshape(batch, -1)
         centre = OFFSETS // 2 * PEAKS
@@ -165,7 +166,7 @@ def _peaks(
 
 
 def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch picked"], Bool[Array, "batch picked"]]:
-    """The times of the highest local maxima at inner nodes, and which of them are present."""
+    """Return the times of the highest local maxima at inner nodes, and flags that mark the times of actual maxima."""
     finite = jnp.where(jnp.isnan(g), jnp.inf, g)
     middle = finite[:, 1:-1]
     heights = jnp.where((middle >= finite[:, :-2]) & (middle > finite[:, 2:]), middle, -jnp.inf)
@@ -183,9 +184,10 @@ def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch 
 def _top_of_parabola(
     at: Float[Array, "offsets k"], values_at: Float[Array, "offsets k"], is_hint: Flag
 ) -> Float[Array, " k"]:
-    """The maximum of the parabola about the highest place, or that place itself if it is the first or the last.
+    """Return the time of the maximum of the parabola through the highest value and its neighbours.
 
-    A hint is smooth, so its parabola is used there, too.
+    If the highest value is the first or the last, return its instant, except for a hint. A hint is smooth, so its
+    parabola is accurate there, too.
     """
     finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # also replaces NaN
     best = jnp.argmax(finite, axis=0)
@@ -206,7 +208,10 @@ def _top_of_parabola(
 
 
 def _duplicates(times: Array, present: Array) -> Array:
-    """Which times repeat an earlier peak. Duplicates are removed, because their multipliers would not be unique."""
+    """Return a mask of the times that repeat an earlier peak.
+
+    Duplicates are removed, because their multipliers would not be unique.
+    """
     k = times.shape[0]
     earlier = jnp.arange(k)[None] < jnp.arange(k)[:, None]
     return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < MIN_DISTANCE), axis=1)

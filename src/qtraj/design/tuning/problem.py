@@ -1,4 +1,4 @@
-"""The tuning problem: its variables, the path that they define, and the objective."""
+"""The tuning problem: its variables, the path as a function of the variables, and the objective."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,10 +27,11 @@ Variables = Float[Array, " n"]
 
 
 class Problem(eqx.Module):
-    """Boundary velocities and the duration as dimensionless variables z, which are zero at the initial states.
+    """A tuning problem, whose variables z are dimensionless changes of boundary velocities and of the duration.
 
-    z contains the changes of the velocities named by the motion, in units of `speed`, and then ln(T/T₀). The logarithm
-    keeps the duration positive and the sense of rotation unchanged. It is omitted if the objective fixes the duration.
+    z contains the changes of the velocity components that the motion names, in units of `speed`, and then ln(T/T₀),
+    where T₀ is the initial duration. The logarithm keeps the duration T positive and the sense of rotation unchanged. z
+    does not contain ln(T/T₀) if the objective fixes the duration. All variables are zero for the initial states.
     """
 
     start: Cylindrical
@@ -38,11 +39,11 @@ class Problem(eqx.Module):
     turn: Scalar
     duration: Scalar  # T₀ [s]
     speed: Scalar  # V_ref [m/s]
-    scale: Scalar  # the magnitude of the objective
+    scale: Scalar  # magnitude of the objective
     placement: Placement
-    axes: Float[Array, "3 3"]  # rotation from the placement's axes to the world's
-    weights: Float[Array, " 7"]  # of the squared changes in "nearest": of VELOCITIES, then of the duration
-    heading_fixed: Float[Array, " 2"]  # 1 where the heading is fixed, else 0; at the start and at the end
+    axes: Float[Array, "3 3"]  # rotation from the axes of the placement to world axes
+    weights: Float[Array, " 7"]  # of the squared changes of VELOCITIES and of the duration, in "nearest"
+    heading_fixed: Float[Array, " 2"]  # 1 for a fixed heading, otherwise 0; start and end
     motion: AbstractMotion
     objective: AbstractObjective
     road: RoadParameters | None = None  # of the vehicle, if a limit needs one
@@ -58,28 +59,28 @@ class Problem(eqx.Module):
         return len(self.names)
 
     def path(self, z: Variables) -> SpiralHelix:
-        """The path for the variables `z`."""
+        """Return the path for the variables `z`."""
         duration = self.time(z)
         va, vb = self.velocities(z, duration)
         return SpiralHelix(*self._between(va, vb, duration), duration, self.placement)
 
     @property
     def ends(self) -> tuple[Vec3, Vec3]:
-        """(ρ, φ, h) at both ends."""
+        """The coordinates (ρ, φ, h) at both ends."""
         a, b = self.start, self.end
         first, last = (a.radius, a.azimuth, a.height), (b.radius, a.azimuth + self.turn, b.height)
         return jnp.stack(first), jnp.stack(last)
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
-        """The derivatives of ρ, φ and h at both ends in u = t/T, and ln T, with T in seconds."""
+        """Return the derivatives of ρ, φ and h with respect to u = t/T at both ends, and ln T (T in seconds)."""
         return _slopes(self, z)
 
     def time(self, z: Variables) -> Scalar:
-        """The duration [s] of the path for the variables `z`."""
+        """Return the duration [s] of the path for the variables `z`."""
         return self.duration if self.objective.fixes_duration else self.duration * jnp.exp(z[-1])
 
     def velocities(self, z: Variables, duration: Scalar) -> Float[Array, "2 3"]:
-        """The cylindrical velocities [m/s] at both ends."""
+        """Return the cylindrical velocities [m/s] at both ends."""
         return _velocities(self, z, duration)
 
     @property
@@ -88,11 +89,11 @@ class Problem(eqx.Module):
         return jnp.stack([self.start.velocity, self.end.velocity])
 
     def without_objective(self) -> "Problem":
-        """The same problem with a cheap and smooth objective."""
+        """Return the same problem with an objective that is cheap and smooth."""
         return dataclasses.replace(self, objective=Smoothest() if self.objective.fixes_duration else Nearest())
 
     def cost(self, z: Variables) -> Scalar:
-        """The objective divided by its scale."""
+        """Return the objective divided by its scale."""
         return self.objective.value(self, z) / self.scale
 
     def _between(self, va: Vec3, vb: Vec3, duration: Scalar) -> tuple[Array, Array, Array]:
@@ -101,7 +102,7 @@ class Problem(eqx.Module):
         return polynomials(a, b, self.turn, duration, uniform=self.motion.is_uniform)
 
 
-@jax.jit  # traced once for all its uses
+@jax.jit  # so that it is traced only once
 def _slopes(problem: Problem, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
     duration = problem.time(z)
     radii = jnp.stack([problem.start.radius, problem.end.radius])[:, None]
@@ -112,7 +113,7 @@ def _slopes(problem: Problem, z: Variables) -> tuple[Float[Array, "2 3"], Scalar
 
 @jax.jit
 def _velocities(problem: Problem, z: Variables, duration: Scalar) -> Float[Array, "2 3"]:
-    """The velocities at both ends, with V_ρ replaced to keep the initial heading where that is fixed."""
+    """Return the velocities at both ends; where the heading is fixed, V_ρ follows from V_φ."""
     a, b = problem.start, problem.end
     changes = problem.speed * (z if problem.objective.fixes_duration else z[:-1])
     velocities = jnp.stack(problem.motion.boundary_velocities(a, b, changes, problem.turn, duration))
@@ -123,7 +124,7 @@ def _velocities(problem: Problem, z: Variables, duration: Scalar) -> Float[Array
 
 
 def variable_names(motion: AbstractMotion, objective: AbstractObjective) -> tuple[str, ...]:
-    """The names of the variables, in the order of z."""
+    """Return the names of the variables, in the order of z."""
     return motion.velocities if objective.fixes_duration else (*motion.velocities, DURATION)
 
 
@@ -140,7 +141,7 @@ def pose(
     fixed: Sequence[str] = (),
     road: RoadParameters | None = None,
 ) -> Problem:
-    """The tuning problem between two states, for arguments that `checks` has accepted. It can be traced."""
+    """Return the tuning problem between two states, for arguments that passed `require_choices` and may be traced."""
     placement = Placement() if placement is None else placement
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     angle = directed_turn(a, b, turns) if turn is None else _nearest_turn(a, b, turn)
@@ -164,6 +165,6 @@ def pose(
 
 
 def _nearest_turn(a: Cylindrical, b: Cylindrical, turn: ScalarLike) -> Scalar:
-    """The signed turn [rad] between the azimuths of `a` and `b` that is nearest to the user's turn."""
+    """Return the signed turn [rad] between the azimuths of `a` and `b` that is closest to the user's turn."""
     short = azimuth_difference(a, b)
     return short + 2 * jnp.pi * jnp.round((turn - short) / (2 * jnp.pi))

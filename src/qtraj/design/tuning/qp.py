@@ -1,11 +1,12 @@
 """Small elastic quadratic programs (QPs), solved by the dual active-set method of Goldfarb and Idnani (1983).
 
-The method starts from the minimum with only the lower bound of the violation t active. In each step it makes the most
-violated constraint active, and drops active constraints whose multiplier would become negative. After a few steps it
-reaches the solution to within rounding errors, for any penalty and any box, and it reports whether it did. Violations
-are measured in the metric of the Hessian, since then fewer constraints enter that are dropped again later.
+The method starts from the minimum with only the lower bound of the violation t active. In each step the method makes
+the most violated constraint active, and drops active constraints whose multiplier would become negative. After a few
+steps the method reaches the solution to within rounding errors, for any penalty and any box, or reports a failure.
+Violations are measured in the metric of the Hessian, so that fewer constraints become active and are dropped again
+later.
 
-The constraints come in slots, of which only the first ones are used, as many in all QPs of a batch.
+The constraints are grouped in slots. All QPs of a batch use the same number of slots; all other slots are ignored.
 """
 
 from typing import NamedTuple
@@ -22,7 +23,7 @@ from qtraj.foundation.types import Flag, Scalar
 MAX_STEPS = 60
 FEASIBILITY = 1e-12  # tolerance on constraints; a QP should be scaled to numbers near one
 MAX_KKT_RESIDUAL = 1e-7  # largest residual of the KKT conditions at a solution, relative to gradient and penalty
-MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active ones
+MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active constraints
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]
@@ -30,9 +31,9 @@ Matrix = Float[Array, "n n"]
 
 
 class QP(NamedTuple):
-    """min ½dᵀHd + cᵀd + ½εt² + νt subject to normals·d − t ≤ bounds, low ≤ d ≤ high and t ≥ min_violation.
+    """The QP min ½dᵀHd + cᵀd + ½εt² + νt subject to normals·d − t ≤ bounds, low ≤ d ≤ high and t ≥ min_violation.
 
-    H is positive definite and comes with its inverse. ε > 0 keeps the QP strictly convex in t as well, and
+    H must be positive definite; `inverse` is its inverse. With ε > 0 the QP is strictly convex in t, too.
     ν + ε·min_violation must be positive.
     """
 
@@ -54,14 +55,14 @@ class QP(NamedTuple):
 
     @property
     def box(self) -> Float[Array, " k"]:
-        """The bounds that follow the bounds of the slots: upper, lower, and the smallest violation."""
+        """The right-hand sides of the upper bounds, the lower bounds and the bound on the violation t."""
         return jnp.concatenate([self.high, -self.low, -self.min_violation[None]])
 
 
 class Active(NamedTuple):
-    """The active constraints, one in each place.
+    """The active constraints; `used` marks the elements of the arrays that are in use.
 
-    `constraint` is an index over the slots, then the upper and lower bounds, then t ≥ min_violation.
+    `constraint` is an index over the constraints of all slots, the upper and lower bounds, and t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
@@ -82,7 +83,7 @@ class Solution(NamedTuple):
 
 
 class _State(NamedTuple):
-    """The minimum x = (d, t) with the active constraints as equalities.
+    """The state of the solver; x = (d, t) is the minimum with the active constraints as equalities.
 
     `inverse` and `pseudo_inverse` are H and N* of Goldfarb and Idnani: the reduced inverse Hessian, and the operator
     from a gradient to the multipliers.
@@ -92,16 +93,16 @@ class _State(NamedTuple):
     inverse: Float[Array, "q q"]
     pseudo_inverse: Float[Array, "q q"]
     active: Active
-    entering: Index  # the constraint that is being made active, or −1
+    entering: Index  # the constraint that is to become active, or −1
     entering_multiplier: Scalar
     done: Flag
-    stuck: Flag  # no constraint can enter or be dropped: the QP is too badly scaled
+    stuck: Flag  # the QP is too badly scaled to make a constraint active or to drop one
 
 
 class _Entering(NamedTuple):
-    """A constraint that is made active.
+    """A constraint that is to become active.
 
-    Per unit of its multiplier, x moves by −direction and the multipliers of the others by −dual_direction.
+    Per unit of this constraint's multiplier, x changes by −direction and the active multipliers by −dual_direction.
     """
 
     constraint: Index
@@ -109,11 +110,11 @@ class _Entering(NamedTuple):
     bound: Scalar
     direction: Float[Array, " q"]
     dual_direction: Float[Array, " q"]
-    rate: Scalar  # of decrease of the constraint's value
+    rate: Scalar  # rate of decrease of the constraint's value
 
 
 def minimise(qps: QP, n_slots: Index) -> Solution:
-    """Solve a batch of QPs, of which the first `n_slots` slots of constraints are in use."""
+    """Solve a batch of QPs with constraints in the first `n_slots` slots."""
     weights = _inverse_lengths(qps, n_slots)
 
     def is_running(state: _State, count: Index) -> Bool[Array, " batch"]:
@@ -137,9 +138,9 @@ def minimise(qps: QP, n_slots: Index) -> Solution:
 
 
 def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch"]]:
-    """The inverses of positive definite matrices by the sweep operator, and the smallest pivots.
+    """Return the inverses of positive definite matrices by the sweep operator, and the smallest pivots.
 
-    The pivots are those of Gaussian elimination: all are positive if and only if the matrix is positive definite.
+    As in Gaussian elimination, all pivots are positive if and only if the matrix is positive definite.
     """
     n, last = matrices.shape[-1], matrices.ndim - 1
     places = jnp.arange(n, dtype=jnp.uint32)
@@ -159,7 +160,7 @@ def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch 
 
 
 def _start(qp: QP) -> _State:
-    """The state in which only the lower bound of the violation is active, in the last place."""
+    """Return the state in which only the lower bound of the violation is active, as the last element."""
     n = qp.gradient.shape[0]
     last = jnp.arange(n + 1) == n
     corner = jnp.where(last[:, None] & last[None], -1.0, 0.0).astype(qp.gradient.dtype)
@@ -178,7 +179,7 @@ def _start(qp: QP) -> _State:
 
 
 def _inverse_lengths(qps: QP, n_slots: Index) -> tuple[Array, Array, Array]:
-    """One over the lengths of the gradients of all constraints in the Hessian's metric; the largest inverse entry."""
+    """Return the inverse norms of all constraint gradients in the metric H⁻¹, and the largest diagonal entry of H⁻¹."""
     diagonal = jnp.sum(qps.inverse * np.eye(qps.inverse.shape[1])[None], axis=2)
 
     def of_slot(slot: Index, lengths: Array) -> Array:
@@ -196,7 +197,7 @@ def _inverse_root(x: Array) -> Array:
 
 
 def _most_violated(qps: QP, n_slots: Index, weights: tuple[Array, Array, Array], x: Array) -> Int[Array, " batch"]:
-    """The index of the most violated constraint of each QP, or −1 where none is violated."""
+    """Return the index of the most violated constraint of each QP, or −1 if none is violated."""
     d, t = x[:, :-1], x[:, -1:]
 
     def worse(best: tuple[Array, Array], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
@@ -217,7 +218,7 @@ def _most_violated(qps: QP, n_slots: Index, weights: tuple[Array, Array, Array],
 
 
 def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
-    """The gradient of a constraint in (d, t), and its bound."""
+    """Return the gradient of a constraint with respect to (d, t), and its bound."""
     n, count = qp.gradient.shape[0], qp.n_constraints
     inside = jnp.clip(index, 0, count - 1)
     of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == index - count
@@ -229,7 +230,7 @@ def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
 
 
 def _entering(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> tuple[_Entering, Flag]:
-    """The directions in which a constraint is made active, and whether it is independent of the active constraints."""
+    """Return a constraint that is to become active, and whether it is linearly independent of all active ones."""
     normal, bound = _constraint(qp, index)
     direction = at.inverse @ normal
     rate = normal @ direction
@@ -238,10 +239,10 @@ def _entering(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> tuple[_E
 
 
 def _advance(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> _State:
-    """Make the constraint with this index active, or drop one that blocks it; `done` where the index is −1."""
+    """Make the constraint `index` active, or drop one that blocks it; the QP is solved if `index` is −1."""
     done = index < 0
     candidate, free = _entering(qp, max_inverse, at, index)
-    # Until the constraint is satisfied, or until the multiplier of an active one vanishes.
+    # Step until the constraint is satisfied, or until the multiplier of an active constraint becomes zero.
     full_step = jnp.where(free, jnp.maximum(candidate.normal @ at.x - candidate.bound, 0.0) / candidate.rate, jnp.inf)
     decreases = at.active.used & (candidate.dual_direction > 0)
     dual_step, blocking = min_and_argmin(
@@ -265,7 +266,7 @@ def _advance(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> _State:
 
 
 def _updated(qp: QP, at: _State, candidate: _Entering, is_full: Flag, here: Bool[Array, " q"], place: Index) -> _State:
-    """The state after the candidate entered at a place, or the constraint there was dropped: a rank-one update."""
+    """Return the state after the candidate became the element `place`, or after this element was dropped."""
     u = at.pseudo_inverse[place]
     curved = jnp.append(qp.hessian @ u[:-1], qp.stiffness * u[-1])
     curvature = u @ curved
@@ -290,11 +291,10 @@ def _updated(qp: QP, at: _State, candidate: _Entering, is_full: Flag, here: Bool
 
 
 def _is_optimal(qp: QP, at: _State) -> Flag:
-    """Whether active constraints are satisfied and multipliers balance the gradient, despite rounding errors."""
+    """Check whether the active constraints are satisfied and the multipliers balance the gradient."""
     reaction = jnp.where(at.active.used, at.active.multiplier, 0.0) @ at.active.normal
     gradient = jnp.append(qp.hessian @ at.x[:-1] + qp.gradient, qp.stiffness * at.x[-1] + qp.penalty)
     residual = jnp.where(at.active.used, at.active.bound - at.active.normal @ at.x, 0.0)
     size = 1 + qp.penalty + jnp.max(jnp.abs(qp.gradient))
-    return (
-        jnp.maximum(jnp.max(jnp.abs(gradient + reaction)), jnp.max(jnp.abs(residual))) < MAX_KKT_RESIDUAL * size
-    )  # false for NaN
+    # The comparison is false for NaN.
+    return jnp.maximum(jnp.max(jnp.abs(gradient + reaction)), jnp.max(jnp.abs(residual))) < MAX_KKT_RESIDUAL * size

@@ -1,4 +1,4 @@
-"""The abstract search method: it solves many tuning problems side by side."""
+"""The abstract search method, which solves a batch of tuning problems."""
 
 import abc
 from typing import Any, ClassVar, NamedTuple
@@ -11,11 +11,11 @@ from qtraj.design.tuning.task import LimitSlots, Task
 
 
 class SearchResult(NamedTuple):
-    """The results of searches, of one problem or a batch; NumPy arrays outside a trace.
+    """The result of a search for one problem, or the results for a batch; NumPy arrays unless traced.
 
-    `multipliers`, `times` and `values` belong to the peaks and ends of each limit. `violation` is the largest
-    constraint value, or zero where all limits are met. `stationary` is true where the search ended at a stationary
-    point.
+    `multipliers`, `times` and `values` belong to the peaks of each limited quantity, and to the ends of the path.
+    `violation` is the largest constraint value, or zero if all limits are satisfied. `stationary` is true if the search
+    ended at a stationary point.
     """
 
     z: Float[Array, "*batch n"]
@@ -28,11 +28,11 @@ class SearchResult(NamedTuple):
 
 
 class AbstractSearch(eqx.Module):
-    """A search method. It runs a batch of searches, each from its own start.
+    """A search method, which runs a batch of searches, each from its own start.
 
-    The state of the searches is a pytree of arrays with the fields `steps`, `done` and `effort` (the cost of the last
-    step). After each number of steps in `stages`, the unfinished searches of a large batch are gathered into fewer
-    blocks. A search stops after `step_limit` steps at the latest.
+    The state of the searches is a pytree of arrays with the fields `steps`, `done` and `effort` (the computational cost
+    of the last step). After each number of steps in `stages`, the unfinished searches of a large batch are regrouped
+    into fewer blocks. A search stops after at most `step_limit` steps.
     """
 
     stages: ClassVar[tuple[int, ...]]
@@ -40,21 +40,21 @@ class AbstractSearch(eqx.Module):
     @property
     @abc.abstractmethod
     def step_limit(self) -> Int[Array | np.ndarray, ""]:
-        """Number of steps after which a search stops."""
+        """Maximum number of steps of a search."""
 
     @abc.abstractmethod
     def init(self, tasks: Task, z: Any) -> Any:
-        """The state of searches from `z` before their first step; NumPy arrays in, NumPy arrays out."""
+        """Return the state before the first step of searches from `z`, as NumPy arrays if `z` is a NumPy array."""
 
     @abc.abstractmethod
     def run(self, tasks: Task, slots: LimitSlots, states: Any, max_steps: Int[Array | np.ndarray, ""]) -> Any:
-        """The state after further steps, until each search is done or has taken `max_steps`."""
+        """Advance the searches until each is done or has reached `max_steps` steps, and return their state."""
 
     @abc.abstractmethod
     def result(self, tasks: Task, states: Any, xp: Any) -> tuple[SearchResult, Any]:
-        """The results of the searches and their costs. `xp` is NumPy or JAX's NumPy, as the states are."""
+        """Return the results and the costs of the searches; `xp` is the module of the states' arrays."""
 
 
 def step_count(number: Any) -> np.ndarray:
-    """A number of steps as an array, so that changing it does not recompile."""
+    """Convert a number of steps to an array, so that a different number does not cause a recompilation."""
     return np.asarray(number, np.int32)

@@ -1,11 +1,12 @@
-"""Sensitivity of a tuned path: derivatives of the solution with respect to its data (implicit function theorem).
+"""Derivatives of the solution of a tuning problem with respect to its data (implicit function theorem).
 
-At a solution z*, with multipliers λ of the active peaks and their times u,
+A solution z*, with the multipliers λ and the times u of the active peaks, satisfies
 
-    w ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0.
+    w ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0,
 
-These conditions are smooth functions of the boundary data and the limits θ as long as the same peaks remain active.
-Differentiating them gives a small linear system for dz*/dθ. The searches themselves are never differentiated.
+where w is the weight of the cost f, and g are the active constraints. These conditions are smooth functions of the data
+θ (boundary states and limits) as long as the same peaks are active. The derivatives of the conditions form a small
+linear system for dz*/dθ. The searches themselves are never differentiated.
 """
 
 from typing import NamedTuple
@@ -28,7 +29,7 @@ from qtraj.path.values import squared
 
 
 def constraint(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
-    """The constraint g = ½((value/limit)² − 1) of one limit at the fraction `u` of the duration, by its definition."""
+    """Return the constraint g = ½((value/limit)² − 1) of one limit at the fraction `u` of the duration."""
     if name == CORRIDOR.name:
         place = cubics(problem, problem.slopes(z)[0])
         return 0.5 * (corridor.value(place, reference_cubics(problem), u[None])[0] / limit**2 - 1.0)
@@ -45,7 +46,7 @@ class _Unknowns(NamedTuple):
 class _Active(NamedTuple):
     """The active set at the solution.
 
-    It contains the active constraints, whether each is at an interior maximum, and the variables at a bound.
+    The fields mark the active constraints, the active constraints at interior maxima, and the variables at a bound.
     """
 
     constraints: Bool[Array, "slots k"]
@@ -56,7 +57,7 @@ class _Active(NamedTuple):
 
 @eqx.filter_custom_jvp
 def solution(task: Task, result: SearchResult, names: tuple[str, ...]) -> Variables:
-    """The solution z* of a search as a differentiable function of the task; `names` are the limits in slot order."""
+    """Return the solution z* of a search as a differentiable function of the task; `names` are the limits' names."""
     return result.z
 
 
@@ -91,7 +92,7 @@ def _active(task: Task, result: SearchResult) -> _Active:
 
 
 def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active, names: tuple[str, ...]) -> _Unknowns:
-    """The residual of the optimality conditions; an unknown without a condition is kept constant."""
+    """Return the residual of the optimality conditions; unknowns without a condition are kept constant."""
     n_unused = x.times.shape[0] - len(names)
 
     def constraints(z: Variables, times: Float[Array, "slots k"]) -> Float[Array, "slots k"]:

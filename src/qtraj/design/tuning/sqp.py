@@ -1,14 +1,16 @@
-"""Sequential quadratic programming (SQP) on refined peaks: the search for small smooth tuning problems, in batches.
+"""Sequential quadratic programming (SQP) on refined peaks, for batches of small, smooth tuning problems.
 
-It minimises the merit function weight·cost + ν·max(0, g₁, …) over a box. The penalty is exact. It uses the largest
-violation, not the sum, because the largest is continuous when peaks appear or vanish.
+The search minimises the merit function weight·cost + ν·max(0, g₁, …) over a box, where g₁, … are the constraint values
+and ν is the penalty. The penalty is exact, and applies to the largest violation rather than to the sum, because the
+largest violation is continuous when peaks appear or vanish.
 
-Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. Its
-Hessian is the exact Hessian of the Lagrangian, including the motion of the peaks. If that is not positive definite,
-squares of the active constraints are added first; this does not change the solution while they remain active. If the
-limits cannot be met, all active constraints move with t, so squares of their differences are added instead. If that is
-not enough, multiples of the identity are added. A second QP, about the point that the first one reaches, corrects the
-step. A step that increases the merit function is rejected, and the trust radius is reduced.
+Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. The
+Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
+positive definite, squares of the active constraints are added; they do not change the solution while these constraints
+remain active. If the limits cannot be satisfied, all active constraint values equal t, so squares of their differences
+are added instead. If the Hessian is still not positive definite, a multiple of the identity is added. A second QP,
+about the end point of the first step, corrects the step. If a step reduces the merit function by less than a tenth of
+the predicted decrease, it is rejected, and the trust radius is reduced.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -29,46 +31,46 @@ from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
-GROWTH, SHRINKAGE = 2.5, 0.3  # the next trust radius over the size of the accepted or rejected step
-MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # actual over predicted decrease: to accept a step, and to grow the radius
+GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good or a rejected step
+MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
-PENALTY_MARGIN = 3.0  # the penalty over the sum of the multipliers, once the limits are met
+PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
 FEASIBLE = 2e-9
-"""Tolerance on the constraint value ½((value/limit)² − 1): a limit up to this value counts as met."""
+"""Tolerance on the constraint value ½((value/limit)² − 1), up to which a limit counts as satisfied."""
 
 SMALL_STEP = 1e-8
-"""A step below this size ends the search (velocities in units of the reference speed, the duration as a logarithm)."""
+"""The search ends if the largest component of a step in the variables z is below this value."""
 
 SMALL_GOOD_STEP, MAX_REMAINING = 1e-6, 1e-11
-"""A good step also ends the search if its size is below the first value and the estimated remaining distance is below
-the second."""
+"""A good step also ends the search if its size is below the first value, and the estimated distance from the solution
+is below the second value."""
 
 STATIONARY = 1e-6
 """Tolerance on the gradient of the Lagrangian, relative to the penalty."""
 
 
 class SequentialQuadratic(AbstractSearch):
-    """The search "sqp"; `max_steps` counts SQP steps."""
+    """The search method "sqp"; `max_steps` is the maximum number of SQP steps."""
 
     stages: ClassVar[tuple[int, ...]] = (5, 8, 12, 18, 28, 48, 80)
     max_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=step_count)
 
     @property
     def step_limit(self) -> Int[Array | np.ndarray, ""]:
-        """The number of SQP steps after which a search stops."""
+        """Maximum number of SQP steps of a search."""
         return self.max_steps
 
     def init(self, tasks: Task, z: Any) -> "State":
-        """The state of searches from `z`, clipped to the box."""
+        """Return the initial state of the searches; each starts from its `z`, clipped to the box."""
         return init(tasks, z)
 
     def run(self, tasks: Task, slots: LimitSlots, states: "State", max_steps: Int[Array | np.ndarray, ""]) -> "State":
-        """Take SQP steps until each search is done or has taken `max_steps`."""
+        """Perform SQP steps until each search is done or has reached `max_steps` steps."""
         return run(tasks, slots, states, max_steps)
 
     def result(self, tasks: Task, states: "State", xp: Any) -> tuple[SearchResult, Any]:
-        """The current points of the searches, and their costs."""
+        """Return the current points of the searches, and their costs."""
         peaks = states.peaks
         violation = xp.maximum(xp.max(peaks.value, axis=(-2, -1)), 0.0)
         steps = xp.maximum(states.steps, 0)
@@ -79,7 +81,7 @@ class SequentialQuadratic(AbstractSearch):
 
 
 class State(NamedTuple):
-    """The state of the searches: the current point, and the parameters of the next step."""
+    """The state of a batch of searches: the current points, and the parameters of the next step."""
 
     z: Variables
     cost: Scalar
@@ -88,7 +90,7 @@ class State(NamedTuple):
     radius: Scalar
     penalty: Scalar
     lowered: Flag  # the penalty has been lowered
-    raised_again: Flag  # the penalty was raised after it had been lowered: it is not lowered again
+    raised_again: Flag  # the penalty was raised after it had been lowered, and must not be lowered again
     steps: Int[Array, ""]
     done: Flag
     stationary: Flag  # done at a stationary point
@@ -96,14 +98,15 @@ class State(NamedTuple):
 
     @property
     def violation(self) -> Scalar:
-        """The largest constraint value, or zero where every limit is met."""
+        """The largest constraint value, or zero if every limit is satisfied."""
         return jnp.maximum(jnp.max(self.peaks.value, axis=(-2, -1)), 0.0)
 
 
 class _Verdict(NamedTuple):
     """The assessment of a step.
 
-    `good`: the decrease is close to the predicted one. `converged`: the predicted decrease is within rounding error.
+    `good` means that the decrease of the merit function is close to the predicted decrease, and `converged` that the
+    predicted decrease is within the rounding error and the gradient of the Lagrangian is small.
     """
 
     accepted: Flag
@@ -112,7 +115,7 @@ class _Verdict(NamedTuple):
 
 
 def init(tasks: Task, z: Any) -> State:
-    """The state of a batch of searches before anything is evaluated; NumPy arrays in, NumPy arrays out."""
+    """Return the state of a batch of searches before the first evaluation; NumPy arrays if `z` is a NumPy array."""
     xp: Any = np if isinstance(z, np.ndarray) else jnp
     batch = z.shape[:1]
     no, none = xp.zeros(batch, bool), xp.zeros(batch, np.int32)
@@ -136,14 +139,14 @@ def init(tasks: Task, z: Any) -> State:
 
 
 def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np.ndarray, ""]) -> State:
-    """Take steps of a batch of searches until each is done or has taken `max_steps`."""
+    """Perform steps of a batch of searches until each is done or has reached `max_steps` steps."""
 
     def is_running(s: State) -> Bool[Array, " batch"]:
         return ~s.done & (s.steps < max_steps)
 
     def advance(s: State) -> State:
         on = is_running(s)
-        # All searches of a block start together. The first pass only evaluates the start, so it needs no QP.
+        # All searches of a block start together. The first iteration only evaluates the start, so it needs no QP.
         step, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _zero_step(s), lambda: move(s))
         z = s.z + step.d
         peaks = find_peaks(jax.vmap(models.make_setting)(tasks.problem, z), slots, tasks.limits)
@@ -159,13 +162,13 @@ def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np
 
 
 def _zero_step(s: State) -> tuple[Step, Array]:
-    """Zero steps for a batch of searches, and the times of their constraints."""
+    """Return zero steps for a batch of searches, and zero times of their constraints."""
     none, nothing = jnp.zeros_like(s.cost), jnp.zeros((*s.multipliers.shape[:-1], models.PER_LIMIT), s.z.dtype)
     return Step(jnp.zeros_like(s.z), nothing, none, none, jnp.zeros_like(s.done), none, none, s.effort), nothing
 
 
 def _arrive(task: Task, s: State, step: Step, times: Array, z: Variables, peaks: Peaks) -> State:
-    """The state of one search after the step to `z`, or after the evaluation of its start."""
+    """Return the state of one search after the step to `z`, or after the evaluation of its start."""
     multipliers = transfer_multipliers(step.multipliers, times, peaks)
     there = s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
     after = _next_state(task, s, there, step, _judge(task, s, there, step), times)
@@ -174,10 +177,10 @@ def _arrive(task: Task, s: State, step: Step, times: Array, z: Variables, peaks:
 
 
 def _next_state(task: Task, s: State, there: State, step: Step, verdict: _Verdict, times: Array) -> State:
-    """The state after a step was accepted or rejected."""
+    """Return the state after a step was accepted or rejected."""
     accepted = verdict.accepted
     after: State = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), there, s)
-    # At a converged point the step may be rejected; the multipliers of the QP then belong to the current point.
+    # The last step of a converged search may be rejected. The multipliers of the QP then belong to the current point.
     converged = verdict.converged & ~accepted
     transferred = transfer_multipliers(step.multipliers, times, s.peaks)
     after = after._replace(multipliers=jnp.where(converged, transferred, after.multipliers))
@@ -201,7 +204,7 @@ def _judge(task: Task, s: State, there: State, step: Step) -> _Verdict:
 
 
 def _is_last(s: State, step: Step, verdict: _Verdict) -> Flag:
-    """Whether an accepted step ends the search."""
+    """Check whether an accepted step ends the search."""
     size = jnp.max(jnp.abs(step.d))
     last = (
         step.solved
@@ -213,7 +216,7 @@ def _is_last(s: State, step: Step, verdict: _Verdict) -> Flag:
 
 
 def _next_radius(s: State, step: Step, verdict: _Verdict) -> Scalar:
-    """The next trust radius: larger after a good step, smaller after a rejected one."""
+    """Return the next trust radius, which is larger after a good step and smaller after a rejected step."""
     size = jnp.max(jnp.abs(step.d))
     wide = jnp.maximum(s.radius, jnp.minimum(GROWTH * size, MAX_RADIUS))
     narrow = SHRINKAGE * jnp.clip(size, 0.1 * s.radius, s.radius)
@@ -221,21 +224,21 @@ def _next_radius(s: State, step: Step, verdict: _Verdict) -> Scalar:
 
 
 def _update_penalty(task: Task, s: State, step: Step, accepted: Flag, ends: Flag) -> State:
-    """The state with its next penalty.
+    """Return the state with the next penalty.
 
-    The penalty grows if it is too small for the step to reach the limits. If the limits are met, it is lowered to what
-    the multipliers need, because a larger one would force short steps along a curved constraint. If it had to grow
-    again after that, it is not lowered a second time.
+    The penalty is raised if it is too small for a step to satisfy the limits. If the limits are satisfied, the penalty
+    is lowered to a multiple of the sum of the multipliers, because a larger penalty would force short steps along a
+    curved constraint. If the penalty must then be raised again, it is not lowered a second time.
     """
     multiplier_sum = jnp.sum(step.multipliers)
-    inside = jnp.max(jnp.abs(step.d)) < 0.5 * s.radius  # otherwise the radius, not the penalty, limits the step
+    inside = jnp.max(jnp.abs(step.d)) < 0.5 * s.radius  # otherwise the radius limits the step
     penalty_active = accepted & inside & (step.allowed_violation > 0.1 * FEASIBLE) & (multiplier_sum > 0.5 * s.penalty)
     met = s.violation <= FEASIBLE
     raised = (penalty_active | (ends & ~met)) & (task.weight > 0)
     penalty = jnp.where(raised, jnp.minimum(PENALTY_GROWTH * s.penalty, MAX_PENALTY), s.penalty)
     lower = jnp.minimum(jnp.maximum(PENALTY_MARGIN * multiplier_sum, _initial_penalty(task)), penalty)
     penalty = jnp.where(accepted & met & ~s.raised_again, lower, penalty)
-    # While the limits cannot be met, the sum of the multipliers equals the penalty and grows with it.
+    # While the limits cannot be satisfied, the sum of the multipliers equals the penalty and is raised with it.
     growth = jnp.where(~met & (multiplier_sum > PENALISED * s.penalty), penalty / s.penalty, 1.0)
     return s._replace(
         penalty=penalty,

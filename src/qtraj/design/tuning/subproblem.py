@@ -1,4 +1,4 @@
-"""One SQP step: a convex quadratic program (QP) in the step d and the allowed violation t, corrected by a second QP."""
+"""Compute one SQP step by two convex quadratic programs (QPs) in the step d and the allowed violation t."""
 
 from typing import NamedTuple
 
@@ -15,37 +15,39 @@ from qtraj.design.tuning.task import LimitSlots, Task, over_slots
 from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Flag, Scalar
 
-FAR = 1e3  # in units of the trust radius: the step cannot reach a constraint this far away
+FAR = 1e3  # a constraint at this distance, in trust radii, is out of reach of a step
 
 ACTIVE = 1e-7  # a constraint with a larger multiplier is active
 AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
-PENALISED = 0.9  # if the sum of the multipliers over the penalty is larger, the limits cannot be met yet
-MAX_STIFFNESS = 1e-4  # curvature in t, which keeps the QP strictly convex
+PENALISED = 0.9  # above this ratio of the multiplier sum to the penalty, the limits cannot be satisfied yet
+MAX_STIFFNESS = 1e-4  # largest second derivative with respect to t, which keeps the QP strictly convex
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
-"""Regularizations of the Hessian, tried in turn: weights of the squares of active constraints and of the identity."""
+"""Regularizations of the Hessian in the order of trial: weights of the squared active constraints and of the identity.
+"""
 
 PerPeak = Float[Array, "*batch slots peaks"]
 PerConstraint = Float[Array, "*batch slots r"]
 
 
 class Step(NamedTuple):
-    """A step, with the multipliers, the allowed violation, and the predicted decrease of the merit function."""
+    """A step `d` with its multipliers, allowed violation and predicted decrease of the merit function."""
 
     d: Variables
     multipliers: PerConstraint
     allowed_violation: Scalar
     predicted_decrease: Scalar
-    solved: Flag  # false if rounding errors spoilt a QP: the step may not be optimal
-    residual: Scalar  # of the gradient of the Lagrangian, over the penalty
-    remaining: Scalar  # estimated distance to the solution after this step, from the size of the correction
-    effort: Int[Array, ""]  # steps that the QP solver took
+    solved: Flag  # false if a QP failed because of rounding errors, so that the step may not be optimal
+    residual: Scalar  # largest component of the gradient of the Lagrangian, divided by the penalty
+    remaining: Scalar  # estimated distance from the solution after this step
+    effort: Int[Array, ""]  # number of steps of the QP solver
 
 
 class _Sums(NamedTuple):
     """Sums over the active peaks.
 
-    `products` sums the outer products of (slope, value, 1) with itself; `hessian` is weighted by the multipliers.
+    `products` is the sum of v vᵀ over the peaks, with v = (slope, value − largest value, 1). `hessian` is the sum of
+    the Hessians weighted by the multipliers.
     """
 
     products: Float[Array, "n+2 n+2"]
@@ -65,9 +67,9 @@ class _QPResult(NamedTuple):
 
     multipliers: PerConstraint
     allowed_violation: Scalar
-    violation: Scalar  # the largest value of the linearised constraints after the step
+    violation: Scalar  # largest value of the linearised constraints after the step
     imbalance: Variables  # gradient of the Lagrangian
-    correction: Scalar  # the size of the part of d that this QP added
+    correction: Scalar  # size of the change of d by this QP
     solved: Flag
     steps: Int[Array, ""]
 
@@ -75,10 +77,10 @@ class _QPResult(NamedTuple):
 def compute_step(
     tasks: Task, slots: LimitSlots, z: Array, model: Model, multipliers: PerPeak, penalty: Array, radius: Array
 ) -> Step:
-    """The steps of a batch of searches, each the solution of a QP about its `z`, corrected by a second QP.
+    """Compute the steps of a batch of searches, each by a QP about its `z` and a second QP that corrects the step.
 
-    The second QP is about the point that the first one reaches. It uses the true constraint values at that point, at
-    peaks that drift along, and slopes extrapolated by the constraints' Hessians.
+    The second QP is about the end point of the first step. It uses the true constraint values at this point and at the
+    updated times of the peaks. The slopes are extrapolated with the Hessians of the constraints.
     """
 
     def correct(at: _Trial, last: Flag) -> tuple[_Trial, _QPResult]:
@@ -92,7 +94,7 @@ def compute_step(
 
 
 def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables, both: _QPResult) -> Step:
-    """The step `d` of one search, with what the two QPs say about it."""
+    """Return the step `d` of one search, with data from the results of both QPs."""
     last: _QPResult = jax.tree.map(lambda x: x[-1], both)
     largest = jnp.maximum(jnp.max(model.constraints.value), 0.0)
     cost = task.weight * (model.slope @ d + 0.5 * d @ (model.curvature @ d))
@@ -105,7 +107,7 @@ def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables,
         predicted_decrease=penalty * (largest - last.violation) - cost,
         solved=jnp.all(both.solved),
         residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # This assumes that further corrections shrink by the same factor as from the first QP to the second.
+        # Assume that further corrections decrease by the same factor as from the first to the second QP.
         remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
         effort=jnp.sum(both.steps, dtype=jnp.int32),
     )
@@ -114,7 +116,7 @@ def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables,
 def _solve(
     tasks: Task, slots: LimitSlots, z: Array, model: Model, at: _Trial, penalty: Array, radius: Array
 ) -> tuple[Array, _QPResult]:
-    """Solve the QPs about trial points, whose constraint values are evaluated and whose slopes are extrapolated."""
+    """Solve the QPs about trial points, with evaluated constraint values and extrapolated slopes."""
     is_free = jnp.where(tasks.high > tasks.low, 1.0, 0.0).astype(z.dtype)
     largest = jnp.maximum(jnp.max(at.value, axis=(1, 2)), 0.0)
     sums, slopes = _sums(slots, model.constraints, at, is_free, largest)
@@ -128,7 +130,8 @@ def _solve(
     multipliers, reaction, violation = _multipliers(
         slots, at, slopes, correction, solution.active, jnp.maximum(penalty, 1.0), convex[2], largest + mean
     )
-    # The sum of the multipliers never needs to exceed the penalty, so scale down those of an inaccurate QP solution.
+    # The sum of the multipliers never needs to exceed the penalty, so scale down the multipliers of an inaccurate QP
+    # solution.
     part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers, axis=(1, 2)), penalty))
     d = at.d + correction
     cost_slope = model.slope + jnp.einsum("bij,bj->bi", model.curvature, d)
@@ -144,7 +147,12 @@ def _solve(
 
 
 class _Shift(NamedTuple):
-    """How squares of the active constraints shift the gradient; `inv_count` is zero where the limits can be met."""
+    """The change of the gradient due to the squares of the active peaks.
+
+    If the limits cannot be satisfied yet, `inv_count` is the inverse of the number of active peaks, and otherwise 0.
+    `slope_sum` is the sum of the slopes of the active peaks, and `offset` the gradient of half the sum of squares of
+    their values.
+    """
 
     inv_count: Scalar
     slope_sum: Variables
@@ -154,10 +162,10 @@ class _Shift(NamedTuple):
 def _hessian(
     weight: Scalar, curvature: Array, at: _Trial, penalty: Scalar, is_free: Variables, sums: _Sums
 ) -> tuple[Array, Array, _Shift]:
-    """The Hessian of the Lagrangian of one problem, and the squares of the active constraints."""
+    """Return the Hessians of the Lagrangian and of the squares of the active peaks, and the change of the gradient."""
     slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
     penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # Where all active values move with t, they are measured from their mean.
+    # If all active values equal t, measure them from their mean.
     inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = weight * curvature + sums.hessian
     lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])
@@ -179,7 +187,7 @@ def _quadratic_program(
     convex: tuple[Array, Array, Scalar],
     shift: _Shift,
 ) -> qp.QP:
-    """The QP of one problem: values relative to the violation, in units of the radius and of a large penalty."""
+    """Return the QP of one problem in units of the trust radius and the penalty, with bounds relative to `largest`."""
     hessian, inverse, square_weight = convex
     scale = jnp.maximum(penalty, 1.0)
     cost_slope = task.weight * (model.slope + model.curvature @ at.d) * is_free
@@ -201,7 +209,7 @@ def _quadratic_program(
 def _sums(
     slots: LimitSlots, constraints: Constraints, at: _Trial, is_free: Array, largest: Array
 ) -> tuple[_Sums, Float[Array, "batch slots r n"]]:
-    """Sums over the active peaks, and the slopes of all constraints, extrapolated to the trial point."""
+    """Return sums over the active peaks, and the slopes of all constraints, extrapolated to the trial point."""
     batch, n = is_free.shape
 
     def of_peaks(
@@ -234,9 +242,9 @@ def _multipliers(
     square_weight: Array,
     mean: Array,
 ) -> tuple[PerConstraint, Array, Array]:
-    """The multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value after the QP.
+    """Return the multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value.
 
-    The squares of the active peaks in the Hessian contribute to their multipliers.
+    The squares of active peaks in the Hessian contribute to the multipliers of these peaks.
     """
     active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale[:, None]
     places = jnp.arange(PER_LIMIT, dtype=jnp.int32)[None, :, None]
@@ -264,7 +272,7 @@ def _multipliers(
 def _convex(
     lagrangian: Float[Array, "batch n n"], squares: Float[Array, "batch n n"]
 ) -> tuple[Float[Array, "batch n n"], Float[Array, "batch n n"], Float[Array, " batch"]]:
-    """The Hessians, made positive definite, their inverses, and the weights of the squares in them."""
+    """Return positive definite Hessians, their inverses, and the weights of the squares in the Hessians."""
     square_weights, unit_weights = jnp.asarray(REGULARIZATION, lagrangian.dtype).T
     identity = jnp.eye(lagrangian.shape[-1], dtype=lagrangian.dtype)[None]
     size = jnp.maximum(jnp.max(jnp.abs(lagrangian), axis=(1, 2)), 1.0)

@@ -1,4 +1,4 @@
-"""The input of a search: a problem, its limits by slots, bounds on the variables, and the weight of the cost."""
+"""The input of a search: a problem, its limits in slots, bounds on the variables, and the weight of the cost."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -17,19 +17,20 @@ from qtraj.path.quantity import CORRIDOR, QUANTITIES
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
 ON_ROAD = len(ROAD_QUANTITIES)
-"""The number of limits that need a vehicle."""
+"""The number of limits that depend on forces between the vehicle and the road."""
 
 TARGET_RATIO = 1 - 4e-9
-"""The search uses this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
+"""The fraction of each limit that the search uses, so that rounding errors cannot violate the user's limit."""
 
 MIN_LIMIT = 1e-100
-"""A smaller limit is replaced by this one: its square would underflow, and the gradient would vanish."""
+"""Lower bound on the limits in a search; the square of a smaller limit would underflow."""
 
 
 class LimitSlots(eqx.Module):
-    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them.
+    """The set of limits of a batch: the first `count` elements of `index` are indices into the registry.
 
-    Both are unsigned: indexing by signed numbers compiles to more operations, as they may count from the end.
+    Both arrays are unsigned, because indexing by signed numbers compiles to more operations: negative indices count
+    from the end.
     """
 
     index: Any  # UInt32[" slots"] of NumPy or JAX
@@ -37,8 +38,9 @@ class LimitSlots(eqx.Module):
 
 
 class Task(eqx.Module):
-    """One problem or a batch: limits by slots, the box of the variables, and the weight of the cost.
+    """The input of a search for one problem or a batch.
 
+    `limits` are the limits in slots, `low` and `high` the bounds on the variables, and `weight` the weight of the cost.
     With weight 0 the search minimises only the largest violation. All arrays are NumPy or JAX arrays.
     """
 
@@ -50,32 +52,33 @@ class Task(eqx.Module):
 
 
 def over_slots(slots: LimitSlots, of_slot: Callable[[Int[Array, ""], Any], Any], start: Any) -> Any:
-    """`of_slot(slot, carry)` for each slot in use, one after the other, from `start`."""
+    """Call `of_slot(slot, carry)` for each used slot in turn, with the initial carry `start`; return the last carry."""
     count = jnp.asarray(slots.count)
     return jax.lax.fori_loop(jnp.zeros_like(count), count, of_slot, start)
 
 
 def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
-    """The limits that are set, by name and in the order of their slots; a corridor comes last."""
+    """Return the limits that are set, by name and in the order of their slots; the corridor is the last."""
     return limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
 
 
 def limit_names(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
-    """The names of `named_limits`."""
+    """Return the names of the limits that are set, in the order of their slots."""
     return tuple(named_limits(limits, corridor))
 
 
 def slot_count(names: Iterable[str]) -> int:
-    """One slot for every possible limit and one for a corridor: one compiled search serves every set of limits.
+    """Return the number of slots.
 
-    Limits that need a vehicle have slots, and formulas, only in problems that set one of them.
+    The corridor and every limit that does not depend on forces on the road have a slot, so that one compiled search
+    serves all sets of these limits. The other limits have slots only in problems that set one of them.
     """
-    on_road = any(name != CORRIDOR.name and QUANTITIES[name].needs_vehicle for name in names)
+    on_road = any(name != CORRIDOR.name and QUANTITIES[name].on_road for name in names)
     return len(QUANTITIES) + 1 - (0 if on_road else ON_ROAD)
 
 
 def limit_slots(names: Sequence[str]) -> LimitSlots:
-    """The slots of the limits with these names."""
+    """Return the slots for the limits with the given names."""
     registry = [*QUANTITIES]
     places = [CORRIDOR_INDEX if name == CORRIDOR.name else registry.index(name) for name in names]
     index = np.zeros(slot_count(names), np.uint32)
@@ -84,11 +87,11 @@ def limit_slots(names: Sequence[str]) -> LimitSlots:
 
 
 def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
-    """The values of the limits that the search uses, for each of `count` problems: (count, slots).
+    """Return the reduced limits (count, slots) that the search uses for each of `count` problems.
 
-    A NumPy array if the limits are concrete. The value of an unused slot is one.
+    The result is a NumPy array if the limits have concrete values. The values of unused slots are one.
     """
-    user_limits = named_limits(limits, corridor)
+    user_limits = named_limits(limits, corridor) | limits.reduced()
     is_concrete = all(concrete(x) is not None for x in user_limits.values())
     xp: Any = np if is_concrete else jnp
     targets = [

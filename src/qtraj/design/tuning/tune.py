@@ -1,4 +1,4 @@
-"""Tunes boundary velocities to satisfy limits, for the path nearest to the initial states, the fastest or smoothest."""
+"""Tune boundary velocities so that a path satisfies limits and minimises an objective."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -37,7 +37,7 @@ from qtraj.path.placement import Placement
 from qtraj.path.vehicle import RoadParameters
 
 MIN_BATCH = 8
-"""Batches are padded to a power of two, and to this size at least, so that most sizes share compiled code."""
+"""Minimum size of padded batches. Padding to powers of two allows batches of different sizes to share compiled code."""
 
 
 def tune(
@@ -62,48 +62,50 @@ def tune(
     progress: Report | None = None,
     throw: bool = False,
 ) -> Tuned:
-    """Tune the boundary velocities between two positions until the path satisfies `limits` everywhere.
+    """Tune the boundary velocities between two positions so that the path satisfies `limits` everywhere.
 
-    `objective` is "nearest" (the change of the six cylindrical velocity components at the ends, and for hermite motion
-    of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or a differentiable callable
-    of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω; "hermite" varies all six
-    components and, unless the objective is "smoothest", the duration. `duration` [s] is T₀ of "hermite", and the fixed
-    duration of "smoothest"; the default is the turn over the rate of the initial states, whose V_φ/ρ need not agree.
-    The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns. Alternatively,
-    `turn` [rad, signed] sets it. The axis is the z axis of `placement`, by default the world's. If the states are far
-    from that axis, give a placement such as `axis_between(start, end)`.
+    `objective` is "nearest" (the weighted sum of squared changes of the six cylindrical velocity components at the ends
+    and, for "hermite" motion, of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or
+    a differentiable function of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω;
+    "hermite" varies all six components and, unless the objective is "smoothest", the duration. `duration` [s] is the
+    initial duration of "hermite", and the fixed duration of "smoothest"; the default is the turn divided by an average
+    of the angular rates of the initial states. The path turns about the z axis of `placement`, by default the world's z
+    axis. If the states are far from this axis, pass a placement such as `axis_between(start, end)`. The path turns in
+    the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the signed angle `turn` [rad].
 
-    The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same for "end" [m/s, about the axis], and
-    "duration" [s]. In uniform motion V_phi is not a variable: it follows from the duration. `fixed` names the variables
-    that keep their initial value. It also accepts "start.heading" and "end.heading", which fix the direction of the
-    horizontal velocity but not its magnitude: a vehicle may then drive the same street more slowly. `bounds` maps names
-    to (lower, upper), where None means no bound. `weights` multiplies the squared changes that "nearest" sums.
+    The variables have the names "start.V_rho", "start.V_phi", "start.V_h" [m/s], the same for "end", and "duration"
+    [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the variables that
+    keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the direction of the
+    horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly. `bounds` maps
+    names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of the squared
+    changes in "nearest".
 
-    `corridor` [m] bounds the deviation from the initial path: the distance at equal fractions of the two durations,
-    measured along the arc (an upper bound of the straight distance). It is an additional limit, certified like the
-    others, and the last one in the certificate.
+    `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
+    difference of the azimuths measured along the arc (an upper bound on the straight distance). The corridor is an
+    additional limit, the last one in the certificate.
 
-    The search runs from `starts` starts, the initial states and perturbations of them, and keeps the best result. If no
+    `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If no
     path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
-    is called with a `Progress` a few times a second.
+    is called with a `Progress` a few times per second.
 
-    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives: the default, and
-    by far the fastest. Any `optax.GradientTransformation`, such as `optax.adam(1e-2)` or a chain, or "lbfgs" for
-    `optax.lbfgs()`, selects an augmented Lagrangian method, with at most `inner_steps` steps of that optimiser in each
-    outer iteration. It needs first derivatives only, and is the default for a callable objective. `max_steps` limits
-    the iterations of "sqp", or the outer iterations. Reuse the same optimiser object to avoid recompilation.
+    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
+    the default and by far the fastest. An `optax.GradientTransformation` such as `optax.adam(1e-2)`, or "lbfgs" for
+    `optax.lbfgs()`, selects an augmented Lagrangian method with at most `inner_steps` steps of the optimiser in each
+    outer iteration. The augmented Lagrangian method needs only first derivatives and is the default for a callable
+    objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations of the other method. Reuse
+    the same optimiser object to avoid recompilation.
 
-    **Batches**: states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
-    turn and placement with the same dimension or shared, give a batched outcome from one compiled search. An ill-posed
+    **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
+    the same batch dimension. Limits, duration, turn and placement are shared or have the same dimension. An ill-posed
     element has the status "ill-posed", a path of NaN, and the reason in `result`.
 
-    **Transformations**: under `jit`, `vmap` and `grad` the same search runs on whole arrays. The derivatives of the
+    **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
     path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
-    theorem), for any method. Infeasible problems get no advice.
+    theorem). Infeasible problems then get no advice.
 
-    **Raises:** ValueError for an ill-posed problem, or in float32. A problem without a solution is not an error: its
-    `status` is "infeasible", and its `result` says why and what would help. With `throw`, RuntimeError if the status of
-    any problem is not "converged".
+    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
+    a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
+    `throw`, RuntimeError if the status of any problem is not "converged".
     """
     objective, motion = get_objective(objective), get_motion(motion)
     require_choices(start, end, limits, objective, motion, duration is not None)
@@ -116,14 +118,16 @@ def tune(
     duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
 
     start, end, batch = _as_batch(start, end)
-    road = RoadParameters(*map(as_float, limits.road())) if limits.needs_vehicle else None
+    road = RoadParameters(*map(as_float, limits.road())) if limits.on_road else None
     shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds), road)
     _require_batch((*shared, limits.given(), corridor), batch)
+    limits.require_batch(batch, "the states")
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, shared, limits, corridor)))
     count = start.position.shape[0]
     size = count if traced or not batch else _padded_size(count)
     data, axes = _pad((start, end, *shared), batch, size)
-    # A callable objective may contain arrays, which are constants of the problem: it is not traced.
+    # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
+    # executable.
     make_problems = _make_problems_jit if objective.is_smooth else _make_problems
     problem, low, high = make_problems(data, axes, objective, motion, whole_turns(turns), tuple(fixed), weight_array)
     xp: Any = jnp if traced else np
@@ -163,7 +167,7 @@ def _make_problems(
     fixed: tuple[str, ...],
     weights: Float[Array, " 7"],
 ) -> tuple[Problem, Array, Array]:
-    """The problems and the bounds of their variables."""
+    """Return the problems of a batch, and the lower and upper bounds of their variables."""
 
     def one(
         start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any, road: Any
@@ -178,26 +182,26 @@ _make_problems_jit = eqx.filter_jit(_make_problems)
 
 
 def _padded_size(count: int) -> int:
-    """The size to which a batch is padded."""
+    """Return the size to which a batch is padded."""
     return max(MIN_BATCH, 1 << (count - 1).bit_length())
 
 
 def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
-    """Both states with a batch dimension, and the user's batch shape: () for one problem.
+    """Return both states with a batch dimension, and the user's batch shape, which is () for one problem.
 
-    **Raises:** ValueError for less than float64, and for batches that are empty or do not match.
+    **Raises:** ValueError if the precision is lower than float64, or if batches are empty or have different sizes.
     """
     for state in (start, end):
         if state.position.dtype != jnp.float64:
             raise ValueError(
                 f"tuning needs float64, but these states are in {state.position.dtype}. Call "
-                "jax.config.update('jax_enable_x64', True) before building them."
+                "jax.config.update('jax_enable_x64', True) before creating them."
             )
     shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
     if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
         raise ValueError(
-            "the states must have the same batch shape, with at least one element, or no batch dimension, but shapes "
-            f"{start.position.shape} and {end.position.shape} were given"
+            "start and end must have the same nonempty batch shape (n,), or no batch dimension, but positions of the "
+            f"shapes {start.position.shape} and {end.position.shape} were given"
         )
     batch: tuple[int, ...] = shapes.pop() if shapes else ()
     count = batch[0] if batch else 1
@@ -216,13 +220,17 @@ def _require_batch(shared: tuple[Any, ...], batch: tuple[int, ...]) -> None:
         for x in jax.tree.leaves(each):
             if x.ndim != core_ndim and x.shape[: x.ndim - core_ndim] != batch:
                 raise ValueError(
-                    f"the states have the batch shape {batch}, but other data have the shape {x.shape}: give all of "
-                    "them the same batch shape"
+                    f"the states have the batch shape {batch}, but another argument, such as a limit or "
+                    f"a bound, has the shape {x.shape}: pass all data with the same batch shape or without a batch "
+                    "dimension"
                 )
 
 
 def _pad(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The data of a batch, padded to a size with its last element, and the batch axis of every array (None: shared)."""
+    """Pad the data of a batch to `size` with its last element.
+
+    Returns the data, and the batch axis of every array: 0, or None for arrays that all elements share.
+    """
 
     def padded(x: Any, core_ndim: int) -> Any:
         missing = size - x.shape[0] if x.ndim > core_ndim else 0

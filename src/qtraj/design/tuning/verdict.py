@@ -1,4 +1,4 @@
-"""The outcome of a tuning in words: which limits are met, which are active, and what to do."""
+"""Describe the outcome of a tuning in words, with advice."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,9 @@ from qtraj.design.proof.certificate import Finding
 from qtraj.foundation.outcome import ILL_POSED, ResultCode
 
 RADIUS_SAMPLES = 257
-"""Number of instants at which the sign of the radius is checked."""
+"""Number of equally spaced instants at which the sign of the radius is checked."""
 
-ADVICE_BATCH = "Try more starts. Tune this problem alone for advice on what would help."
+ADVICE_BATCH = "Try more starts. For more advice, tune this problem alone."
 ADVICE_NOT_CONVERGED = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
 
 
@@ -24,7 +24,7 @@ def verdict(
     radius: Float[np.ndarray, " n"],
     duration: float,
 ) -> str:
-    """The result of one tuning, and what to do; `radius` and `duration` belong to its path."""
+    """Return the result of one tuning in words, with advice; `radius` contains the coefficients of ρ."""
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
     describe = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
@@ -34,7 +34,7 @@ def verdict(
 
 
 def converged(findings: Sequence[Finding], steps: int) -> str:
-    """The message for a converged tuning."""
+    """Return the message for a converged tuning."""
     all_proved = all(finding.status == "proved" for finding in findings)
     proved, sampled = (
         "proved to be satisfied on the whole path",
@@ -46,23 +46,23 @@ def converged(findings: Sequence[Finding], steps: int) -> str:
 
 
 def not_converged(findings: Sequence[Finding], steps: int) -> str:
-    """The message for a search that stopped before convergence."""
-    unmet = "; ".join(f"{finding.name} is {finding.status}: {finding.text}" for finding in findings if not finding.met)
-    problems = unmet or "every limit is met, but the objective may not be at its minimum"
+    """Return the message for a search that stopped before convergence."""
+    unmet = "; ".join(finding.statement for finding in findings if not finding.met)
+    problems = unmet or "every limit is satisfied, but the objective may not be at its minimum"
     return f"not converged after {_counted(steps)}: {problems}."
 
 
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
-    """The message if no boundary velocities were found that satisfy the limits."""
+    """Return the message for a tuning that found no path that satisfies the limits."""
     unmet = "; ".join(f"{finding.name} is {finding.text}" for finding in findings if not finding.met)
     return (
-        "infeasible: no boundary velocities were found that satisfy the limits. Of all paths found, this one violates "
-        f"them least: {unmet}."
+        "infeasible: no boundary velocities were found that satisfy the limits. Of all paths found, this path has "
+        f"the smallest violation: {unmet}."
     )
 
 
 def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:
-    """A warning if the path crosses its own axis, which makes the radius negative; otherwise empty."""
+    """Return a warning if the path crosses its own axis, so that its radius becomes negative; otherwise no text."""
     times = np.linspace(0.0, duration, RADIUS_SAMPLES)
     radii = polynomial.polyval(times, radius)
     min_index = int(np.argmin(radii))

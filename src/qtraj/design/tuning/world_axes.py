@@ -8,7 +8,10 @@ from qtraj.design.tuning.curves import angle_at
 
 
 def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
-    """r', r'', … of a batch of paths, in world axes where a path's axis is tilted; unchanged where it is vertical."""
+    """Convert r', r'', … of a batch of paths to world axes, except for paths with a vertical axis.
+
+    For paths with a vertical axis, the derivatives in the moving basis are sufficient.
+    """
     tilted = jnp.any(axes[:, 2, :2] != 0, axis=1)
 
     def rotated() -> Array:
@@ -19,7 +22,7 @@ def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
 
 
 def to_world(axes: Array, angle: Array, v: Array) -> Array:
-    """Vectors (…, 3, places) from the moving basis to world axes."""
+    """Convert vectors (…, 3, instants) from the moving basis to world axes."""
     x, y, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
     cos, sin = _cos_sin(angle, x.ndim)
     local = jnp.stack([x * cos - y * sin, x * sin + y * cos, z], axis=-2)
@@ -27,7 +30,7 @@ def to_world(axes: Array, angle: Array, v: Array) -> Array:
 
 
 def _from_world(axes: Array, angle: Array, v: Array) -> Array:
-    """Vectors (…, 3, places) from world axes to the moving basis."""
+    """Convert vectors (…, 3, instants) from world axes to the moving basis."""
     local = jnp.einsum("ji,...jp->...ip", axes, v)
     x, y, z = local[..., 0, :], local[..., 1, :], local[..., 2, :]
     cos, sin = _cos_sin(angle, x.ndim)
@@ -40,7 +43,7 @@ def _cos_sin(angle: Array, ndim: int) -> tuple[Array, Array]:
 
 
 def cross_axis(v: Array) -> Array:
-    """k × v, with k the axis of the moving basis."""
+    """Return k × v, where k is the axis of the moving basis."""
     x, y = v[..., 0, :], v[..., 1, :]
     return jnp.stack([-y, x, jnp.zeros_like(x)], axis=-2)
 
@@ -48,7 +51,7 @@ def cross_axis(v: Array) -> Array:
 def world_derivatives(
     axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, u: Array
 ) -> tuple[Array, Array]:
-    """r', r'', … and their derivatives in all directions, in world axes."""
+    """Return r', r'', … and their derivatives in all directions, in world axes."""
     angle, in_u = angle_at(coefficients, u, 1)
     first = jnp.concatenate([angle_at(angle_derivatives, u, 0)[0], in_u[None]])
     return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * cross_axis(r)[None])
@@ -57,7 +60,7 @@ def world_derivatives(
 def from_world(
     axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, gradient: Array, u: Array
 ) -> tuple[Array, Array]:
-    """The gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian."""
+    """Return the gradient in the moving basis, and the terms of the Hessian due to the rotation of the basis."""
     angle, in_u, in_u_twice = angle_at(coefficients, u, 2)
     moved_angle, moved_in_u = angle_at(angle_derivatives, u, 1)
     second = jnp.zeros((*moved_angle.shape[:1] * 2, *moved_angle.shape[1:]), u.dtype)  # φ is linear in the slopes

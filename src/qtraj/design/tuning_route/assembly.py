@@ -1,4 +1,4 @@
-"""Gradients and second derivatives of objective and constraints with respect to the variables of the joints.
+"""Compute first and second derivatives of objective and constraints with respect to the variables of the joints.
 
 Products with constant matrices turn derivatives at the nodes into derivatives with respect to the end data of a
 segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of its
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route import basis, circuit
 from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.chain import Chain
 from qtraj.design.tuning_route.constraints import Expansion
@@ -36,7 +36,7 @@ class LocalSecond(NamedTuple):
 
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
-    """First derivatives of the objective."""
+    """Compute first derivatives of the objective."""
     bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     near = 2 * jnp.sum(problem.near[:, :, None] * s.change[None], axis=1)
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
@@ -45,7 +45,7 @@ def objective_first(problem: RouteProblem, s: Segments) -> Local:
 
 
 def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
-    """Second derivatives of the objective."""
+    """Compute second derivatives of the objective."""
     bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     own = 2 * (problem.near + lifted(problem.jerk * s.h**-5, 3) * JERK[:, :, None])
     rough = 30 * problem.jerk * s.h**-7 * jnp.sum(bent * s.ends, axis=(0, 1))
@@ -57,7 +57,7 @@ def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
 
 
 def _table(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """H_l at the nodes (nodes, 6), and its derivatives from the first to the `order`-th (order, nodes, 6)."""
+    """Return H_l at the nodes (nodes, 6), and its derivatives of the orders 1 to `order` (order, nodes, 6)."""
     rows = basis.at_nodes(basis.NODES, order)
     return rows[0], rows[1:]
 
@@ -68,7 +68,7 @@ def constraints_first(
     away: Float[Array, "3 nodes n"],
     weights: Float[Array, "constraints nodes n"],
 ) -> Local:
-    """First derivatives of the weighted sum of the constraints, from the derivatives at the nodes (see `Expansion`)."""
+    """Compute first derivatives of the weighted sum of the constraints, from derivatives at the nodes (`Expansion`)."""
     order, n = (slopes.shape[0] - 1) // 3, away.shape[-1]
     place, table = _table(order)
     slopes = jnp.sum(slopes * weights[None, :-2], axis=1)
@@ -86,7 +86,7 @@ def constraints_second(
     weights: Float[Array, "constraints nodes n"],
     stiffness: Float[Array, "constraints nodes n"],
 ) -> LocalSecond:
-    """Σ weight·∇²g + stiffness·∇g∇gᵀ over all constraints; the expansion contains the weighted second derivatives."""
+    """Return Σ weight·∇²g + stiffness·∇g∇gᵀ over all constraints g; `at` contains the weighted second derivatives."""
     order, n = (at.slopes.shape[0] - 1) // 3, at.away.shape[-1]
     place, table = _table(order)
     stiff = stiffness[:-2]
@@ -113,7 +113,7 @@ def constraints_second(
 
 
 def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
-    """First derivatives with respect to the variables of both joints of each segment."""
+    """Convert first derivatives to derivatives with respect to the variables of both joints of each segment."""
     power = _POWERS[:, None, None]
     grown = power * s.ends / lifted(s.h, 3)
     states = (first.ends * powers(s.h)).reshape(2, 3, 1, 3, -1)
@@ -124,7 +124,7 @@ def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[
 
 
 def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecond) -> Float[Array, "20 20 n"]:
-    """Second derivatives with respect to the variables of both joints of each segment."""
+    """Convert second derivatives to derivatives with respect to the variables of both joints of each segment."""
     n = s.h.shape[0]
     power = _POWERS[:, None, None]
     duration = lifted(s.h, 3)
@@ -155,15 +155,18 @@ def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: Lo
 
 
 def gradient(problem: RouteProblem, rows: Float[Array, "20 n"]) -> Float[Array, "10 joints"]:
-    """The gradient summed over the segments, with respect to the variables of the joints; zero for fixed variables."""
+    """Sum the gradients of the segments; the entries of fixed variables are zero."""
     total = jnp.pad(rows[:BLOCK], ((0, 0), (0, 1))) + jnp.pad(rows[BLOCK:], ((0, 0), (1, 0)))
-    return total * problem.free
+    return circuit.gathered(problem, total)
 
 
 def hessian(problem: RouteProblem, rows: Float[Array, "20 20 n"]) -> Chain:
-    """The second derivatives summed over the segments; the rows of fixed variables are those of the identity."""
+    """Sum the second derivatives of the segments; the rows of fixed variables are rows of the identity matrix."""
     blocks, free = jnp.moveaxis(rows, -1, 0), problem.free.T
     first, last = blocks[:, :BLOCK, :BLOCK], blocks[:, BLOCK:, BLOCK:]
     diagonal = jnp.pad(first, ((0, 1), (0, 0), (0, 0))) + jnp.pad(last, ((1, 0), (0, 0), (0, 0)))
+    lower = blocks[:, BLOCK:, :BLOCK]
+    if problem.seam is not None:
+        return circuit.bordered(free, problem.seam, diagonal, lower)
     diagonal = diagonal * free[:, :, None] * free[:, None] + (1 - free)[:, :, None] * np.eye(BLOCK)[None]
-    return Chain(diagonal, blocks[:, BLOCK:, :BLOCK] * free[1:, :, None] * free[:-1, None])
+    return Chain(diagonal, lower * free[1:, :, None] * free[:-1, None])

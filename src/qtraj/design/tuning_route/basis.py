@@ -1,4 +1,4 @@
-"""Quintic segments from the states at their ends: values at nodes, and integrals of squared derivatives.
+"""Evaluate quintic segments from the states at their ends, and integrate their squared derivatives.
 
 A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1. The end data y = (p, hv, h²a) at its start and end have
 the unit of a length. Derivatives are with respect to u, so that the matrices are the same for all segments.
@@ -27,24 +27,24 @@ FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
 
 
 def lifted(x: Any, dimensions: int) -> Any:
-    """The array with leading axes of length 1 added, so that it has a number of dimensions."""
+    """Add leading axes of length 1 to an array, so that its number of dimensions is `dimensions`."""
     return x.reshape((1,) * (dimensions - x.ndim) + x.shape)
 
 
 def _polynomials() -> list[np.ndarray]:
-    """The ascending coefficients of each H_l."""
+    """Return the ascending coefficients of each H_l."""
     data = np.eye(6).reshape(2, 3, 6)
     return list(pieces.hermite(np.ones(1), data)[0].T)
 
 
 def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 nodes 6"]:
-    """Derivatives of H_l with respect to u, from 0 to `order`."""
+    """Return H_l and its derivatives with respect to u up to `order`."""
     rows = [[power.polyval(nodes, power.polyder(c, k)) for c in _polynomials()] for k in range(order + 1)]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
 def gram(order: int) -> Any:
-    """The matrix (6, 6) of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for k = `order`."""
+    """Return the matrix (6, 6) of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for k = `order`."""
     x, weights = np.polynomial.legendre.leggauss(8)
     values = at_nodes((x + 1) / 2, order)[order]
     return np.einsum("j,jl,jm->lm", weights / 2, values, values)

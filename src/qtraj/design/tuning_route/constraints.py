@@ -1,4 +1,4 @@
-"""Limits and the tube as constraints at the nodes of each segment: values and derivatives.
+"""Express the limits and the tube as constraints at the nodes of each segment, with their derivatives.
 
 A limit is (value/limit)² ≤ margin, where the margin (at most 1) accounts for larger values between the nodes. The tube
 bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
@@ -20,12 +20,12 @@ Names = tuple[str, ...]
 
 
 def orders(names: Names) -> int:
-    """The highest order of the derivatives of the path in the limits, at least 2."""
+    """Return the highest order of the derivatives of the path in the limits, at least 2."""
     return max([2, *(quantity(name).order for name in names)])
 
 
 def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
-    """(value/limit)² of each limit; `q` has the derivatives with respect to u and the durations on its first axis."""
+    """Return (value/limit)² of each limit; the first axis of `q` contains the derivatives with respect to u, then h."""
     h = q[-1]
     order = (q.shape[0] - 1) // 3
     i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])
@@ -38,7 +38,7 @@ def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Arra
 
 
 def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
-    """The argument `q` of `ratios` at nodes of all segments."""
+    """Return the argument `q` of `ratios` at nodes of all segments."""
     order = orders(names)
     table = basis.at_nodes(nodes, order)[1:].reshape(-1, 6)
     rows = (table @ s.ends.reshape(6, -1)).reshape(order, len(nodes), 3, -1)
@@ -47,13 +47,13 @@ def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
 
 
 def distances(s: Segments, nodes: Any, offset: Float[Array, "3 nodes n"]) -> Float[Array, "3 nodes n"]:
-    """The displacements from the original path."""
+    """Return the displacements from the original path."""
     table = basis.at_nodes(nodes, 0)[0]
     return jnp.moveaxis((table @ s.change.reshape(6, -1)).reshape(len(nodes), 3, -1), 1, 0) + offset
 
 
 def values(names: Names, problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Array, "constraints nodes n"]:
-    """The squares, relative to their bounds, of all limits and of both distances."""
+    """Return the squares, relative to their bounds, of all limits and of both distances."""
     nodes = basis.FINE_NODES if fine else basis.NODES
     offset, tube = (problem.fine_offset, problem.fine_tube) if fine else (problem.offset, problem.tube)
     away = distances(s, nodes, offset)
@@ -78,7 +78,7 @@ class Expansion(NamedTuple):
 
 
 def expand(names: Names, problem: RouteProblem, s: Segments, weights: Float[Array, "constraints nodes n"]) -> Expansion:
-    """The constraints and their derivatives; `weights` multiply the second derivatives."""
+    """Return the constraints and their derivatives; `weights` multiply the second derivatives."""
     away = distances(s, basis.NODES, problem.offset)
     near = jnp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / problem.tube
     q = stacked(names, s, basis.NODES)

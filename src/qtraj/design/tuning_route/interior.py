@@ -1,4 +1,4 @@
-"""A primal-dual interior-point method for routes, in one compiled loop.
+"""Tune a route by a primal-dual interior-point method in one compiled loop.
 
 The inequalities are written as g(z) + s = 0 with slacks s ≥ 0, which a logarithmic barrier with the parameter μ → 0
 keeps positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
@@ -19,7 +19,7 @@ from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.foundation.types import Scalar
 
 TOLERANCE = 1e-7
-"""The search ends if no residual of the optimality conditions is larger."""
+"""The search ends if no residual of the optimality conditions is larger than this."""
 
 LEAST_SLACK = 0.1
 """Lower bound on the initial slacks."""
@@ -36,18 +36,32 @@ CAP = 1e10
 
 LEAST_MARGIN = 0.5
 
-RENEWED, RENEWALS = 1e-2, 15
-"""Margins are updated if the barrier parameter is below `RENEWED`, at most `RENEWALS` times."""
+FULL = 0.625
+"""A node accounts fully for maxima within this fraction of a cell."""
 
-FREE = 4
+FAR, CLOSE = 0.8, 0.9
+"""Margins are 1 below the first fraction of the limit, and are computed in full above the second one."""
+
+RENEWED, RENEWALS = 1e-2, 60
+"""Margins are updated if the barrier parameter is below `RENEWED`, at most `RENEWALS` times. The search does not
+end before the margins have converged: larger values between the nodes would need another search."""
+
+FREE = 8
 """After this number of updates margins may only decrease, so that they converge."""
 
-SETTLED = 5e-6
-"""If the margins change by less than this, they are not updated any more."""
+HARMLESS = 0.5
+"""A margin may change by this fraction of the slack without an effect on the barrier parameter."""
+
+LAG = 0.1
+"""The barrier parameter does not become smaller than this fraction of the largest change of a margin."""
+
+SETTLED, NEAR = 5e-6, 0.1
+"""If the barrier parameter is the final one and the margins with slacks below `NEAR` change by at most `SETTLED`, they
+are not updated again."""
 
 
 class Search(NamedTuple):
-    """The state of the loop; `done` if the tolerance is reached, `stuck` if no step makes progress."""
+    """The state of the loop; it is `done` if the tolerance is reached, and `stuck` if no step makes progress."""
 
     at: Iterate
     mu: Scalar
@@ -61,7 +75,7 @@ class Search(NamedTuple):
 
 
 def start(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any, mu: Any) -> Iterate:
-    """The iterate with the variables `z`, slacks computed from the constraints, and multipliers from the slacks."""
+    """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks."""
     excess = excess_of(names, problem, segments(problem, z), margins)
     count = used(problem)
     slacks = jax.tree.map(lambda g, u: jnp.where(u > 0, jnp.maximum(-g, LEAST_SLACK), 1.0), excess, count)
@@ -72,7 +86,8 @@ def _size(x: Any) -> Scalar:
     return jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(x)]))
 
 
-def _error(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scalar:
+def residual(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scalar:
+    """Return the largest residual of the optimality conditions for the barrier parameter `mu`."""
     count = used(problem)
     gaps = jax.tree.map(lambda g, s, u: (g + s) * u, linear.excess, at.slacks, count)
     products = jax.tree.map(lambda s, m, u: (s * m - mu) * u, at.slacks, at.multipliers, count)
@@ -82,7 +97,7 @@ def _error(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scala
 
 
 def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
-    """Margins with which the constraint at each node also bounds the maxima in the half cells beside it.
+    """Return margins with which the constraint at each node also bounds the maxima in the adjacent half cells.
 
     A margin is the ratio of the value at the node to the maximum, at the current variables. Parabolas through the
     values on a finer grid give the maxima. No margin is needed where the values between two nodes do not exceed the
@@ -90,31 +105,52 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
     """
     s = segments(problem, z)
     fine = values(names, problem, s, fine=True)
-    middle, before, after = fine[:, 1:-1], fine[:, :-2], fine[:, 2:]
-    bend = before - 2 * middle + after
-    rise = 0.125 * (after - before) ** 2 / jnp.where(bend < 0, -bend, 1.0)
-    inside = (bend < 0) & (jnp.abs(after - before) <= -2 * bend)
-    peak = jnp.pad(jnp.where(inside, middle + rise, 0.0), ((0, 0), (1, 1), (0, 0)))
-    reach = basis.FINER // 2 + 1
-    padded = jnp.pad(peak, ((0, 0), (reach, reach), (0, 0)))
-    shifted = [padded[:, k : k + basis.CELLS * basis.FINER + 1 : basis.FINER] for k in range(2 * reach + 1)]
     own = fine[:, :: basis.FINER]
-    largest = _joined(jnp.maximum(own, jnp.max(jnp.stack(shifted), axis=0)), problem.used)
+    largest = own + _above(own, fine)
+    largest = _joined(largest, problem.used, problem.seam)
     safe = largest > 1e-3
     ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)
     # The ratio matters only where the limit is nearly reached; elsewhere it would restrict the search needlessly.
-    return jnp.where(largest > 0.8 * margins.max(), jnp.maximum(ratio, LEAST_MARGIN), 1.0)
+    weight = jnp.clip((largest / margins.max() - FAR) / (CLOSE - FAR), 0.0, 1.0)
+    return 1.0 - weight * (1.0 - jnp.maximum(ratio, LEAST_MARGIN))
 
 
-def _joined(largest: Array, used: Array) -> Array:
-    """The largest values near nodes, where unused nodes pass their values on to used neighbours.
+def _above(own: Array, fine: Array) -> Array:
+    """Return by how much the maxima near each node exceed its value.
 
-    The end of a segment passes its value to the start of the next one, unless the quantity may jump there. If neither
-    is used because the joint is fixed, the nearest node inside the segment gets the value.
+    A maximum counts in full up to a little more than half a cell away, and less towards the next node, so that margins
+    are continuous functions of the variables. Jumps would prevent their convergence.
     """
-    before = jnp.pad(largest[:, -1, :-1] * (1 - used[:, -1, :-1]), ((0, 0), (1, 0)))
+    middle, before, after = fine[:, 1:-1], fine[:, :-2], fine[:, 2:]
+    bend = before - 2 * middle + after
+    divisor = jnp.where(bend < 0, -bend, 1.0)
+    place = 0.5 * (after - before) / divisor
+    inside = (bend < 0) & (jnp.abs(place) <= 1)
+    peak = jnp.where(inside, middle + 0.5 * place**2 * divisor, 0.0)
+    reach, wide = basis.FINER, ((0, 0), (basis.FINER + 1, basis.FINER + 1), (0, 0))
+    peak, place = jnp.pad(peak, wide), jnp.pad(place, wide)
+    above = jnp.zeros_like(own)
+    for k in range(-reach, reach + 1):
+        nodes = slice(reach + k, reach + k + basis.CELLS * basis.FINER + 1, basis.FINER)
+        away = jnp.abs(k + place[:, nodes]) / reach
+        weight = jnp.clip((1.0 - away) / (1.0 - FULL), 0.0, 1.0)
+        above = jnp.maximum(above, weight * (peak[:, nodes] - own))
+    return above
+
+
+def _joined(largest: Array, used: Array, seam: Array | None) -> Array:
+    """Return the largest values near used nodes, which include the values near unused neighbours.
+
+    The value at the end of a segment is assigned to the start of the next segment, unless the quantity may jump there.
+    If neither is used because the joint is fixed, the value is assigned to the nearest node inside the segment.
+    """
+    ends = largest[:, -1] * (1 - used[:, -1])
+    before = jnp.pad(ends[:, :-1], ((0, 0), (1, 0)))
     after = jnp.pad(used[:, 0, 1:], ((0, 0), (0, 1)))
-    alone = largest[:, -1] * (1 - used[:, -1]) * (1 - after)
+    if seam is not None:  # the first segment follows the last one
+        before = before.at[:, 0].set(ends[:, seam - 1])
+        after = after.at[:, seam - 1].set(used[:, 0, 0])
+    alone = ends * (1 - after)
     largest = largest.at[:, -2].max(alone).at[:, 1].max(largest[:, 0] * (1 - used[:, 0]))
     return largest.at[:, 0].max(before)
 
@@ -126,8 +162,13 @@ def _merit(problem: RouteProblem, z: Any, excess: Rows, slacks: Rows, mu: Any, p
     return objective(problem, z) - mu * barrier + penalty * gap
 
 
+def _inside(problem: RouteProblem, excess: Rows, margins: Any) -> Bool[Array, ""]:
+    """Return whether all limits, without margins, and the tube are satisfied at the nodes."""
+    return jnp.all(excess.nodes + (margins - 1) * problem.used <= 0) & jnp.all(excess.bounds <= 0)
+
+
 def _shifted_step(names: Names, problem: RouteProblem, search: Search, linear: Linear) -> tuple[Step, Scalar]:
-    """The Newton step with the first shift, of an increasing sequence, for which the matrix is positive definite."""
+    """Increase the shift until the matrix is positive definite; return the Newton step and the shift."""
 
     def again(carry: tuple[Step, Scalar, Scalar]) -> Any:
         step, shift, _ = carry
@@ -144,8 +185,8 @@ def _shifted_step(names: Names, problem: RouteProblem, search: Search, linear: L
     return step, shift
 
 
-def _longest(values: Rows, changes: Rows, keep: Any) -> Scalar:
-    """The largest fraction of a step, at most 1, that reduces no positive value by more than the fraction `keep`."""
+def longest(values: Rows, changes: Rows, keep: Any) -> Scalar:
+    """Return the largest step size, at most 1, that reduces no positive value by more than the fraction `keep`."""
     parts = [
         jnp.min(jnp.where(d < 0, -keep * v / jnp.where(d < 0, d, -1.0), 1.0))
         for v, d in zip(values, changes, strict=True)
@@ -157,22 +198,26 @@ def _moved(tree: Any, change: Any, part: Any) -> Any:
     return jax.tree.map(lambda x, d: x + part * d, tree, change)
 
 
-def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any, least: Any) -> Search:
+def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any, least: Any, inside: Any) -> Search:
     at, count = search.at, used(problem)
     linear = linearise(names, problem, at)
-    error = _error(problem, at, linear, 0.0)
+    error = residual(problem, at, linear, 0.0)
     done = (error <= jnp.maximum(TOLERANCE, 10 * least)) & (search.mu <= least)
-    close = _error(problem, at, linear, search.mu) <= 10 * search.mu
+    close = residual(problem, at, linear, search.mu) <= 10 * search.mu
     renew = close & (search.mu < RENEWED) & (search.renewals < RENEWALS)
     margins = jax.lax.cond(renew, lambda: refreshed(names, problem, at.z, at.margins) * factor, lambda: at.margins)
     margins = jnp.where(search.renewals >= FREE, jnp.minimum(margins, at.margins), margins)
     # New margins change the constraints by up to this much; with smaller slacks the next step would be too short.
-    jump = jnp.max(jnp.abs(margins - at.margins) * problem.used)
-    settled = jump <= SETTLED
+    # A constraint with a much larger slack is not affected, and must not delay all others.
+    changes = jnp.abs(margins - at.margins) * problem.used
+    jump = jnp.max(jnp.where(changes > HARMLESS * at.slacks.nodes, changes, 0.0))
+    near = jnp.max(jnp.where(at.slacks.nodes < NEAR, changes, 0.0))
+    settled = (near <= jnp.maximum(SETTLED, least)) & (search.mu <= least)
     margins = jnp.where(settled, at.margins, margins)
     renewals = jnp.where(renew, jnp.where(settled, RENEWALS, search.renewals + 1), search.renewals)
     smaller = jnp.maximum(least, jnp.minimum(0.2 * search.mu, search.mu**1.5))
-    smaller = jnp.maximum(smaller, jnp.where(renew & ~settled, jnp.minimum(0.3 * jump, search.mu), 0.0))
+    smaller = jnp.maximum(smaller, jnp.where(renew & ~settled, jnp.minimum(LAG * jump, search.mu), 0.0))
+    done &= ~renew | settled
     mu = jnp.where(close, smaller, search.mu)
     nodes = linear.excess.nodes + (at.margins - margins) * problem.used
     linear = linear._replace(excess=linear.excess._replace(nodes=nodes))
@@ -185,14 +230,17 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
     penalty = jnp.where(gap > 1e-14, jnp.maximum(search.penalty, needed), search.penalty)
     slope = step.slope - penalty * gap
     keep = jnp.maximum(0.99, 1.0 - mu)
-    longest = _longest(at.slacks, step.slacks, keep)
+    part = longest(at.slacks, step.slacks, keep)
     initial = _merit(problem, at.z, linear.excess, at.slacks, mu, penalty)
+
+    bounded = inside & _inside(problem, linear.excess, margins)
 
     def trial(part: Any) -> tuple[Array, Rows, Scalar]:
         z, slacks = at.z + part * step.z, _moved(at.slacks, step.slacks, part)
         excess = excess_of(names, problem, segments(problem, z), margins)
         slacks = jax.tree.map(reset, slacks, excess, at.slacks, count)
-        return z, slacks, _merit(problem, z, excess, slacks, mu, penalty)
+        merit = _merit(problem, z, excess, slacks, mu, penalty)
+        return z, slacks, jnp.where(bounded & ~_inside(problem, excess, margins), jnp.inf, merit)
 
     def reset(slack: Array, g: Array, before: Array, u: Array) -> Array:
         """Set the slack of a clearly satisfied constraint to −g, which gives the smallest merit function."""
@@ -210,9 +258,9 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
         return part, trial(part), k + 1
 
     unknown = (at.z, at.slacks, jnp.full_like(mu, jnp.inf))
-    _, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (longest, unknown, 0))
+    _, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (part, unknown, 0))
     failed = (tried > HALVINGS) | ~jnp.isfinite(merit) | ~step.positive
-    dual = _longest(at.multipliers, step.multipliers, keep)
+    dual = longest(at.multipliers, step.multipliers, keep)
     multipliers = _moved(at.multipliers, step.multipliers, dual)
     multipliers = jax.tree.map(
         lambda m, s, u: u * jnp.clip(m, mu / (CAP * s), CAP * mu / s), multipliers, slacks, count
@@ -225,12 +273,21 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
 
 
 def solve(
-    names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
+    names: Names,
+    problem: RouteProblem,
+    at: Iterate,
+    factor: Any,
+    mu: Any,
+    least: Any,
+    most: Any,
+    renewals: Any,
+    inside: Any,
 ) -> Search:
     """Search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
 
     `names` are the limits in the order of `problem.squares`. Margins are multiplied by `factor` < 1; `renewals` is the
-    initial number of their updates.
+    initial number of their updates. With `inside`, all iterates after the first one that satisfies the limits at the
+    nodes satisfy them there.
     """
     one = jnp.ones_like(problem.durations[0])
     first = Search(
@@ -240,4 +297,4 @@ def solve(
     def running(search: Search) -> Any:
         return ~search.done & ~search.stuck & (search.steps < most)
 
-    return jax.lax.while_loop(running, lambda search: _iteration(names, problem, search, factor, least), first)
+    return jax.lax.while_loop(running, lambda search: _iteration(names, problem, search, factor, least, inside), first)

@@ -1,4 +1,4 @@
-"""One Newton step of the interior-point method: the optimality conditions, linearised at the current iterate."""
+"""Compute a Newton step of the interior-point method: linearise the optimality conditions at the current iterate."""
 
 from typing import Any, NamedTuple
 
@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning_route import assembly, basis, chain
+from qtraj.design.tuning_route import assembly, basis, chain, circuit
 from qtraj.design.tuning_route.assembly import Local
 from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.constraints import Expansion, Names, distances, expand, orders, values
@@ -58,12 +58,12 @@ class Linear(NamedTuple):
 
 
 def used(problem: RouteProblem) -> Rows:
-    """1 for the constraints that are used, 0 for the others."""
+    """Return 1 for the constraints that are used, and 0 for the others."""
     return Rows(problem.used, jnp.stack([problem.moving] * 2))
 
 
 def excess_of(names: Names, problem: RouteProblem, s: Segments, margins: Any) -> Rows:
-    """The values g of the constraints g ≤ 0; 0 for unused ones."""
+    """Return the values g of the constraints g ≤ 0, and 0 for unused constraints."""
     nodes = (values(names, problem, s) - margins) * problem.used
     return Rows(nodes, _bounds(problem, s))
 
@@ -84,7 +84,7 @@ class _Local(NamedTuple):
 
 
 def linearise(names: Names, problem: RouteProblem, at: Iterate) -> Linear:
-    """The values and derivatives at an iterate. The multipliers of unused constraints must be zero."""
+    """Return the values and derivatives at an iterate. The multipliers of unused constraints must be zero."""
     s = segments(problem, at.z)
     stiffness = jax.tree.map(lambda a, b: a / b, at.multipliers, at.slacks)
 
@@ -125,7 +125,7 @@ def _first(problem: RouteProblem, at: Expansion | Linear, weights: Rows) -> Loca
 
 
 def constraint_gradient(problem: RouteProblem, linear: Linear, weights: Rows) -> Float[Array, "10 joints"]:
-    """The gradient of the weighted sum of the constraints."""
+    """Return the gradient of the weighted sum of the constraints."""
     s = linear.segments
     return assembly.gradient(problem, assembly.segment_gradient(problem, s, _first(problem, linear, weights)))
 
@@ -149,18 +149,15 @@ def _pushed(problem: RouteProblem, linear: Linear, dz: Array, order: int) -> Row
 
 
 def newton(names: Names, problem: RouteProblem, at: Iterate, linear: Linear, mu: Scalar, shift: Scalar) -> Step:
-    """The Newton step for the barrier parameter `mu`; `shift` is added to the diagonal of the second derivatives."""
+    """Compute the Newton step for the barrier parameter `mu`; `shift` is added to the diagonal of the matrix."""
     count = used(problem)
     gaps = jax.tree.map(lambda g, s, u: (g + s) * u, linear.excess, at.slacks, count)
     target = jax.tree.map(lambda m, s, g, u: u * (mu + m * g) / s, at.multipliers, at.slacks, gaps, count)
     right = -(linear.gradient + constraint_gradient(problem, linear, target))
-    free = problem.free.T
-    whole = chain.Chain(
-        linear.hessian.diagonal + shift * free[:, :, None] * jnp.eye(free.shape[1])[None], linear.hessian.lower
-    )
+    whole = chain.shifted(linear.hessian, shift * problem.free.T)
     dz, positive = chain.solve(whole, right.T)
     curvature = jnp.sum(dz * chain.product(whole, dz))
-    dz = dz.T * problem.free
+    dz = circuit.repeated(problem, dz.T)
     along = _pushed(problem, linear, dz, orders(names))
     slacks = jax.tree.map(lambda g, a: -g - a, gaps, along)
     change = jax.tree.map(lambda m, s, ds, u: u * ((mu - m * ds) / s - m), at.multipliers, at.slacks, slacks, count)

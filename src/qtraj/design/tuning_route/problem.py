@@ -1,10 +1,10 @@
-"""A route as an optimisation problem: variables at the joints, the data of each segment, and the objective.
+"""Define the optimisation problem of a route: variables at the joints, data of the segments, and objective.
 
 The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths. Vectors
 have components along and across the original path. The position changes only across the path: a shift of a joint along
 the path changes only the subdivision, and the objective would hardly determine it. A segment depends only on the
 variables of its two joints, so the matrix of second derivatives is block tridiagonal. The segments or joints are on the
-last axis of all arrays. Segments that stay as they are, and padding, have `moving` = 0 and no constraints.
+last axis of all arrays. Segments that do not change, and the padding, have `moving` = 0 and no constraints.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning_route import basis
 
@@ -20,7 +20,7 @@ BLOCK = 10
 """Number of variables of a joint: position, velocity, acceleration (3 each) and time."""
 
 CACHED = 32
-"""Number of segments whose derivatives are computed at once; it fits into the cache of the processor."""
+"""Number of segments whose derivatives are computed at once; their data fit into the cache of the processor."""
 
 JERK = basis.gram(3)
 
@@ -38,6 +38,7 @@ class RouteProblem(NamedTuple):
     change of the end data. `unit` times this sum is the objective in the units of the user. `free` (10, n + 1) is 0 for
     fixed variables; `scale` (10,) converts variables to SI.
     `axes` (2, 3, 3, n): in rows, unit vectors along, to the left of and above the original path at both ends.
+    `seam`: the index of the last joint of a closed route, which has the state of the first joint; otherwise None.
     """
 
     ends: Float[Array, "6 3 n"]
@@ -59,6 +60,7 @@ class RouteProblem(NamedTuple):
     free: Float[Array, "10 joints"]
     scale: Float[Array, " 10"]
     axes: Float[Array, "2 3 3 n"]
+    seam: Int[Array, ""] | None = None
 
 
 class Segments(NamedTuple):
@@ -70,13 +72,13 @@ class Segments(NamedTuple):
     ends: Float[Array, "6 3 n"]
 
 
-_JOINT_FIELDS = ("free", "unit", "squares", "scale", "fine_offset", "fine_tube")
+_JOINT_FIELDS = ("free", "unit", "squares", "scale", "fine_offset", "fine_tube", "seam")
 
 
 def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) -> Any:
     """Call a function of a problem and arrays (segments last) for blocks of segments that fit into the cache.
 
-    The result of the function for a segment may depend on this segment only.
+    The function must process each segment independently of the others.
     """
     n = problem.durations.shape[0]
     own = {name: x for name, x in problem._asdict().items() if name not in _JOINT_FIELDS}
@@ -88,12 +90,12 @@ def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) 
 
 
 def powers(h: Float[Array, " n"]) -> Float[Array, "6 1 n"]:
-    """The factors 1, h, h² that convert states to end data."""
+    """Return the factors 1, h, h² that convert states to end data."""
     return jnp.stack([jnp.ones_like(h), h, h * h] * 2)[:, None]
 
 
 def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
-    """The segments for the variables `z`."""
+    """Return the segments for the variables `z`."""
     shifts, longer = moved(problem, z)
     h0 = problem.durations
     h = h0 + longer
@@ -106,7 +108,7 @@ def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
 
 
 def moved(problem: RouteProblem, z: Float[Array, "10 joints"]) -> tuple[Float[Array, "6 3 n"], Float[Array, " n"]]:
-    """The changes of the states at both ends of the segments [SI, world axes], and of the durations [s]."""
+    """Return the changes of the states at both ends of the segments [SI, world axes], and of the durations [s]."""
     move = z * problem.scale[:, None]
     own = jnp.stack([move[:9, :-1], move[:9, 1:]]).reshape(2, 3, 3, 1, -1)
     world = jnp.sum(own * problem.axes[:, None], axis=2)
@@ -114,7 +116,7 @@ def moved(problem: RouteProblem, z: Float[Array, "10 joints"]) -> tuple[Float[Ar
 
 
 def objective(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Float[Array, ""]:
-    """The objective for the variables `z`."""
+    """Return the objective for the variables `z`."""
     s = segments(problem, z)
     bent = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     near = jnp.sum(problem.near[:, :, None] * s.change[:, None] * s.change[None])

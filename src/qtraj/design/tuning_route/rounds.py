@@ -1,7 +1,7 @@
 """Repeat the search until every limit and the tube are proved to be satisfied on every segment that may change.
 
-A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). Whole segments are
-then certified. Where a proof is missing, the margins are reduced a little, and the search continues from its solution.
+A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). Then whole segments
+are certified. Where a proof is missing, the margins are reduced a little, and the search continues from its solution.
 """
 
 from __future__ import annotations
@@ -17,27 +17,31 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
-from qtraj.design.tuning_route import interior
+from qtraj.design.tuning_route import geometry, interior
 from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.interior import FREE, Search
 from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
-from qtraj.design.tuning_route.setup import Parts, same_terms
+from qtraj.design.tuning_route.setup import Parts
 from qtraj.design.tuning_route.tube import Displacement
-from qtraj.path import pieces
 from qtraj.path.route import Route, from_segments
 
 ROUNDS = 10
 """Maximum number of repeated searches."""
 
-BARRIER, LEAST = 0.1, 1e-9
+BARRIER, LEAST = 0.1, 1e-7
 """The barrier parameter at the start and at the end of a search. At the end, the objective exceeds its minimum by at
 most about `LEAST` times the number of constraints."""
 
 AGAIN = (1e-7, 1e-3)
 """A repeated search starts with the largest relative violation as barrier parameter, clipped to these bounds."""
 
-SAFETY = 1e-5
+ROUGH, SMOOTHING = 1e-3, 1e-3
+"""The fastest route is not unique: on a straight, for example, many lines take the same time. So its search adds a term
+with the integral of the squared jerk, from the solution for the barrier parameter `ROUGH` on. There the term is this
+fraction of the duration."""
+
+SAFETY = 2e-5
 """Margins are reduced by this fraction, which doubles with each repetition."""
 
 
@@ -55,27 +59,42 @@ class Judged(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The variables and what is known of their route; `proved` on all segments that may change.
+    """The variables, the certified route, and whether the limits are `proved` on all segments that may change.
 
     `optimal`: whether the last search converged. `exhausted`: whether a search stopped because no steps were left.
+    `at`: the last iterate; None if there was no search. `problem`: the problem of the last search.
     """
 
     z: Any
     judged: Judged
     proved: bool
     steps: int
+    problem: RouteProblem
     optimal: bool = True
     exhausted: bool = False
+    at: Iterate | None = None
 
 
 @eqx.filter_jit
-def _search(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, most: Any, renewals: Any) -> Search:
-    return interior.solve(names, problem, at, factor, mu, LEAST, most, renewals)
+def search(
+    names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
+) -> Search:
+    """Call `interior.solve`, compiled. A search with the first margins for the fastest route keeps the limits."""
+    inside = jnp.any(problem.time > 0) & (renewals == 0)
+    return interior.solve(names, problem, at, factor, mu, least, most, renewals, inside)
+
+
+@eqx.filter_jit
+def _smoothed(problem: RouteProblem, z: Any) -> RouteProblem:
+    """Return the problem of the fastest route with the term that makes its solution unique."""
+    jerk = objective(problem._replace(time=0 * problem.time, jerk=problem.moving), z)
+    duration = jnp.sum(segments(problem, z).h * problem.moving)
+    return problem._replace(jerk=problem.moving * SMOOTHING * duration / jerk)
 
 
 @eqx.filter_jit
 def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
-    """The initial iterate of the next search, with new margins, slacks and multipliers."""
+    """Return the initial iterate of the next search, with new margins, slacks and multipliers."""
     margins = jnp.minimum(at.margins, interior.refreshed(names, problem, at.z, at.margins) * factor)
     excess = excess_of(names, problem, segments(problem, at.z), margins)
 
@@ -90,31 +109,33 @@ def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu:
 
 @eqx.filter_jit
 def attained(problem: RouteProblem, z: Any) -> Any:
-    """The objective in the units of `tune_route`; for "fastest", without the segments that stay as they are."""
+    """Return the objective in the units of `tune_route`; for "fastest", without the segments that do not change."""
     return objective(problem, z) * problem.unit
 
 
 def solved(
     route: Route, given: Parts, names: Names, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int
 ) -> Found:
-    """The tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m]."""
+    """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m]."""
     n, count = problem.durations.shape[0], len(given.h)
     moving = np.asarray(problem.moving)[:count] > 0
     bounds = np.sqrt(np.asarray(problem.squares))
     factor = np.ones((len(names) + 2, 1, n))
     at, mu, steps, k = _start(names, problem), BARRIER, 0, 0
+    if np.any(np.asarray(problem.time)):
+        first = search(names, problem, at, factor, *map(np.asarray, (mu, ROUGH, most, 0)))
+        at, mu, steps = first.at, ROUGH, int(first.steps)
+        problem = _smoothed(problem, at.z)
     while True:
         safe = jnp.asarray(factor * (1 - SAFETY * 2.0**k))
         if k:
             at = _prepared(names, problem, at, safe, np.asarray(mu, float))
-        search = _search(
-            names, problem, at, safe, np.asarray(mu, float), *map(np.asarray, (most - steps, min(k, 1) * FREE))
-        )
-        at, steps = search.at, steps + int(search.steps)
+        state = search(names, problem, at, safe, *map(np.asarray, (float(mu), LEAST, most - steps, min(k, 1) * FREE)))
+        at, steps = state.at, steps + int(state.steps)
         judged = judge(route, given, limits, tube, problem, np.asarray(at.z))
         open_ = unproved(judged, names, moving)
-        exhausted = steps >= most and not bool(search.done | search.stuck)
-        found = Found(at.z, judged, not open_.any(), steps, bool(search.done), exhausted)
+        exhausted = steps >= most and not bool(state.done | state.stuck)
+        found = Found(at.z, judged, not open_.any(), steps, problem, bool(state.done), exhausted, at)
         if found.proved or k == ROUNDS or steps >= most or not np.isfinite(judged.distances).all():
             return found
         values = [judged.certificate.segments.worst[name][1] for name in names]
@@ -132,8 +153,8 @@ def _start(names: Names, problem: RouteProblem) -> Iterate:
 
 
 def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, z: np.ndarray) -> Judged:
-    """The certified route for the variables `z`."""
-    c, h = changed(given, problem, z)
+    """Return the certified route for the variables `z`."""
+    c, h = geometry.changed(problem, given.c, given.h, given.states, z)
     starts = np.append(0.0, np.cumsum(h))
     h = np.diff(starts)
     new = from_segments(starts[:-1], c, np.asarray(starts[-1]), np.asarray(route.origin))
@@ -142,28 +163,7 @@ def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem:
 
 
 def unproved(judged: Judged, names: Names, moving: np.ndarray) -> np.ndarray:
-    """Whether the proof for each limit, then for both distances, is missing on each segment that may change."""
+    """Return whether the proof for each limit, then for both distances, is missing on each segment that may change."""
     codes = np.asarray(judged.certificate.segments.codes)
     order = [judged.certificate.names.index(name) for name in names]
     return np.concatenate([codes[:, order].T != PROVED, ~judged.within.T]) & moving
-
-
-def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients and durations for the variables `z`; segments that stay as they are keep theirs exactly."""
-    states, h = states_at(given, problem, z)
-    c = pieces.hermite(h, states)
-    c, old = same_terms(c, given.c)
-    still = np.asarray(problem.moving)[: len(h)] == 0
-    c[still] = old[still]
-    return c, h
-
-
-def states_at(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The states of the joints (n + 1, 3, 3) and the durations (n,) for the variables `z`."""
-    count = len(given.h)
-    move = (z * np.asarray(problem.scale)[:, None])[:, : count + 1]
-    axes = np.asarray(problem.axes)[..., :count]
-    axes = np.concatenate([axes[0], axes[1][..., -1:]], axis=-1)
-    shifts = np.einsum("kan,acn->nkc", move[:9].reshape(3, 3, -1), axes)
-    longer = np.asarray(problem.moving)[:count] * np.diff(move[9])
-    return given.states + shifts, given.h + longer

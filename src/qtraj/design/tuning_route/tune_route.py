@@ -1,28 +1,28 @@
-"""`tune_route`: change a whole route so that it satisfies its limits within a tube."""
+"""Define `tune_route`, which changes a whole route so that it satisfies its limits within a tube."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import require_float64
-from qtraj.design.tuning_route import rounds
+from qtraj.design.tuning_route import circuit, rounds
+from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.design.tuning_route.sensitivity import Solution, differentiable, is_traced
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.route import Route
 
 OBJECTIVES = ("nearest", "smoothest", "fastest")
 
-UNSUITABLE = ("torsion", "angular_rate", "angular_acceleration")
+UNSUITABLE = tuple(name for name, entry in QUANTITIES.items() if entry.divisor == "cross_norm")
 """Limits on quantities of the natural trihedral, which does not exist on straights."""
 
 
@@ -33,10 +33,11 @@ def tune_route(
     objective: str = "nearest",
     fixed: ArrayInput | None = None,
     *,
+    closed: bool = False,
     max_steps: int = 300,
     throw: bool = False,
 ) -> TunedRoute:
-    """Change a `route` so that it satisfies `limits` everywhere and stays within a tube about the original route.
+    """Change a `route` so that it satisfies `limits` everywhere and stays within a tube around the original route.
 
     The positions of the joints (across the path), their velocities and accelerations, and the durations of the
     segments change together. `tube` [m] is the half-width, or a pair (horizontal, vertical) of half-widths. Each is one
@@ -49,52 +50,85 @@ def tune_route(
       is the change at equal fractions of a segment, derivatives are with respect to the original time, v is the
       original speed, and δh is the change of the duration h of the segment;
     - "smoothest" [m²/s⁵]: ∫|r⃛|²dt; the duration of the route, or of each part between stops, does not change;
-    - "fastest" [s]: the duration; at least one limit must bound the speed.
+    - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
+      search adds a term of the squared jerk, which is about 0.1 % of the duration.
 
     `fixed`: the states of the joints that do not change, bool (n,), or (n, 3) for position, velocity and acceleration
     separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest without a jump in
     position, heading or curvature. The time of a joint may change even if its state is fixed. Segments that touch a
-    stop stay as they are.
+    stop are not changed.
+
+    `closed`: whether the route is a closed circuit, which must end where it starts. The last joint then has the same
+    position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
+    on the whole lap, also where it is repeated.
 
     The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
     segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
-    larger values between them; `certify` then judges whole segments, and the margins shrink until everything is proved,
-    in at most eleven searches with `max_steps` steps in all. The result is a local optimum, whose code is `successful`;
-    `not_optimal` if everything is proved but the search stopped before the optimum.
+    larger values between them. Then `certify` checks whole segments, and the margins are reduced until everything is
+    proved, in at most eleven searches with `max_steps` steps in total. The result is a local optimum with the code
+    `successful`. The code is `not_optimal` if everything is proved but the search stopped before the optimum.
 
-    Segments that change become quintics, and position, velocity and acceleration are continuous at their joints,
-    whatever the given route has. Segments that touch a stop keep their coefficients, and the jumps between them.
+    Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
+    if they jump in the original route. Segments that touch a stop keep their coefficients and the jumps between them.
 
-    The result is not differentiable with respect to the arguments, but its route is a path like any other.
+    **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, outside `jit` and `vmap`, `path`, `objective`,
+    `displacement` and `delay` have the derivatives of the optimum with respect to the route (the states of its
+    joints and its times), the limits and the tube, by the implicit function theorem. They are derivatives of the
+    problem of the last search, with limits at its instants and constant margins, and NaN if that search does not
+    converge.
 
-    **Raises:** ValueError for another path, a route inside jit, grad or vmap or in float32, an unknown objective, a
-    limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that bounds the speed,
-    half-widths that are not positive, or a wrong shape. RuntimeError with `throw` if a limit is not proved to be
-    satisfied.
+    **Raises:** ValueError for another path, a batch, arguments inside jit or vmap, a route in float32, an unknown
+    objective, a limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that
+    bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where it
+    starts, has only one segment, or has different half-widths at its ends. RuntimeError with `throw` if a limit is not
+    proved to be satisfied.
     """
     _require_route(route, limits)
     names = _names(limits, objective)
-    given = parts(route)
+
+    def solve(route: Route, limits: Limits, tube: Any) -> Solution:
+        return _solution(route, limits, names, tube, objective, fixed, closed, max_steps)
+
+    if is_traced(route, limits, tube):
+        result = differentiable(route, limits, tube, names, objective, solve)
+    else:
+        result = solve(route, limits, tube).result
+    return result.check() if throw else result
+
+
+def _solution(
+    route: Route,
+    limits: Limits,
+    names: tuple[str, ...],
+    tube: Any,
+    objective: str,
+    fixed: Any,
+    closed: bool,
+    max_steps: int,
+) -> Solution:
+    """Return the result and the search behind it, for concrete arguments."""
+    if closed:
+        circuit.require_closed(route)
+    given = parts(route, closed)
     joints = len(given.h) + 1
-    widths, held = _widths(tube, joints), _fixed(fixed, joints)
+    widths, held = _widths(tube, joints, closed), _fixed(fixed, joints, closed)
     bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
-    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest")
+    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
     found = _unchanged(route, given, limits, widths, problem)
     moving = np.asarray(problem.moving)[: joints - 1] > 0
     smooth = not np.any(np.asarray(problem.offset)) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
     if moving.any() and not (objective == "nearest" and smooth and found.proved):
         found = rounds.solved(route, given, names, limits, widths, problem, max_steps)
-    result = _result(given, problem, found, names, moving, objective)
-    return result.check() if throw else result
+    return Solution(_result(given, problem, found, names, moving, objective), found.problem, found.z, found.at)
 
 
 def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
-    """The given route itself, judged."""
+    """Return the given route, unchanged, and whether it satisfies its limits and stays within its tube."""
     z = jnp.zeros_like(problem.free)
     judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
     count = len(given.h)
     open_ = rounds.unproved(judged, tuple(limits.given()), np.asarray(problem.moving)[:count] > 0)
-    return rounds.Found(z, judged, not open_.any(), 0)
+    return rounds.Found(z, judged, not open_.any(), 0, problem)
 
 
 def _result(
@@ -106,7 +140,7 @@ def _result(
     objective: str,
 ) -> TunedRoute:
     judged = found.judged
-    states, h = rounds.states_at(given, problem, np.asarray(found.z))
+    states, h = moved_states(problem, given.states, given.h, np.asarray(found.z))
     return TunedRoute(
         judged.route,
         judged.certificate,
@@ -142,10 +176,8 @@ def _require_route(route: Any, limits: Any) -> None:
         )
     if not isinstance(limits, Limits):
         raise ValueError(f"Limits were expected, but a {type(limits).__name__} was given")
-    if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
-        raise ValueError(
-            "tune_route accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
-        )
+    if route.duration.ndim:
+        raise ValueError("tune_route accepts one route, but a batch was given: call it once for each route")
     require_float64(route)
 
 
@@ -163,7 +195,7 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
             "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
-    forces = [name for name in names if quantity(name).needs_vehicle]
+    forces = [name for name in names if quantity(name).on_road]
     if forces:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
@@ -178,8 +210,8 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
         )
 
 
-def _widths(tube: Any, joints: int) -> np.ndarray:
-    """The half-widths (joints, 2) [m]."""
+def _widths(tube: Any, joints: int, closed: bool) -> np.ndarray:
+    """Return the half-widths (joints, 2) [m]."""
     pair = tube if isinstance(tube, tuple) else (tube, tube)
     if len(pair) != 2:
         raise ValueError(
@@ -197,14 +229,19 @@ def _widths(tube: Any, joints: int) -> np.ndarray:
     widths = np.stack(columns, axis=1)
     if not (np.isfinite(widths).all() and (widths > 0).all()):
         raise ValueError("the half-widths of the tube must be positive and finite [m]")
+    if closed and np.any(widths[0] != widths[-1]):
+        raise ValueError(
+            "the first and the last joint of a closed route are the same, but the half-widths "
+            f"{widths[0].tolist()} and {widths[-1].tolist()} m were given for them"
+        )
     return widths
 
 
-def _fixed(fixed: Any, joints: int) -> np.ndarray:
-    """Whether each state of each joint is fixed (joints, 3)."""
+def _fixed(fixed: Any, joints: int, closed: bool) -> np.ndarray:
+    """Return whether each state of each joint is fixed (joints, 3)."""
     if fixed is None:
         held = np.zeros((joints, 3), bool)
-        held[[0, -1]] = True
+        held[[0, -1]] = not closed
         return held
     given = np.asarray(fixed)
     if given.dtype != bool or given.shape not in ((joints,), (joints, 3)):

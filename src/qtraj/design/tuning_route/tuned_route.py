@@ -1,4 +1,4 @@
-"""The result of `tune_route`."""
+"""Define the result of `tune_route`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from qtraj.path.route import Route
 class TunedRoute(AbstractOutcome):
     """The result of `tune_route`.
 
-    - `path`: the tuned `Route`, with as many joints as the given one; segments that changed are quintics.
+    - `path`: the tuned `Route`, with the same number of joints as the original route; changed segments are quintics.
     - `certificate`: the findings on the limits, on the whole route and on each segment.
-    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route at 65 instants of
-      each segment. `within` (segments,): whether both are proved to be at most the half-widths of the tube everywhere.
+    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the original route at 65 instants
+      of each segment. `within` (segments,): whether both are proved to be at most the half-widths of the tube.
     - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
     - `delay` [s]: the change of the duration.
-    - `kept` (segments,): the segments that touch a stop; they stay as they are.
-    - `objective`: the attained value, in its own units. `iterations`: the steps of all searches.
+    - `kept` (segments,): whether a segment touches a stop and is not changed.
+    - `objective`: the attained value, in its own units. `iterations`: the number of steps of all searches.
     """
 
     path: Route
@@ -73,7 +73,7 @@ class TunedRoute(AbstractOutcome):
         return code < FAILURES and code != ResultCode.not_optimal
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words: what is proved, where a proof is missing, and advice."""
+        """Describe what is proved and where a proof is missing, with advice."""
         code = ResultCode(int(np.asarray(self.code)))
         away = np.asarray(self.distance).max(axis=0, initial=0.0)
         success = "every limit is proved to be satisfied on every segment."
@@ -88,7 +88,7 @@ class TunedRoute(AbstractOutcome):
         return " ".join(texts)
 
     def unproved(self) -> list[str]:
-        """The limits that are not proved to be satisfied, in words: the number of segments and the worst value."""
+        """Describe the limits that are not proved to be satisfied: the number of segments and the worst value."""
         parts, found = self.certificate.segments, []
         codes = np.asarray(parts.codes)
         for k, name in enumerate(self.certificate.names):
@@ -102,7 +102,7 @@ class TunedRoute(AbstractOutcome):
         return found
 
     def record(self) -> Record:
-        """The route, the findings, distances and displacements as labelled quantities."""
+        """Return the route, the findings, distances and displacements as labelled quantities."""
         path, findings = self.path.record(), self.certificate.record()
         name = ResultCode(int(np.asarray(self.code))).name
         variables = {
@@ -115,7 +115,7 @@ class TunedRoute(AbstractOutcome):
                 self.distance, "m", "largest distance from the original route on a segment", ("segment", "direction")
             ),
             "within": Quantity(self.within, "1", "whether a segment is proved to stay within the tube", ("segment",)),
-            "kept": Quantity(self.kept, "1", "whether a segment touches a stop and stays as it is", ("segment",)),
+            "kept": Quantity(self.kept, "1", "whether a segment touches a stop and is not changed", ("segment",)),
             "displacement": Quantity(
                 self.displacement, "m", "change of the positions of the joints, world axes", ("joint", "world")
             ),

@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 _RENAMED = {"gibbs_gauge": "gibbs_normalization", "growth": "spectral_abscissa"}
-"""Deprecated public names and their replacements; the old names warn until 1.0."""
+"""Deprecated public names and their replacements; until version 1.0 the old names emit a warning."""
 
 
 def __dir__() -> list[str]:

@@ -1,9 +1,10 @@
-"""Three established attitude feedbacks with nonlinear closed loops, as baselines for comparison.
+"""Define three established attitude feedbacks with nonlinear closed loops, as baselines for comparison.
 
-All impose Ω̇ = −K1Ω − K2 e on the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ. They differ in the attitude error e, which for
-small angles Φ is Φ times the axis. The program is fed forward, so the error does not depend on the motion of the
-program. Gains are a scalar, (3,) for a diagonal, or (3, 3). The virtual part of the command is 0, and |λ| has no
-effect.
+With each law, the rate error Ω = ω_v − w satisfies Ω̇ = −K1Ω − K2 e, where ω_v is the rate of the body and w = μ⁻¹ω⁰μ
+is the rate of the program, both in body axes. The laws differ in the attitude error e, which for a small angle Φ of the
+error is Φ times the axis. The acceleration of the program is fed forward, so the error does not depend on the motion of
+the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual part of the command is 0, and |λ|
+has no effect.
 """
 
 import jax.numpy as jnp
@@ -20,9 +21,9 @@ from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 
 @storable
 class QuaternionFeedback(AbstractLaw):
-    """e = 2 sgn(μ0) μ_v/|μ|, of magnitude 2 sin Φ/2 (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
+    """The law with e = 2 sgn(μ0) μ_v/|μ|, |e| = 2 sin(Φ/2) (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
 
-    `k1` [1/s], `k2` [1/s²]. The sign selects the shorter rotation; at μ0 = 0 it is +.
+    `k1` [1/s], `k2` [1/s²]. The sign selects the shorter rotation; for μ0 = 0 the sign is +.
     """
 
     k1: Gain
@@ -35,21 +36,22 @@ class QuaternionFeedback(AbstractLaw):
         return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
+        """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
         return signed_quaternion_feedback(self, reference, jnp.where(mu[0] < 0, -quaternion, quaternion), rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion μ (4,)."""
+        """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
 @storable
 class GeometricFeedback(AbstractLaw):
-    """e = ½(R_dᵀR − RᵀR_d)^∨, of magnitude sin Φ: half the sum of the cross products of the axes.
+    """The law with e = ½(R_dᵀR − RᵀR_d)^∨, |e| = sin Φ; R and R_d are the rotation matrices of body and program.
 
-    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3); in robotics it is due to Luh and to Fu & Gonzalez (reference [3]
-    of paper C). Beyond Φ = π/2 the error decreases, and it vanishes at Φ = π.
+    `k1` [1/s], `k2` [1/s²]. e is half the sum of the cross products of corresponding axes of program and body. Lee
+    proposed this feedback on SO(3); in robotics it is attributed to Luh and to Fu & Gonzalez (reference [3] of paper
+    C). For Φ > π/2 the magnitude |e| decreases with Φ, and for Φ = π it is zero.
     """
 
     k1: Gain
@@ -62,18 +64,21 @@ class GeometricFeedback(AbstractLaw):
         return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
+        """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = unit(error_quaternion(reference, quaternion))
         return _feedback(self, reference, mu, rate, 2 * mu[0] * mu[1:])
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion μ (4,)."""
+        """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
 @storable
 class LogarithmicFeedback(AbstractLaw):
-    """e = the rotation vector of the error, of magnitude Φ ≤ π. `k1` [1/s], `k2` [1/s²]. The error jumps at Φ = π."""
+    """Feedback of the rotation vector e of the error quaternion μ, with |e| = Φ ≤ π; e is discontinuous at Φ = π.
+
+    `k1` [1/s], `k2` [1/s²].
+    """
 
     k1: Gain
     k2: Gain
@@ -85,17 +90,17 @@ class LogarithmicFeedback(AbstractLaw):
         return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
+        """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
         return _feedback(self, reference, mu, rate, to_rotation_vector(mu))
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion μ (4,)."""
+        """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
 def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-    """The command of `law` with e = 2μ_v/|μ|, without changing the sign of λ."""
+    """Return the command of `law` with e = 2μ_v/|μ|, without changing the sign of λ."""
     mu = unit(error_quaternion(reference, quaternion))
     return _feedback(law, reference, mu, rate, 2 * mu[1:])
 
@@ -107,7 +112,7 @@ def _feedback(
     rate: Quat,
     attitude_error: Vec3,
 ) -> Quat:
-    """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes plus the feedback."""
+    """Return the command (0, ẇ − K1Ω − K2e), where ẇ = μ⁻¹ε⁰μ + w×Ω is the time derivative of w."""
     require_body_axes(reference)
     back = conjugate(mu)
     w = rotate(back, reference.rate)

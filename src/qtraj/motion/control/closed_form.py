@@ -1,4 +1,4 @@
-"""The undisturbed motion of a closed loop in closed form: the program composed with the decaying error."""
+"""Compute the closed-form motion of a closed loop without disturbances, by composing the program with the error."""
 
 import os
 
@@ -20,10 +20,10 @@ from qtraj.motion.control.response import error_state
 
 @storable
 class ClosedMotion(AbstractResult):
-    """A closed loop in closed form, at the instants `times` (n,) [s].
+    """The motion of a closed loop in closed form, at the instants `times` (n,) [s].
 
-    `error` (n, 4): the law's error quaternion. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the angle between body and
-    program, from 0 to π. Under `vmap` all fields have the batch dimensions in front.
+    `error` (n, 4): the error quaternion of the law. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the angle between body
+    and program, from 0 to π. Under `vmap` all fields have leading batch axes.
     """
 
     times: Float[Array, "*batch n"]
@@ -36,7 +36,7 @@ class ClosedMotion(AbstractResult):
         self.quaternion, self.angle = as_float(quaternion), as_float(angle)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` if the elements of a batch have different times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         axes = (along, "component")
         variables = {
@@ -49,9 +49,9 @@ class ClosedMotion(AbstractResult):
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion exactly to a TOML or JSON file; `qtraj.load` reads it.
+        """Write the motion without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError for a suffix other than .toml or .json.
         """
         document.save(self, file)
 
@@ -60,10 +60,10 @@ class ClosedMotion(AbstractResult):
 def closed_motion(
     law: AccelerationLaw | RateLaw, references: Attitude, quaternion: Quat, rate: Quat, times: Float[Array, " n"]
 ) -> ClosedMotion:
-    """The undisturbed motion about a program, at `times` (n,) [s].
+    """Compute the motion of a body that follows a program without disturbances, at `times` (n,) [s].
 
-    `references`: the program at these times, with fields (n, …). `quaternion` (4,) and `rate` (4,) [rad/s], body axes:
-    the state at the first time. A rate law does not use `rate`.
+    `references`: the attitudes of the program at these times, with fields (n, …). `quaternion` (4,) and `rate` (4,)
+    [rad/s], body axes, virtual rate first: the state at times[0]. A rate law does not use `rate`.
     """
     kind = law.error if isinstance(law, AccelerationLaw) else "body"
     first = jax.tree.map(lambda x: x[0], references)

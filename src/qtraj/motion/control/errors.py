@@ -1,4 +1,6 @@
-"""Error quaternions of a body relative to its program, their rates, and the state from an error (paper C, (1.1)).
+"""Compute error quaternions of a body relative to its program, their rates, and the state from an error.
+
+The definitions are from paper C, (1.1):
 
 | kind         | error            | target      | rate                           |
 |--------------|------------------|-------------|--------------------------------|
@@ -6,8 +8,9 @@
 | `"inertial"` | μ* = λ∘λ̄⁰        | 1           | 2μ̇* = ω_ξ∘μ* − μ*∘ω_ξ⁰         |
 | `"additive"` | Δ = λ − λ⁰       | 0           | 2Δ̇ = λ∘ω_x − λ⁰∘ω_z⁰           |
 
-λ⁰ is the unit quaternion of the program; λ need not be normalised. Rates are (4,) in body axes: ω0 = d/dt ln|λ|², then
-the physical rate.
+λ⁰ is the unit quaternion of the program; λ, the quaternion of the body, need not be normalised. The rate of the body is
+ω_x in body axes and ω_ξ in inertial axes; the rate of the program is ω_z⁰ in program axes and ω_ξ⁰ in inertial axes.
+Rates have four components: first the virtual rate ω0 = d/dt ln|λ|², which is 0 for the program, then the physical rate.
 """
 
 import jax.numpy as jnp
@@ -21,20 +24,23 @@ KINDS = ("body", "inertial", "additive")
 
 
 def pure(v: Vec3) -> Quat:
-    """The quaternion (0, v) of a vector."""
+    """Return the quaternion (0, v) of a vector."""
     return jnp.concatenate([jnp.zeros_like(v, shape=1), v])
 
 
 def target(kind: str, error: Quat) -> Quat:
-    """The value of an error of this kind when body and program agree: (1, 0, 0, 0), or 0 for the additive error."""
+    """Return the value of an error for λ = λ⁰, with the shape and dtype of `error`.
+
+    The value is (1, 0, 0, 0) for the body and the inertial error, and 0 for the additive error.
+    """
     zero = jnp.zeros_like(error)
     return zero if kind == "additive" else zero.at[0].set(1.0)
 
 
 def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") -> Quat:
-    """The error (4,) of λ relative to the program: μ, μ* or Δ.
+    """Return the error μ, μ* or Δ (4,) of λ = `quaternion` relative to the program.
 
-    **Raises:** ValueError for another kind.
+    **Raises:** ValueError for a `kind` other than "body", "inertial" or "additive".
     """
     require_kind(kind)
     if kind == "body":
@@ -45,9 +51,9 @@ def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") 
 
 
 def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "body") -> Quat:
-    """The time derivative of `error_quaternion` [1/s] at the body rate `rate` (4,) [rad/s].
+    """Return the time derivative [1/s] of `error_quaternion` for a body with the `rate` (4,) [rad/s], body axes.
 
-    **Raises:** ValueError for another kind.
+    **Raises:** ValueError for a `kind` other than "body", "inertial" or "additive", or a reference in inertial axes.
     """
     require_body_axes(reference)
     error = error_quaternion(reference, quaternion, kind)
@@ -61,17 +67,17 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 
 
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
-    """The angle of the rotation from program to body [rad], from 0 to π; it is the same for λ and −λ."""
+    """Return the angle [rad] of the rotation from program to body, from 0 to π; it is the same for λ and −λ."""
     mu = error_quaternion(reference, quaternion)
     return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 
 
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:
-    """λ (4,) and the body rate ω_x (4,) [rad/s] from an error and its derivative `rate` [1/s].
+    """Return λ (4,) and the body rate ω_x (4,) [rad/s] from an error and its time derivative `rate` (4,) [1/s].
 
-    For the body error λ = λ⁰∘μ and ω_x = μ⁻¹∘ω_z⁰∘μ + 2μ⁻¹∘μ̇.
+    For the body error, λ = λ⁰∘μ and ω_x = μ⁻¹∘ω_z⁰∘μ + 2μ⁻¹∘μ̇.
 
-    **Raises:** ValueError for another kind.
+    **Raises:** ValueError for a `kind` other than "body", "inertial" or "additive", or a reference in inertial axes.
     """
     require_body_axes(reference)
     require_kind(kind)
@@ -90,12 +96,12 @@ def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "
 
 
 def to_inertial(quaternion: Quat, x: Quat) -> Quat:
-    """λ∘x∘λ⁻¹: x from body to inertial axes; the scalar part does not change."""
+    """Transform `x` (4,) from body to inertial axes by λ∘x∘λ⁻¹; the scalar part does not change."""
     return product(product(quaternion, x), inverse(quaternion))
 
 
 def to_body(quaternion: Quat, x: Quat) -> Quat:
-    """λ⁻¹∘x∘λ: x from inertial to body axes; the scalar part does not change."""
+    """Transform `x` (4,) from inertial to body axes by λ⁻¹∘x∘λ; the scalar part does not change."""
     return product(product(inverse(quaternion), x), quaternion)
 
 

@@ -1,8 +1,8 @@
-"""Gains from a settling time, a damping ratio, or quadratic weights.
+"""Compute gains from a settling time, a damping ratio, or quadratic weights.
 
 The functions return K1 [1/s] and K2 [1/s²] of ẍ + K1ẋ + K2x = 0, as in
-`AccelerationLaw(*gains.from_settling_time(10.0))`; `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All are
-differentiable with respect to their arguments.
+`AccelerationLaw(*gains.from_settling_time(10.0))`; `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All gains
+are differentiable with respect to the arguments.
 """
 
 import jax
@@ -12,13 +12,15 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite, require_
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.checks import common_dtype
 
-_NEWTON_STEPS = 8  # enough to reach round-off for every residual in float64
+_NEWTON_STEPS = 8  # enough for an error at the level of round-off in float64, for every residual
 
 
 def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[Scalar, Scalar]:
-    """Critically damped gains K1 = 2k, K2 = k²: from rest, the error decays to the fraction `residual` in `time` [s].
+    """Return critically damped gains K1 = 2k, K2 = k² with which the error decays to `residual` in `time` [s].
 
-    (1 + kt)e^(−kt) = residual: kt = 4.744, 5.834, 6.638, 9.233 for 5, 2, 1 and 0.1 %.
+    `residual` is a fraction of the initial error; the initial time derivative of the error is assumed to be zero. k
+    satisfies (1 + kt)e^(−kt) = residual with t = `time`; for residuals of 5, 2, 1 and 0.1 %, kt is 4.744, 5.834, 6.638
+    and 9.233.
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
     """
@@ -28,7 +30,9 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
 
 
 def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Scalar:
-    """K = −ln(residual)/time [1/s] of a `RateLaw`: the error decays to the fraction `residual` in `time` [s].
+    """Return the gain K = −ln(residual)/time [1/s] of a `RateLaw`.
+
+    With this gain, the error decays to the fraction `residual` of its initial value in `time` [s].
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
     """
@@ -37,7 +41,7 @@ def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Sc
 
 
 def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scalar]:
-    """K1 = 2ζω_n and K2 = ω_n² from the damping `ratio` ζ and the undamped natural `frequency` ω_n [rad/s].
+    """Return K1 = 2ζω_n and K2 = ω_n² for the damping `ratio` ζ and the undamped natural `frequency` ω_n [rad/s].
 
     **Raises:** ValueError for arguments that are not positive.
     """
@@ -48,9 +52,10 @@ def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scal
 
 
 def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tuple[Scalar, Scalar]:
-    """The gains that minimise ∫(q1 x² + q2 ẋ² + r ẍ²)dt: K2 = √(q1/r), K1 = √(q2/r + 2√(q1/r)).
+    """Return the gains that minimise ∫(q1 x² + q2 ẋ² + r ẍ²)dt: K2 = √(q1/r) and K1 = √(q2/r + 2√(q1/r)).
 
-    `error` q1 [1/s⁴ per r], `rate` q2 [1/s² per r], `command` r: the linear-quadratic regulator of ẍ = u.
+    The weights are q1 = `error` [1/s⁴], q2 = `rate` [1/s²] and r = `command`; only their ratios matter. The gains
+    are those of the linear-quadratic regulator of ẍ = u.
 
     **Raises:** ValueError if q1 or r is not positive, or q2 is negative.
     """
@@ -66,14 +71,14 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
 
 def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
-    """Time and residual as scalars of one dtype; their ranges are checked."""
+    """Return time and residual as scalars of one dtype, after checking their ranges."""
     time, residual = _common_dtype(time, residual)
     require_positive(time, "the settling time", "s")
     value = concrete(residual)
     if value is not None and not 0 < value < 1:
         raise ValueError(
-            "the residual, the fraction of the initial error that remains at the settling time, must lie between 0 and "
-            f"1, but {value.tolist()} was given"
+            "the residual, the fraction of the initial error at the settling time, must be between 0 and 1, but "
+            f"{value.tolist()} was given"
         )
     return [time, residual]
 
@@ -85,7 +90,7 @@ def _common_dtype(*values: ArrayInput) -> list[Scalar]:
 
 
 def _critical_time(residual: Scalar) -> Scalar:
-    """The solution x > 0 of ln(1 + x) − x = ln(residual), by Newton's method."""
+    """Return the solution x > 0 of ln(1 + x) − x = ln(residual), by Newton's method."""
     goal = -jnp.log(residual)
 
     def step(x: Scalar) -> Scalar:
@@ -94,4 +99,4 @@ def _critical_time(residual: Scalar) -> Scalar:
     x = goal + jnp.sqrt(2 * goal)  # asymptotically exact for residual → 1 and residual → 0
     for _ in range(_NEWTON_STEPS):
         x = step(x)
-    return step(jax.lax.stop_gradient(x))  # the last step carries the derivative of the implicit function
+    return step(jax.lax.stop_gradient(x))  # at the solution, the derivative of one step is the exact derivative

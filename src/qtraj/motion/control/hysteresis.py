@@ -1,13 +1,15 @@
-"""A feedback that stores the sign of its error quaternion and changes it with hysteresis.
+"""Define a law that stores the sign of its error quaternion and changes this sign with hysteresis.
 
-λ and −λ are the same attitude. A law that uses the nearer of the two at every instant is discontinuous at half turns,
-where noise can cause chattering. A law that never changes the sign rotates the body the long way round (unwinding) if
-the error exceeds a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) store a
-sign h = ±1 and change it only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot cause repeated
-switching, and no rotation is longer than 2 arccos(−δ).
+λ and −λ represent the same attitude. A law that uses the nearer quaternion at every instant is discontinuous at half
+turns, where noise can cause chattering. A law that never changes the sign rotates the body by more than a half turn
+(unwinding) if the error exceeds a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011,
+2555–2566) store a sign h = ±1 and change it only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot
+cause repeated switching, and the angle of the correction is at most 2 arccos(−δ).
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -18,27 +20,31 @@ from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import QuaternionFeedback, signed_quaternion_feedback
 from qtraj.motion.control.errors import error_quaternion
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 HALF_WIDTH = 0.25
-"""Default δ: the sign changes at an error of 2 arccos(−0.25) = 209°; changes of μ0/|μ| below 0.5 are ignored."""
+"""The default δ, with which the sign changes at an error of 2 arccos(−0.25) = 209°.
+
+Noise that changes μ0/|μ| by less than 0.5 then causes no chattering.
+"""
 
 
 @storable
 class HystereticLaw(AbstractLaw):
-    """`law` with a stored sign h of λ: it acts on hλ, and h changes sign if hμ0 < −`half_width`·|μ|.
+    """A law with a stored sign h of λ: `law` is applied to hλ, and h changes sign if hμ0 < −`half_width`·|μ|.
 
-    `law`: an `AccelerationLaw`, whose error is linear between changes of the sign, or a `QuaternionFeedback`, which
-    gives the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0 the law always uses the nearer sign
-    and chatters under noise. `sampling` [s]: the period or the instants at which the sign is updated. Omit it if the
-    sensor or the actuator is sampled: the sign is then updated with each new command. Between updates the command is
-    continuous.
+    `law`: an `AccelerationLaw`, whose error equation is linear between changes of the sign, or a `QuaternionFeedback`,
+    which results in the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0, each update selects the
+    nearer of λ and −λ, and noise can cause chattering. `sampling` [s]: the period, or the instants, of the updates of
+    the sign; the command is continuous between updates. Omit `sampling` if the sensor or the actuator is sampled: the
+    sign is then updated with each new command.
 
     In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. If you call the
-    law directly, it uses λ without changing its sign.
+    law directly, it uses λ without changing the sign.
 
-    **Raises:** ValueError for another kind of law, or a half-width outside [0, 1).
+    **Raises:** ValueError for a `law` that is neither an `AccelerationLaw` nor a `QuaternionFeedback`, a half-width
+    outside [0, 1), or an invalid `sampling`.
     """
 
     law: AccelerationLaw | QuaternionFeedback
@@ -61,49 +67,58 @@ class HystereticLaw(AbstractLaw):
         value = concrete(self.half_width)
         if value is not None and not 0 <= value < 1:
             raise ValueError(
-                f"the half-width of the hysteresis must be in [0, 1), but {float(value)} was given. "
-                "It is compared with μ0/|μ|; the default 0.25 tolerates most sensor noise."
+                "the half-width of the hysteresis is compared with μ0/|μ| and must be in [0, 1), but "
+                f"{float(value)} was given. The default 0.25 tolerates most sensor noise."
             )
         self.sampling = sampling_instants(sampling)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes; the sign of `quaternion` is not changed."""
+        """Return the command (4,) [rad/s²] in body axes; the sign of `quaternion` is not changed."""
         if isinstance(self.law, QuaternionFeedback):
             return signed_quaternion_feedback(self.law, reference, quaternion, rate)
         return self.law(reference, quaternion, rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion of `law` (4,)."""
+        """Return the error quaternion of `law` (4,)."""
         return self.law.deviation(reference, quaternion)
 
     def updated_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
-        """The updated sign h at this attitude: −`sign` if sign·μ0 < −δ|μ|, otherwise `sign`."""
+        """Return the updated sign h at this attitude: −`sign` if sign·μ0 < −δ|μ|, and `sign` otherwise."""
         return jnp.where(self.switches(sign, reference, quaternion), -sign, sign)
 
     def switches(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Flag:
-        """Whether the sign changes at this attitude."""
+        """Return whether the sign changes at this attitude."""
         mu = error_quaternion(reference, quaternion)
         size = jnp.sqrt(jnp.sum(mu * mu))
         return sign * mu[0] < -self.half_width.astype(mu.dtype) * size
 
 
 def without_hysteresis(law: AbstractLaw) -> AbstractLaw:
-    """The law without its hysteresis."""
+    """Return the law without its hysteresis."""
     return law.law if isinstance(law, HystereticLaw) else law
 
 
 def initial_sign(law: AbstractLaw, quaternion: Quat) -> Scalar | None:
-    """The initial sign h, which is 1; None for laws without hysteresis."""
+    """Return the initial sign h = 1, or None for laws without hysteresis."""
     return jnp.ones_like(quaternion, shape=()) if isinstance(law, HystereticLaw) else None
 
 
 def updated_sign(law: AbstractLaw, sign: Scalar | None, reference: Attitude, quaternion: Quat) -> Scalar | None:
-    """The updated sign at this attitude; None for laws without hysteresis."""
+    """Return the updated sign at this attitude, or None for laws without hysteresis."""
     if sign is None or not isinstance(law, HystereticLaw):
         return sign
     return law.updated_sign(sign, reference, quaternion)
 
 
 def with_sign(sign: Scalar | None, quaternion: Quat) -> Quat:
-    """hλ, or λ if there is no sign."""
+    """Return hλ, or λ if `sign` is None."""
     return quaternion if sign is None else sign * quaternion
+
+
+def require_continuous_law(law: Any, name: str) -> None:
+    """Raise a ValueError unless `law` commands accelerations and has no discrete state; `name` is for the message."""
+    if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw | HystereticLaw):
+        raise ValueError(
+            f"{name} must command accelerations and have no discrete state, like AccelerationLaw(2.0, 1.0), but "
+            f"{law!r} was given"
+        )

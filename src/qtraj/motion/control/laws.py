@@ -1,8 +1,8 @@
-"""Feedback laws of paper C: their error equations are linear, time-invariant and independent of the program.
+"""Define the feedback laws of paper C, whose error equations are linear and independent of time and program.
 
-Under the acceleration law, x = μ − 1 (or μ* − 1, or Δ) obeys ẍ + K1ẋ + K2x = 0; under the rate law it obeys ẋ + Kx = 0.
-Gains are constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The scalar part
-is virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
+Under the acceleration law, x = μ − 1 (or μ* − 1, or Δ) satisfies ẍ + K1ẋ + K2x = 0; under the rate law, x satisfies
+ẋ + Kx = 0. Gains are constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The
+scalar part is virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
 """
 
 import abc
@@ -33,33 +33,38 @@ Gain = Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
 
 
 class AbstractLaw(eqx.Module):
-    """A feedback law: it computes a command from the program's attitude and the body's state."""
+    """A feedback law, which computes a command from the attitude of the program and the state of the body."""
 
     @abc.abstractmethod
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) in body axes: virtual scalar part first, then the physical vector."""
+        """Return the command (4,) in body axes, with the virtual scalar part first, then the physical vector.
+
+        `reference` is the attitude of the program; `quaternion` (4,) and `rate` (4,) [rad/s] are the measured state.
+        """
 
     @abc.abstractmethod
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion (4,) that the law acts on."""
+        """Return the error quaternion (4,) that the law controls."""
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the law exactly to a TOML or JSON file; `qtraj.load` reads it.
+        """Write the law without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError for a suffix other than .toml or .json.
         """
         document.save(self, file)
 
 
 @storable
 class AccelerationLaw(AbstractLaw):
-    """Angular acceleration [rad/s²] under which ẍ + K1ẋ + K2x = 0 for the chosen error x.
+    """A law that commands the angular acceleration [rad/s²], with the error equation ẍ + K1ẋ + K2x = 0.
 
     `k1` [1/s] and `k2` [1/s²]: scalar, (4,) diagonal or (4, 4). `error`: "body" (x = μ − 1; commands in body axes, for
-    strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). With scalar gains the physical part is μ⁻¹ε⁰μ +
-    w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w. It grows as 1/|μ| and has a pole at μ = 0.
+    strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). For the body error and scalar gains, the physical
+    command is μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w and the physical rate ω_v of the
+    body. The command has a pole at μ = 0: Ω and ω0 grow as 1/|μ|, so their product grows as 1/|μ|².
 
-    **Raises:** ValueError for gains of another shape or not finite, or for another `error`.
+    **Raises:** ValueError for gains that are not finite or of another shape, or for an `error` other than "body",
+    "inertial" or "additive".
     """
 
     k1: Gain
@@ -76,7 +81,7 @@ class AccelerationLaw(AbstractLaw):
         return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes: virtual part first, then the physical vector."""
+        """Return the command (4,) [rad/s²] in body axes, with the virtual part first, then the physical vector."""
         x = error_quaternion(reference, quaternion, self.error)
         v = error_rate(reference, quaternion, rate, self.error)
         feedback = apply(self.k1, v) + apply(self.k2, x - target(self.error, x))  # −ẍ
@@ -94,17 +99,18 @@ class AccelerationLaw(AbstractLaw):
         return 2 * product(inverse(quaternion), second) - 0.5 * product(rate, rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion (4,) of the kind `error`: μ, μ* or Δ."""
+        """Return the error quaternion μ, μ* or Δ (4,) that the law controls."""
         return error_quaternion(reference, quaternion, self.error)
 
 
 @storable
 class RateLaw(AbstractLaw):
-    """Angular rate [rad/s] under which μ̇ + K(μ − 1) = 0, for bodies whose rate can be commanded.
+    """A law that commands the angular rate [rad/s], with the error equation μ̇ + K(μ − 1) = 0.
 
-    The command is ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. `k` [1/s]: scalar, (4,) diagonal or (4, 4).
+    The law is for bodies whose rate can be commanded. The command is ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. `k` [1/s]: scalar,
+    (4,) diagonal or (4, 4).
 
-    **Raises:** ValueError for a gain of another shape or not finite.
+    **Raises:** ValueError for a gain that is not finite or of another shape.
     """
 
     k: Gain
@@ -116,25 +122,25 @@ class RateLaw(AbstractLaw):
         return shown(self, k="1/s")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
-        """The command (4,) [rad/s] in body axes; `rate` is not used."""
+        """Return the command (4,) [rad/s] in body axes; `rate` is not used."""
         require_body_axes(reference)
         mu = error_quaternion(reference, quaternion)
         feedback = apply(self.k, mu - target("body", mu))
         return product(inverse(mu), product(pure(reference.rate), mu) - 2 * feedback)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """The error quaternion μ (4,)."""
+        """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
 def second_derivative(reference: Attitude) -> Quat:
-    """λ̈⁰ = ½λ⁰∘(ε_z⁰ − ½|ω⁰|²) [1/s²] of a program."""
+    """Return the second time derivative λ̈⁰ = ½λ⁰∘(ε_z⁰ − ½|ω⁰|²) [1/s²] of the quaternion of a program."""
     scalar = -0.5 * jnp.sum(reference.rate * reference.rate)
     return derivative(reference.quaternion, jnp.concatenate([scalar[None], reference.acceleration]))
 
 
 def gain(k: ArrayInput, name: str, size: int) -> Array:
-    """A gain as a finite float array of shape (), (size,) or (size, size); ValueError for others."""
+    """Return a gain as a finite float array of shape (), (size,) or (size, size); raise a ValueError otherwise."""
     k = as_float(k)
     if k.shape not in ((), (size,), (size, size)):
         raise ValueError(
@@ -145,6 +151,6 @@ def gain(k: ArrayInput, name: str, size: int) -> Array:
 
 
 def apply(k: Array, x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Kx for a scalar, diagonal or full K."""
+    """Return the product Kx for a scalar, diagonal or full matrix K."""
     k = k.astype(x.dtype)
     return jnp.matmul(k, x, precision="highest") if k.ndim == 2 else k * x

@@ -1,8 +1,9 @@
-"""Free choices in the initial state: the sign of λ, its norm |λ| and the virtual rate ω0.
+"""Choose the free values of the initial state: the sign of λ, its norm |λ| and the virtual rate ω0.
 
-λ and −λ are the same attitude but have opposite errors μ and −μ, and a law drives its error to μ = 1. With scalar gains
-that are critical or overdamped, |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0, μ(t) never vanishes. With the other sign of λ, μ
-may pass near zero, where the command has a pole. The error has a closed form, so min |μ| can be computed in advance.
+λ and −λ represent the same attitude but have opposite errors μ and −μ, and a law drives the error to 1. For scalar
+gains with critical damping or overdamping, μ(t) is never zero if |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0. With the other
+sign of λ, μ may pass near zero, where the command has a pole. The error has a closed form, so min |μ| can be computed
+in advance.
 """
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from qtraj.motion.control.response import error_state
 
 SIGNS, NORMALIZATIONS = ("auto", "near", "far"), ("unit", "gibbs")
 HALF_TURN = 1e-6
-"""Scalar part of the unit error quaternion below which the Gibbs normalization raises an error."""
+"""Minimum scalar part of the unit error quaternion for the Gibbs normalization."""
 
 _SAMPLES = 128
 _REFINEMENTS = 40
@@ -28,16 +29,17 @@ _REFINEMENTS = 40
 
 @eqx.filter_jit
 def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None = None) -> Scalar:
-    """min |μ(t)| over t ≥ 0 of the closed-form response to `mu0` and `mu_rate0` [1/s].
+    """Return the minimum of |μ(t)| over t ≥ 0 of the closed-form response.
 
-    The command grows as 1/|μ|, so a small minimum means a large peak command.
+    `mu0` and `mu_rate0` [1/s] are the error and its time derivative at t = 0. The command grows without bound as
+    |μ| → 0, so a small minimum means a large peak command.
 
     **Raises:** ValueError for the additive error, for which |μ| depends on the program.
     """
     if isinstance(law, AccelerationLaw) and law.error == "additive":
         raise ValueError(
-            "the minimum of |μ| has no closed form for error='additive', because it depends on the program. Use "
-            "error='body' or error='inertial'."
+            "the minimum of |μ| has no closed form for error='additive', because the minimum depends on the program: "
+            "use error='body' or error='inertial'"
         )
 
     def size(t: Scalar) -> Scalar:
@@ -45,7 +47,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
 
     tau = _time_scale(law).astype(mu0.dtype)
     u = jnp.arange(_SAMPLES, dtype=mu0.dtype) / _SAMPLES
-    times = tau * u / (1 - u)  # from 0 to far beyond the slowest mode
+    times = tau * u / (1 - u)  # from 0 to many time constants of the slowest mode
     k = jnp.argmin(jax.vmap(size)(times))
     low, high = times[jnp.maximum(k - 1, 0)], times[jnp.minimum(k + 1, _SAMPLES - 1)]
 
@@ -56,15 +58,16 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
         return jnp.where(left, low, a), jnp.where(left, b, high)
 
     low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REFINEMENTS, narrow, (low, high)))
-    # At an interior minimum the time has no first-order effect, so the derivative of the value is exact.
+    # At an interior minimum, the time has no first-order effect on the value, so the derivative of the value is exact.
     return jnp.minimum(size(0.5 * (low + high)), norm(mu0))
 
 
 def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-    """λ or −λ, whichever has the larger minimum of |μ| in the closed-form response.
+    """Return λ or −λ, whichever has the larger minimum of |μ| in the closed-form response.
 
-    If both minima are equal, as when body and program have the same rate, the sign with μ0 ≥ 0 is returned; for the
-    additive error it always is. `rate` (4,) [rad/s], body axes.
+    If both minima are equal, for example if body and program have the same rate, the quaternion with μ0 ≥ 0 is
+    returned. For the additive error, the quaternion with μ0 ≥ 0 is always returned. `rate` (4,) [rad/s] is in body
+    axes.
     """
     mu = error_quaternion(reference, quaternion)
     scalar = mu[0]
@@ -79,14 +82,15 @@ def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion:
 
 
 def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
-    """λ and ω of the same attitude and physical rate, with |λ| and ω0 chosen so that μ0 = 1 and μ̇0 = 0.
+    """Return λ and ω of the same attitude and physical rate, with |λ| and ω0 such that μ0 = 1 and μ̇0 = 0.
 
-    Then μ0 ≡ 1 under scalar gains, and the Gibbs vector of the error, g = μ_v/μ0, obeys g̈ + K1ġ + K2g = 0. This
-    applies to the body and inertial errors. A half turn has no Gibbs vector: |λ| grows without bound near it.
+    For scalar gains and the body or the inertial error, μ0 then remains 1, and the Gibbs vector of the error,
+    g = μ_v/μ0, satisfies g̈ + K1ġ + K2g = 0. A half turn has no Gibbs vector: |λ| grows without bound as the error
+    approaches a half turn.
     """
     mu = error_quaternion(reference, quaternion)
     scaled = mu / mu[0]
-    rate_error = rate[1:] - reference.rate  # only its component along μ_v matters, which is equal in both axes
+    rate_error = rate[1:] - reference.rate  # only used along μ_v, which is the same in body and program axes
     omega0 = scaled[1:] @ rate_error
     return quaternion / mu[0], pure(rate[1:]).at[0].set(omega0)
 
@@ -100,14 +104,14 @@ def place(
     sign: str = "auto",
     normalization: str = "unit",
 ) -> tuple[Quat, Quat]:
-    """λ (4,) and ω (4,) [rad/s] of a body with the initial error `mu` (4,), a unit quaternion of either sign.
+    """Return λ (4,) and ω (4,) [rad/s] of a body with the initial error `mu` (4,), a unit quaternion of either sign.
 
-    `rate_error` (3,) [rad/s], body axes: the body's rate minus the program's. `sign` of λ: "near" (μ0 ≥ 0), "far"
-    (μ0 ≤ 0), or "auto": `choose_sign` for laws with a linear error, "near" for others. `normalization`: "unit"
-    (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_normalization`, which has μ0 = 1 for either sign).
+    `rate_error` (3,) [rad/s], body axes: the rate of the body minus the rate of the program. `sign` of λ: "near"
+    (μ0 ≥ 0), "far" (μ0 ≤ 0), or "auto", which uses `choose_sign` for laws with a linear error equation and "near" for
+    other laws. `normalization`: "unit" (|λ| = 1, ω0 = 0) or "gibbs" (μ0 = 1, see `gibbs_normalization`).
 
-    **Raises:** ValueError for another sign or normalization, and for the Gibbs normalization with sign="far" or at a
-    half turn.
+    **Raises:** ValueError for an unknown `sign` or `normalization`, and for the Gibbs normalization with sign="far"
+    or at a half turn.
     """
     if sign not in SIGNS:
         raise ValueError(f"sign must be one of {', '.join(map(repr, SIGNS))}, but {sign!r} was given")
@@ -138,16 +142,19 @@ def _place(
 
 def _require_gibbs(mu: Quat, sign: str) -> None:
     if sign == "far":
-        raise ValueError("normalization='gibbs' has μ0 = 1, which contradicts sign='far'. Omit one of them.")
+        raise ValueError(
+            "normalization='gibbs' means μ0 = 1, which contradicts sign='far': omit one of these arguments"
+        )
     scalar = concrete(mu[0])
     if scalar is not None and abs(float(scalar)) < HALF_TURN:
         raise ValueError(
-            "normalization='gibbs' is not possible at a half turn, which has no Gibbs vector. Use normalization='unit'."
+            "normalization='gibbs' is not possible for an error of a half turn, which has no Gibbs vector: use "
+            "normalization='unit'"
         )
 
 
 def _time_scale(law: AccelerationLaw | RateLaw) -> Scalar:
-    """Estimate of the slowest time constant [s]. Its error only affects the spacing of the samples."""
+    """Estimate the slowest time constant [s]; an error of the estimate only affects the spacing of the samples."""
     if isinstance(law, RateLaw):
         return 1 / _min_gain(law.k)
     return jnp.maximum(_max_gain(law.k1) / _min_gain(law.k2), 2 / _min_gain(law.k1))

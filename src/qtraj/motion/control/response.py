@@ -1,8 +1,8 @@
-"""The error of a closed loop in closed form, a matrix exponential that does not depend on the program.
+"""Compute the error of a closed loop in closed form, by a matrix exponential that does not depend on the program.
 
-(x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw` and x(t) = exp(−Kt) x(0) for a `RateLaw`,
-where x is the error minus its target. For scalar and diagonal gains the components decouple, and each has an elementary
-solution that is exact to round-off and smooth across critical damping.
+Let x be the error minus its target. Then (x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw`,
+and x(t) = exp(−Kt) x(0) for a `RateLaw`. For scalar and diagonal gains, each component has an elementary solution that
+is exact to round-off and smooth across critical damping.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -24,18 +24,19 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, app
 
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
-_NEAR_CRITICAL = 0.5  # for |k1²/4 − k2|t² below this, the series and two derivatives are exact to round-off
+_NEAR_CRITICAL = 0.5
+"""Upper limit of |k1²/4 − k2|t², below which the series and their first two derivatives are exact to round-off."""
 
 
 def error_response(
     law: AccelerationLaw | RateLaw, mu0: ArrayInput, mu_rate0: ArrayInput | None, t: ArrayInput
 ) -> Float[Array, "... 4"]:
-    """The error quaternion at the time `t` [s]: (4,), or (n, 4) for n instants.
+    """Compute the error quaternion (4,) at the time `t` [s], or (n, 4) at n instants.
 
-    `mu0` (4,) and `mu_rate0` (4,) [1/s] are the error of the law (μ, μ* or Δ) and its derivative at t = 0. For a rate
-    law `mu_rate0` is not used and may be None.
+    `mu0` (4,) and `mu_rate0` (4,) [1/s] are the error of the law (μ, μ* or Δ) and its time derivative at t = 0. For a
+    rate law, `mu_rate0` is not used and may be None.
 
-    **Raises:** ValueError for other shapes, or an acceleration law without `mu_rate0`.
+    **Raises:** ValueError for arrays of another shape, or an acceleration law without `mu_rate0`.
     """
     mu0 = real_vector(mu0, "the error", 4)
     mu_rate0 = None if mu_rate0 is None else real_vector(mu_rate0, "the rate of the error", 4)
@@ -43,7 +44,8 @@ def error_response(
 
     if isinstance(law, AccelerationLaw) and mu_rate0 is None:
         raise ValueError(
-            "the response of an AccelerationLaw needs mu_rate0, the derivative of the error at t = 0, but it is None"
+            "the response of an AccelerationLaw needs mu_rate0, the time derivative of the error at t = 0, but None "
+            "was given"
         )
     return _response(law, mu0, mu_rate0, t)
 
@@ -57,9 +59,9 @@ def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, 
 
 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
-    """The error quaternion and its derivative [1/s] at one instant `t` [s]; see `error_response`.
+    """Return the error quaternion and its time derivative [1/s] at one instant `t` [s]; see `error_response`.
 
-    `mu_rate0=None` means zero.
+    For an acceleration law, `mu_rate0=None` means zero; a rate law ignores `mu_rate0`.
     """
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):
@@ -76,12 +78,12 @@ def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None
 
 
 def spectral_abscissa(law: AbstractLaw) -> float:
-    """The largest real part of the closed loop's eigenvalues [1/s]; the error decays if it is negative.
+    """Return the largest real part [1/s] of the closed-loop eigenvalues; errors decay if the result is negative.
 
-    For the baselines, the loop is linearised about zero error. The gains must be concrete: call this function outside
-    of jax.jit, grad and vmap.
+    For the baseline laws, the loop is linearised about zero error. The gains must be concrete: call this function
+    outside jit, grad and vmap.
 
-    **Raises:** ValueError for a law without gains `k1` and `k2`, or `k`.
+    **Raises:** ValueError for a law that has neither the gains `k1` and `k2` nor a gain `k`.
     """
     if isinstance(law, RateLaw):
         return float(-np.linalg.eigvals(_full(law.k, 4)).real.min())
@@ -103,7 +105,7 @@ def _full(k: Array, size: int) -> np.ndarray:
 
 
 def _decoupled(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """(x, v) at `t` of ẍ + k1ẋ + k2x = 0, for scalar or diagonal gains."""
+    """Return the solution x of ẍ + k1ẋ + k2x = 0 and v = ẋ at `t`, for scalar or diagonal gains."""
     k1, k2 = jnp.broadcast_to(k1, (4,)), jnp.broadcast_to(k2, (4,))
     half = 0.5 * k1
     cosine, sine = _waves(half, half * half - k2, t)
@@ -111,7 +113,7 @@ def _decoupled(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, 
 
 
 def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
-    """e^(−st) cosh(√d t) and e^(−st) sinh(√d t)/√d with s = `half`, for any sign of d, without overflow."""
+    """Return e^(−st) cosh(√d t) and e^(−st) sinh(√d t)/√d with s = `half`, for any sign of d, without overflow."""
     z = d * (t * t)
     small = jnp.abs(z) < _NEAR_CRITICAL
     real, imaginary = (z > 0) & ~small, (z < 0) & ~small
@@ -128,7 +130,7 @@ def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
 
 
 def _coupled(k1: Mat4, k2: Mat4, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """(x, v) at `t` by the exponential of the 8 × 8 block matrix."""
+    """Return x and v = ẋ at `t`, by the exponential of the 8 × 8 block matrix."""
     zero, identity = jnp.zeros_like(k1), jnp.eye(4, dtype=k1.dtype)
     block = jnp.block([[zero, identity], [-k2, -k1]])
     state = jnp.matmul(expm(block * t), jnp.concatenate([x, v]), precision="highest")

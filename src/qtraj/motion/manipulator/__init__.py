@@ -1,1 +1,1 @@
-"""Serial manipulators: kinematics of the gripper, inverse kinematics of accelerations, and simulation under a law."""
+"""Serial manipulators: kinematics of the gripper, inverse kinematics of accelerations, and closed-loop simulation."""

@@ -1,8 +1,9 @@
-"""A serial arm as a list of joints: the pose of its gripper, and its geometric Jacobian with its time derivative.
+"""Define a serial arm by its joints, and compute the pose of its gripper and the geometric Jacobian.
 
-Each joint is described by its axis, in the axes of the base, when all joints are at zero (product of exponentials). The
-pose of the gripper is the product of the joint motions, from the first to the last joint, and the pose at zero. Rates
-and accelerations are in the axes of the base, which are inertial: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
+Each joint is described by its axis for joint values of zero, in base coordinates (product of exponentials). The pose of
+the gripper is the product of the joint motions, from the first to the last joint, and the pose for zero joint values.
+With the joint values q, rates and accelerations of the gripper are (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇ in the
+axes of the base, which are inertial.
 """
 
 from __future__ import annotations
@@ -30,12 +31,13 @@ Jacobian = Float[Array, "6 n"]
 
 @storable
 class Joint(eqx.Module):
-    """A joint of an arm, described in the axes of the base when all joints are at zero.
+    """A joint of an arm, described in the axes of the base for joint values of zero.
 
-    `axis` (3,): its direction, which need not be normalised. `point` (3,) [m]: a point on the axis, not used for a
-    prismatic joint. `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
+    `axis` (3,): a vector along the joint axis, not necessarily normalised. `point` (3,) [m]: a point on the axis, not
+    used for a prismatic joint. `kind`: "revolute" (the joint value is an angle [rad]) or "prismatic" (the joint value
+    is a length [m]).
 
-    **Raises:** ValueError for an axis that is zero, an array of another shape, or another kind.
+    **Raises:** ValueError for an axis that is zero, an array of another shape, or an unknown `kind`.
     """
 
     axis: Vec3
@@ -49,9 +51,9 @@ class Joint(eqx.Module):
         axis = real_vector(axis, "the axis of a joint", 3)
         values = concrete(axis)
         if values is not None and not values.any():
-            raise ValueError("the axis of a joint must not be zero: pass its direction")
+            raise ValueError("the axis of a joint must not be zero: pass the direction of the axis")
         if kind not in (REVOLUTE, PRISMATIC):
-            raise ValueError(f"a joint must be 'revolute' or 'prismatic', but {kind!r} was given")
+            raise ValueError(f"the kind of a joint must be 'revolute' or 'prismatic', but {kind!r} was given")
         self.axis = axis / jnp.linalg.norm(axis)
         self.point = real_vector(point, "the point on the axis of a joint", 3).astype(axis.dtype)
         self.kind = kind
@@ -59,12 +61,13 @@ class Joint(eqx.Module):
 
 @storable
 class Arm(eqx.Module):
-    """A serial arm: its `joints` from the base to the gripper, and the pose of the gripper when all joints are at zero.
+    """A serial arm, described by its `joints` from the base to the gripper and the pose for zero joint values.
 
-    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base, describe this pose. `Arm.from_dh` creates an
-    arm from Denavit–Hartenberg parameters.
+    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base, are the pose of the gripper for zero joint
+    values. `Arm.from_dh` creates an arm from Denavit–Hartenberg parameters.
 
-    **Raises:** ValueError if `joints` is not a non-empty sequence of `Joint`, or for a pose of another shape.
+    **Raises:** ValueError if `joints` is not a non-empty sequence of `Joint`, if the position or the quaternion has
+    another shape, or if the quaternion is zero.
     """
 
     joints: tuple[Joint, ...]
@@ -80,24 +83,28 @@ class Arm(eqx.Module):
         home_position: ArrayInput,
         home_quaternion: ArrayInput = (1.0, 0.0, 0.0, 0.0),
     ):
-        self.joints = tuple(joints)
+        self.joints = tuple(joints) if isinstance(joints, Sequence) else ()
         if not self.joints or not all(isinstance(joint, Joint) for joint in self.joints):
             raise ValueError(
                 f"the joints of an arm must be a non-empty sequence of Joint(axis, point), but {joints!r} was given"
             )
         self.home_position = real_vector(home_position, "the home position", 3)
-        self.home_quaternion = quaternion.unit(real_vector(home_quaternion, "the home quaternion", 4))
+        attitude = real_vector(home_quaternion, "the home quaternion", 4)
+        values = concrete(attitude)
+        if values is not None and not values.any():
+            raise ValueError("the home quaternion must not be zero, because zero does not represent an attitude")
+        self.home_quaternion = quaternion.unit(attitude)
 
     @classmethod
     def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> Arm:
-        """The arm with these classic Denavit–Hartenberg parameters.
+        """Create an arm from its classic Denavit–Hartenberg parameters.
 
-        `rows` (n, 4): a [m], α [rad], d [m] and θ [rad] of each joint at zero. A joint rotates about, or moves along,
-        the z axis of the previous frame; its value is added to θ or d. `kinds` (n,): "revolute" or "prismatic"; with
-        None, all joints are revolute.
+        `rows` (n, 4): the parameters a [m], α [rad], d [m] and θ [rad] of each joint for joint values of zero. A joint
+        rotates about, or moves along, the z axis of the previous frame; the joint value is added to θ or d. `kinds`
+        (n,): "revolute" or "prismatic"; with None, all joints are revolute.
 
-        **Raises:** ValueError for rows that are traced, not finite or of another shape; and if `kinds` and `rows`
-        differ in length.
+        **Raises:** ValueError for rows that are traced, not finite or of another shape; and if `kinds` and `rows` have
+        different lengths.
         """
         with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
             table = concrete(as_float(rows))
@@ -106,7 +113,9 @@ class Arm(eqx.Module):
                 "Denavit–Hartenberg rows must be concrete, but a traced array was given: use Arm(joints, home_position)"
             )
         if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] != 4:
-            raise ValueError(f"rows (n, 4) of a, alpha, d, theta were expected, but shape {table.shape} was given")
+            raise ValueError(
+                f"rows must have shape (n, 4), with a, alpha, d and theta, but shape {table.shape} was given"
+            )
         if not np.isfinite(table).all():
             raise ValueError(f"Denavit–Hartenberg rows must be finite, but {table.tolist()} was given")
         kinds = [REVOLUTE] * len(table) if kinds is None else list(kinds)
@@ -119,9 +128,9 @@ class Arm(eqx.Module):
         return cls(joints, frame[:3, 3], rotation.from_dcm(jnp.asarray(frame[:3, :3].T)))
 
     def pose(self, q: Joints) -> tuple[Vec3, Quat]:
-        """Position [m] and unit quaternion of the gripper; the quaternion is continuous in the joints.
+        """Return position [m] and unit quaternion of the gripper; the quaternion is a continuous function of `q`.
 
-        `q` (n,): angles [rad] and lengths [m].
+        `q` (n,): the joint values, angles [rad] and lengths [m].
         """
         position, attitude = self.home_position.astype(q.dtype), self.home_quaternion.astype(q.dtype)
         for k in reversed(range(len(self.joints))):
@@ -129,15 +138,15 @@ class Arm(eqx.Module):
         return position, attitude
 
     def jacobian(self, q: Joints) -> Jacobian:
-        """The geometric Jacobian J (6, n) with (ω, v) = J q̇, inertial axes: three rows of ω, then three of v."""
+        """Return the geometric Jacobian J (6, n), inertial axes, with (ω, v) = J q̇; the first three rows are for ω."""
         return self.kinematics(q)[2]
 
     def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
-        """J̇ q̇ (6,): the angular [rad/s²] and linear [m/s²] acceleration of the gripper for q̈ = 0."""
+        """Return J̇ q̇ (6,), the angular [rad/s²] and linear [m/s²] acceleration of the gripper for q̈ = 0."""
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
-        """Position and quaternion of the gripper, as from `pose`, and the Jacobian, in one pass along the arm."""
+        """Return position and quaternion of the gripper, as `pose` does, and the Jacobian (6, n), in one pass."""
         rotated = jnp.zeros((4,), q.dtype).at[0].set(1.0)
         shift, axes, points = jnp.zeros((3,), q.dtype), [], []
         for k, joint in enumerate(self.joints):
@@ -161,10 +170,10 @@ class Arm(eqx.Module):
 
 
 def stanford_arm() -> Arm:
-    """The Stanford arm: six joints, the third is prismatic.
+    """Return the Stanford arm, which has six joints; the third joint is prismatic.
 
-    The Denavit–Hartenberg parameters are taken from Fu, Gonzalez and Lee (1987): d1 = 0.412 m, d2 = 0.154 m and d6 =
-    0.263 m. The wrist is singular if the fifth joint is at zero, and the arm is singular if the third joint is at zero.
+    The Denavit–Hartenberg parameters are from Fu, Gonzalez and Lee (1987): d1 = 0.412 m, d2 = 0.154 m and d6 = 0.263 m.
+    The wrist is singular if the fifth joint value is zero, and the arm is singular if the third joint value is zero.
     """
     quarter = np.pi / 2
     rows = [
@@ -179,7 +188,7 @@ def stanford_arm() -> Arm:
 
 
 def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-    """A pose after the motion of one joint."""
+    """Return the pose (`position`, `attitude`) after one joint has moved by `value`."""
     axis, point = joint.axis.astype(value.dtype), joint.point.astype(value.dtype)
     if joint.kind == PRISMATIC:
         return position + value * axis, attitude
@@ -188,7 +197,7 @@ def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[
 
 
 def _dh(row: np.ndarray) -> np.ndarray:
-    """The transformation (4, 4) of one row, from its frame to the previous one."""
+    """Return the transformation (4, 4) from the frame of a Denavit–Hartenberg row to the previous frame."""
     a, alpha, d, theta = row
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
     return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])

@@ -1,4 +1,4 @@
-"""The simulated motion of an arm: joints, gripper and its errors, and the effect of singularities."""
+"""Store the simulated motion of an arm: joints, gripper, errors, and the effect of singularities."""
 
 import os
 
@@ -17,15 +17,17 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class ArmMotion(AbstractOutcome):
-    """An arm under a law at the instants `times` (n,) [s].
+    """The motion of an arm with m joints under a law, at the instants `times` (n,) [s].
 
-    `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their derivatives.
+    `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their time derivatives.
     `position` (n, 3) [m], `quaternion` (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
-    inertial axes, ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law. `angle` (n,) [rad]: the
-    angle between gripper and program. `distance` (n,) [m]: the distance between gripper and path, None without a path.
-    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the norm of the difference between
-    actual and commanded acceleration [rad/s², m/s²]; zero up to round-off if damping is not active. Values at instants
-    that were not reached are NaN. `code` is a `ResultCode`, and `result` its text.
+    inertial axes, with the virtual rate ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law.
+    `angle` (n,) [rad]: the angle between gripper and program. `distance` (n,) [m]: the distance between the gripper and
+    the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value of the
+    Jacobian (in rad and m), or, without a path, of the three rows for ω. `angular_acceleration_error` (n,) [rad/s²] and
+    `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded acceleration of the
+    gripper; without active damping, they are zero up to round-off. Without a path, `distance` and `acceleration_error`
+    are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: the result in words.
     """
 
     times: Float[Array, "*batch n"]
@@ -37,10 +39,11 @@ class ArmMotion(AbstractOutcome):
     rate: Float[Array, "*batch n 4"]
     error: Float[Array, "*batch n 4"]
     angle: Float[Array, "*batch n"]
-    smallest: Float[Array, "*batch n"]
-    missed: Float[Array, "*batch n"]
+    smallest_singular_value: Float[Array, "*batch n"]
+    angular_acceleration_error: Float[Array, "*batch n"]
     code: Int[Array, "*batch"]
     distance: Float[Array, "*batch n"] | None
+    acceleration_error: Float[Array, "*batch n"] | None
 
     def __init__(
         self,
@@ -53,37 +56,41 @@ class ArmMotion(AbstractOutcome):
         rate: ArrayInput,
         error: ArrayInput,
         angle: ArrayInput,
-        smallest: ArrayInput,
-        missed: ArrayInput,
+        smallest_singular_value: ArrayInput,
+        angular_acceleration_error: ArrayInput,
         code: ArrayInput,
         distance: ArrayInput | None = None,
+        acceleration_error: ArrayInput | None = None,
     ):
         self.times, self.joints, self.joint_rates = as_float(times), as_float(joints), as_float(joint_rates)
         self.joint_accelerations, self.position = as_float(joint_accelerations), as_float(position)
         self.quaternion, self.rate, self.error = as_float(quaternion), as_float(rate), as_float(error)
-        self.angle, self.smallest, self.missed = as_float(angle), as_float(smallest), as_float(missed)
+        self.angle, self.smallest_singular_value = as_float(angle), as_float(smallest_singular_value)
+        self.angular_acceleration_error = as_float(angular_acceleration_error)
         self.code = jnp.asarray(code, jnp.int32)
         self.distance = None if distance is None else as_float(distance)
+        self.acceleration_error = None if acceleration_error is None else as_float(acceleration_error)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
+        """Write the motion without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError for a suffix other than .toml or .json.
         """
         document.save(self, file)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words, with the effect of singularities."""
-        code, missed = ResultCode(int(np.asarray(self.code)[at])), np.asarray(self.missed)[at]
+        """Return the result in words, with the largest deviation of the gripper's acceleration from the command."""
+        code = ResultCode(int(np.asarray(self.code)[at]))
         text = "finished: every instant was reached." if code == ResultCode.successful else code.text
-        finite = missed[np.isfinite(missed)]
-        if not finite.size:
+        errors = {"rad/s²": self.angular_acceleration_error, "m/s²": self.acceleration_error}
+        rows = {unit: np.asarray(x)[at] for unit, x in errors.items() if x is not None}
+        if not any(np.isfinite(x).any() for x in rows.values()):
             return f"{text} No instant was reached."
-        deviation = f"{finite.max():.3g} (rad/s², m/s²)"
+        deviation = " and ".join(f"{np.nanmax(x):.3g} {unit}" for unit, x in rows.items())
         return f"{text} The gripper's acceleration deviated from the command by up to {deviation}."
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` if each batch element has its own times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per_joint, component = (along, "joint"), (along, "component")
         columns = {
@@ -92,7 +99,7 @@ class ArmMotion(AbstractOutcome):
             "joint_accelerations": Quantity(
                 self.joint_accelerations, "", "accelerations of the joints [rad/s², m/s²]", per_joint
             ),
-            "position": Quantity(self.position, "m", "position of the gripper", (along, "world")),
+            "position": Quantity(self.position, "m", "position of the gripper, inertial axes", (along, "world")),
             "quaternion": Quantity(self.quaternion, "1", "quaternion of the gripper, not normalised", component),
             "rate": Quantity(
                 self.rate,
@@ -103,13 +110,24 @@ class ArmMotion(AbstractOutcome):
             "error": Quantity(self.error, "1", "error quaternion of the law", component),
             "angle": Quantity(self.angle, "rad", "angle between gripper and program", (along,)),
             "distance": Quantity(self.distance, "m", "distance of the gripper from its path", (along,)),
-            "smallest": Quantity(
-                self.smallest,
+            "smallest_singular_value": Quantity(
+                self.smallest_singular_value,
                 "",
                 "smallest singular value of the Jacobian in rad and m",
                 (along,),
             ),
-            "missed": Quantity(self.missed, "", "norm of actual minus commanded acceleration [rad/s², m/s²]", (along,)),
+            "angular_acceleration_error": Quantity(
+                self.angular_acceleration_error,
+                "rad s-2",
+                "magnitude of the actual minus the commanded angular acceleration of the gripper",
+                (along,),
+            ),
+            "acceleration_error": Quantity(
+                self.acceleration_error,
+                "m s-2",
+                "magnitude of the actual minus the commanded acceleration of the gripper",
+                (along,),
+            ),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
             "code": Quantity(self.code, "1", "result code"),
         }
@@ -117,7 +135,7 @@ class ArmMotion(AbstractOutcome):
             f"{batch_prefix(self.code.shape)}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"
         )
         return Record(
-            f"{summary}, smallest singular value {extent(self.smallest)}",
+            f"{summary}, smallest singular value {extent(self.smallest_singular_value)}",
             {name: q for name, q in columns.items() if q.values is not None},
             {"time": Quantity(self.times, "s", "time", (along,))},
             {"frame": "inertial"},

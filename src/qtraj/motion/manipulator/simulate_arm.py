@@ -1,9 +1,10 @@
-"""Simulates an arm whose gripper is controlled: joints → λ, ω → ε in inertial axes → joint accelerations.
+"""Simulate an arm whose gripper follows an attitude program, and optionally a path, under a law.
 
 Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
-determine the attitude and rate of the gripper, the law gives ε_ξ, and the geometric Jacobian converts it to q̈. |λ| and
-ω0 are variables of the control computer. Away from singularities, the gripper has the commanded acceleration, so its
-error satisfies the same linear equation as the error of a free body.
+determine the attitude and rate of the gripper, the law computes the angular acceleration ε_ξ, and the geometric
+Jacobian converts ε_ξ to joint accelerations q̈. |λ| and ω0 are variables of the control computer. Away from
+singularities, the gripper has the commanded acceleration, so the error of the gripper satisfies the same linear
+equation as the error of a free body.
 """
 
 from __future__ import annotations
@@ -16,22 +17,28 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import real_scalar, real_vector
+from qtraj.foundation.arrays import real_scalar, real_vector, require_positive
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, output_times
 from qtraj.motion.control.errors import error_angle, to_body, to_inertial
-from qtraj.motion.control.laws import AbstractLaw, RateLaw
+from qtraj.motion.control.hysteresis import require_continuous_law
+from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.manipulator.arm import Arm
 from qtraj.motion.manipulator.arm_motion import ArmMotion
 from qtraj.motion.manipulator.inverse import Damping, joint_accelerations, smallest_singular_value
 from qtraj.motion.simulation import ode
-from qtraj.motion.simulation.ode import MAX_STEPS, Grid, Method, State, Tolerances
+from qtraj.motion.simulation.ode import MAX_STEPS, Method, State, Tolerances
+from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
 from qtraj.path.hodograph import AbstractHodograph
 
 
 class _Task(eqx.Module):
-    """The parts of a simulation; `gains` (2,) are k1 and k2 of the position feedback."""
+    """The arguments of a simulation.
+
+    `gains` (2,) are k1 and k2 of the position feedback. `sign` is +1 or −1: λ/|λ| is `sign` times the quaternion that
+    `Arm.pose` returns.
+    """
 
     arm: Arm
     program: AbstractProgram
@@ -42,12 +49,12 @@ class _Task(eqx.Module):
     sign: Scalar
 
     def split(self, state: State) -> tuple[Array, Array, Scalar, Scalar]:
-        """q, q̇, ln|λ| and ω0 of a state vector."""
+        """Return q, q̇, ln|λ| and ω0 of a state vector."""
         n = len(self.arm.joints)
         return state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1]
 
     def gripper(self, state: State) -> _Gripper:
-        """The motion of the gripper for a state vector."""
+        """Return the motion of the gripper for a state vector."""
         q, q_dot, log_norm, omega0 = self.split(state)
         (position, attitude, jacobian), (*_, jacobian_rate) = jax.jvp(self.arm.kinematics, (q,), (q_dot,))
         rates = _matmul(jacobian, q_dot)
@@ -56,11 +63,11 @@ class _Task(eqx.Module):
         return _Gripper(position, rates[3:], quaternion, rate, jacobian, _matmul(jacobian_rate, q_dot))
 
     def reference(self, t: Scalar, state: State) -> Attitude:
-        """The attitude of the program."""
+        """Return the attitude of the program in the dtype of `state`."""
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def command(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array]:
-        """ε0, and the commanded acceleration of the gripper: ε_ξ (3,), or (ε_ξ, a) (6,) with a path."""
+        """Return ε0 (virtual) and the commanded acceleration of the gripper: ε_ξ (3,), or (ε_ξ, a) (6,) with a path."""
         reference, quaternion = self.reference(t, state), gripper.quaternion
         command = to_inertial(quaternion, self.law(reference, quaternion, gripper.rate))
         if self.path is None:
@@ -70,7 +77,7 @@ class _Task(eqx.Module):
         return command[0], jnp.concatenate([command[1:], r[2] - feedback])
 
     def accelerations(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array, Array, Array]:
-        """ε0, q̈, the actual minus the commanded acceleration of the gripper, and the Jacobian's rows that are used."""
+        """Return ε0, q̈, the deviation of the gripper's acceleration from the command, and the controlled rows of J."""
         _, q_dot, _, _ = self.split(state)
         virtual, command = self.command(t, state, gripper)
         rows, bias = gripper.jacobian[: command.shape[0]], gripper.bias[: command.shape[0]]
@@ -79,7 +86,7 @@ class _Task(eqx.Module):
 
 
 class _Gripper(NamedTuple):
-    """Position and velocity of the gripper, λ and ω_x (4,), the Jacobian (6, n) and the bias J̇q̇ (6,)."""
+    """The motion of the gripper: position, velocity, λ, ω_x (4,), the Jacobian J (6, n) and the bias J̇q̇ (6,)."""
 
     position: Vec3
     velocity: Vec3
@@ -103,20 +110,23 @@ def simulate_arm(
     rtol: ArrayInput = 1e-10,
     atol: ArrayInput = 1e-12,
     *,
+    jumps: ArrayInput | None = None,
     adjoint: Any = None,
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> ArmMotion:
-    """The motion of an arm whose gripper follows `program` under `law`, from `joints` (m,) and `joint_rates` (m,).
+    """Simulate an arm whose gripper follows `program` under `law`, from `joints` (m,) and `joint_rates` (m,).
 
-    The joints are angles [rad] or lengths [m]. `times` (n,) [s] are measured from the start of the program; the initial
-    state is at the first of them. `path`: the position curve of the gripper, with the `gains` k1 [1/s] and k2 [1/s²] of
-    the error equation r̈ + k1ṙ + k2r = 0. Without a path, only the attitude is controlled, with the smallest joint
-    accelerations. `damping`: a `Damping` for singularities. The initial sign of λ is the one nearer to the program.
-    `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`.
+    Joint values are angles [rad] or lengths [m]. `times` (n,) [s] are measured from the start of the program; `joints`
+    and `joint_rates` are the state at times[0]. `path`: the path of the gripper's position, or None to control only the
+    attitude. `gains`: k1 [1/s] and k2 [1/s²] of the position feedback, with which the position error e satisfies ë +
+    k1ė + k2e = 0. `damping`: the `Damping` near singularities, `Damping()` for None. The initial λ is whichever of λ
+    and −λ is nearer to the program. `jumps` [s]: as in `integrate`, but None stands for the `switches` of the program
+    and the knots of a route. `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`.
 
-    **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has a discrete state,
-    too few joints, or times that do not increase. RuntimeError if `throw` is true and an instant was not reached.
+    **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has a discrete state, an
+    arm with fewer than three joints (six with a path), or times that do not increase. RuntimeError if `throw` is true
+    and an instant was not reached.
     """
     count = len(arm.joints) if isinstance(arm, Arm) else 0
     rows = 3 if path is None else 6
@@ -124,19 +134,25 @@ def simulate_arm(
     times = output_times(times)
     q, q_dot = real_vector(joints, "the joints", count), real_vector(joint_rates, "the joint rates", count)
     dtype = common_dtype(q, q_dot, times)
-    k1, k2 = (real_scalar(k, "a gain of the position").astype(dtype) for k in gains)
+    k1, k2 = (k.astype(dtype) for k in _gains(gains))
     damping = Damping() if damping is None else damping
     task = _Task(arm, program, law, path, jnp.stack([k1, k2]), damping, jnp.ones((), dtype))
     start = jnp.concatenate([q, q_dot, jnp.zeros(2, dtype)]).astype(dtype)
-    epsilon = 4 * float(jnp.finfo(dtype).eps)
-    tolerances = Tolerances(*(jnp.maximum(real_scalar(x, "a tolerance").astype(dtype), epsilon) for x in (rtol, atol)))
-    motion = _simulate(task, start, times.astype(dtype), tolerances, Method(solver, adjoint, max_steps))
+    times, tolerances = times.astype(dtype), checked_tolerances(rtol, atol, dtype)
+    jumps = switches_of(program, path) if jumps is None else checked_jumps(jumps)
+    jumps = None if jumps is None else within(times, jumps.astype(dtype))
+    motion = _simulate(task, start, times, jumps, tolerances, Method(solver, adjoint, max_steps))
     return motion.check() if throw else motion
 
 
 @eqx.filter_jit
 def _simulate(
-    task: _Task, start: State, times: Float[Array, " n"], tolerances: Tolerances, method: Method
+    task: _Task,
+    start: State,
+    times: Float[Array, " n"],
+    jumps: Float[Array, " k"] | None,
+    tolerances: Tolerances,
+    method: Method,
 ) -> ArmMotion:
     alignment = jnp.sum(task.reference(times[0], start).quaternion * task.gripper(start).quaternion)
     sign = jnp.where(jax.lax.stop_gradient(alignment) < 0, -1.0, 1.0).astype(start.dtype)
@@ -147,8 +163,9 @@ def _simulate(
         virtual, q_ddot, _, _ = task.accelerations(t, state, task.gripper(state))
         return jnp.concatenate([q_dot, q_ddot, jnp.stack([0.5 * omega0, virtual])])
 
-    grid = Grid(times[0], times - times[0], jnp.zeros(times.shape, bool))
+    grid, outputs = merged_grid(times, jumps)
     states, _, code = ode.march(field, ode.keep, start, None, grid, tolerances, method)
+    states = states[outputs]
 
     def columns_at(t: Scalar, state: State) -> dict[str, Array]:
         gripper = task.gripper(state)
@@ -156,7 +173,10 @@ def _simulate(
         _, q_ddot, deficit, rows = task.accelerations(t, state, gripper)
         reference = task.reference(t, state)
         q, q_dot, _, _ = task.split(state)
-        columns = {} if task.path is None else {"distance": norm(position - task.path.position(t).astype(state.dtype))}
+        columns = {}
+        if task.path is not None:
+            columns["distance"] = norm(position - task.path.position(t).astype(state.dtype))
+            columns["acceleration_error"] = norm(deficit[3:])
         return columns | {
             "joints": q,
             "joint_rates": q_dot,
@@ -166,8 +186,8 @@ def _simulate(
             "rate": to_inertial(quaternion, gripper.rate),
             "error": task.law.deviation(reference, quaternion),
             "angle": error_angle(reference, quaternion),
-            "smallest": smallest_singular_value(jnp.where(jnp.isfinite(rows), rows, 0.0)),
-            "missed": norm(deficit),
+            "smallest_singular_value": smallest_singular_value(jnp.where(jnp.isfinite(rows), rows, 0.0)),
+            "angular_acceleration_error": norm(deficit[:3]),
         }
 
     columns = jax.vmap(columns_at)(times, states)
@@ -176,16 +196,26 @@ def _simulate(
     return ArmMotion(times, code=code, **columns)
 
 
+def _gains(gains: Any) -> tuple[Scalar, Scalar]:
+    """Return the gains k1 and k2 of the position feedback as scalars; raise a ValueError unless both are positive."""
+    try:
+        k1, k2 = gains
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"gains must be two numbers, (k1, k2) [1/s, 1/s²], but {gains!r} was given") from error
+    scalars = real_scalar(k1, "the position gain k1"), real_scalar(k2, "the position gain k2")
+    for name, k in zip(("k1", "k2"), scalars, strict=True):
+        require_positive(k, f"the position gain {name}", "1/s" if name == "k1" else "1/s²")
+    return scalars
+
+
 def _require_parts(arm: Any, program: Any, law: Any, path: Any, rows: int) -> None:
     if not isinstance(arm, Arm):
         raise ValueError(f"the arm must be an Arm such as stanford_arm(), but {arm!r} was given")
     if not isinstance(program, AbstractProgram):
-        raise ValueError(f"the program must be a program such as FrameProgram(path), but {program!r} was given")
-    if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw) or hasattr(law, "half_width"):
         raise ValueError(
-            "the law must command accelerations and have no discrete state, like AccelerationLaw(2.0, 1.0), but "
-            f"{law!r} was given"
+            f"the program must be an attitude program such as FrameProgram(path), but {program!r} was given"
         )
+    require_continuous_law(law, "the law")
     if path is not None and not isinstance(path, AbstractHodograph):
         raise ValueError(f"the path must be a position curve such as Curve(position, duration), but {path!r} was given")
     if len(arm.joints) < rows:

@@ -1,1 +1,1 @@
-"""Poses: programs of position and attitude, a law for both, and their simulation."""
+"""Poses: programs for position and attitude, a law that controls both, and its simulation."""

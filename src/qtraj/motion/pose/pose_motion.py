@@ -1,4 +1,4 @@
-"""The simulated motion of a body under a law for its pose."""
+"""Store the simulated motion of a body under a law for position and attitude."""
 
 import os
 
@@ -17,13 +17,14 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class PoseMotion(AbstractOutcome):
-    """The pose of a body under a law at the instants `times` (n,) [s].
+    """The motion of a body under a law for position and attitude, at the instants `times` (n,) [s].
 
-    `position`, `velocity` (n, 3) [m, m/s] and the commanded `acceleration` (n, 3) [m/s²], inertial axes; `quaternion`
-    (n, 4), not normalised, and `rate` (n, 4) [rad/s], body axes, ω0 = d/dt ln|λ|² first; the angular `command` (n, 4)
-    [rad/s²], body axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m]
-    from the path, and `angle` (n,) [rad] between body and program. Values at instants that were not reached are NaN.
-    `code` is a `ResultCode`, and `result` its text.
+    `position` (n, 3) [m], `velocity` (n, 3) [m/s] and the commanded `acceleration` (n, 3) [m/s²] are in inertial axes.
+    `quaternion` (n, 4) is not normalised. `rate` (n, 4) [rad/s] is in body axes, with the virtual rate ω0 = d/dt ln|λ|²
+    first. `command` (n, 4) [rad/s²]: the commanded angular acceleration, body axes, virtual part first. `error` (n, 8):
+    the dual error quaternion M, with the real part μ first. `distance` (n,) [m]: the magnitude of the position error.
+    `angle` (n,) [rad]: the angle between body and program. Values at instants that were not reached are NaN. `code`: a
+    `ResultCode`. `result`: the result in words.
     """
 
     times: Float[Array, "*batch n"]
@@ -59,19 +60,19 @@ class PoseMotion(AbstractOutcome):
         self.code = jnp.asarray(code, jnp.int32)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words, and what to do."""
+        """Return the result in words, with advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
+        """Write the motion without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError for a suffix other than .toml or .json.
         """
         document.save(self, file)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` if each batch element has its own times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         world, component = (along, "world"), (along, "component")
         variables = {

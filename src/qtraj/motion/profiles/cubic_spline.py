@@ -1,16 +1,17 @@
-"""Cubic-spline profiles: slews in a fixed time with the smallest ∫Φ̈² dt under limits on rate and acceleration.
+"""Compute cubic-spline profiles, which minimise ∫Φ̈² dt for a fixed duration within limits on rate and acceleration.
 
-Paper C proposes cubic splines Φ(t) for a given time T and both limits. Among all slews from rest to rest with |Φ̇| ≤ V
-and |Φ̈| ≤ A, the one with the smallest ∫Φ̈² dt is a cubic spline. In its first half, Φ̈ is A for a time s, decreases
-linearly to 0 in a time d, and is 0 for a time c; the second half is antisymmetric. (By the minimum principle, Φ̈ is
-linear where no limit is active, and continuous where Φ̇ reaches V.) With the angle Φ and T = 2(s + d + c):
+Paper C proposes cubic splines Φ(t) for a prescribed duration T and limits on rate and acceleration. Among all slews of
+this duration from rest to rest with |Φ̇| ≤ V and |Φ̈| ≤ A, the slew with the smallest ∫Φ̈² dt is a cubic spline. In its
+first half, Φ̈ keeps its initial value for a time s, decreases linearly to 0 in a time d, and is 0 for a time c; the
+second half is antisymmetric. (By the minimum principle, Φ̈ is linear where no limit is active, and continuous where Φ̇
+reaches V.) With the angle Φ and T = 2(s + d + c), the times and the initial acceleration are:
 
-| active limit | d                          | s          | first acceleration |
-|--------------|----------------------------|------------|--------------------|
-| none         | T/2: one cubic             | 0          | 6Φ/T²              |
-| rate         | 3/2 (T − Φ/V)              | 0          | 2V/d               |
-| acceleration | √(3(T²/4 − Φ/A))           | T/2 − d    | A                  |
-| both         | √(12(VT − V²/A − Φ)/A)     | V/A − d/2  | A                  |
+| active limit | d                          | s          | initial acceleration |
+|--------------|----------------------------|------------|----------------------|
+| none         | T/2 (a single cubic)       | 0          | 6Φ/T²                |
+| rate         | 3/2 (T − Φ/V)              | 0          | 2V/d                 |
+| acceleration | √(3(T²/4 − Φ/A))           | T/2 − d    | A                    |
+| both         | √(12(VT − V²/A − Φ)/A)     | V/A − d/2  | A                    |
 
 At the minimum time, d is 0 and the slew is time-optimal.
 """
@@ -26,11 +27,11 @@ from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.profiles.profile import AbstractProfile, Profile, fixed_duration, limit, nonzero_size, require_limits
 
 TIME_MARGIN = 1e-6
-"""With only a rate limit, the acceleration is unbounded as T → Φ/V. This fraction is added to the minimum time Φ/V."""
+"""Fraction by which the minimum duration exceeds Φ/V if only the rate is limited; Φ̈ tends to infinity as T → Φ/V."""
 
 
 class _Half(eqx.Module):
-    """The first half of a slew: the times s and d [s], and the first acceleration [rad/s²]."""
+    """The first half of a slew: the times s and d [s], and the initial acceleration [rad/s²]."""
 
     constant: Scalar
     decreasing: Scalar
@@ -39,15 +40,15 @@ class _Half(eqx.Module):
 
 @storable
 class CubicSpline(AbstractProfile):
-    """The slew in `duration` [s] with the smallest ∫Φ̈² dt within `max_rate` [rad/s] and `max_acceleration` [rad/s²].
+    """The profile with minimum ∫Φ̈² dt for a `duration` [s] and limits `max_rate` [rad/s], `max_acceleration` [rad/s²].
 
-    It is a cubic spline with knots where a limit becomes active or inactive, and a single cubic if no limit is active.
-    The angle, rate and acceleration are continuous, except that the acceleration jumps at both ends, as for a `Cubic`.
-    The slew starts and ends at rest. The minimum duration is the same as for a `TimeOptimal` slew within the same
-    limits.
+    The angle is a cubic spline with knots at the instants at which a limit becomes active or inactive, and a single
+    cubic if no limit is active. The angle, rate and acceleration are continuous, except that the acceleration jumps at
+    both ends, as in a `Cubic` profile. The slew starts and ends at rest. The minimum duration is the same as for a
+    `TimeOptimal` slew within the same limits.
 
-    **Raises:** ValueError for values that are not positive, or without a duration; in `profile` for a duration that is
-    too short.
+    **Raises:** ValueError for values that are not positive, or if the duration is missing. `profile` raises a
+    ValueError if the duration is too short.
     """
 
     duration: Scalar | None
@@ -70,7 +71,7 @@ class CubicSpline(AbstractProfile):
         require_limits(self)
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
+        """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
         angle = nonzero_size(total)
         rate, acceleration = (
             None if x is None else x.astype(total.dtype) for x in (self.max_rate, self.max_acceleration)
@@ -93,7 +94,7 @@ class CubicSpline(AbstractProfile):
 
 
 def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> Scalar:
-    """The minimum duration [s], which is the duration of the time-optimal slew."""
+    """Return the minimum duration [s] within the limits, or 0 if there are no limits."""
     if acceleration is None:
         return jnp.zeros_like(angle) if rate is None else angle / rate * (1 + TIME_MARGIN)
     without_rate_limit = 2 * jnp.sqrt(angle / acceleration)
@@ -103,7 +104,7 @@ def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | Non
 
 
 def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> _Half:
-    """The optimal first half. A limit is active if the optimum without this limit violates it."""
+    """Return the first half of the optimal slew; a limit is active if the optimum without this limit violates it."""
     half = _Half(jnp.zeros_like(angle), duration / 2, 6 * angle / duration**2)
     if acceleration is not None:
         decreasing = _root(3 * (duration**2 / 4 - angle / acceleration))
@@ -123,13 +124,16 @@ def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, accelera
 
 
 def _spline(half: _Half, duration: Scalar) -> tuple[Scalar, Scalar]:
-    """Widths (5,) [s] of the pieces, and ascending coefficients (5, 4) of the angle [rad] in u = (t − start)/width."""
+    """Return the widths (5,) [s] of the segments, and the coefficients (5, 4) of the angle [rad].
+
+    The coefficients are ascending in u = (t − start)/width.
+    """
     s, d, a = half.constant, half.decreasing, half.acceleration
     coast = jnp.maximum(duration - 2 * (s + d), 0.0)
     widths = jnp.stack([s, d, coast, d, s])
     zero = jnp.zeros_like(a)
-    first = jnp.stack([a, a, zero, zero, -a])  # acceleration at the start of each piece, and its change in the piece
-    change = jnp.stack([zero, -a, zero, -a, zero])
+    first = jnp.stack([a, a, zero, zero, -a])  # the acceleration at the start of each segment
+    change = jnp.stack([zero, -a, zero, -a, zero])  # the change of the acceleration in each segment
     rate_changes = (first + change / 2) * widths
     rates = jnp.cumsum(rate_changes) - rate_changes
     powers = jnp.stack([rates * widths, first * widths**2 / 2, change * widths**2 / 6], axis=1)
@@ -139,7 +143,7 @@ def _spline(half: _Half, duration: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def _starts(half: _Half, duration: Scalar) -> Scalar:
-    """The start times (5,) of the pieces [s]."""
+    """Return the start times (5,) [s] of the segments."""
     s, d = half.constant, half.decreasing
     return jnp.stack([jnp.zeros_like(s), s, s + d, duration - s - d, duration - s])
 
@@ -153,6 +157,6 @@ def _where(condition: Scalar, a: _Half, b: _Half) -> _Half:
 
 
 def _root(x: Scalar) -> Scalar:
-    """√x; 0 with zero gradient for x ≤ 0."""
+    """Return √x, or 0 with zero gradient for x ≤ 0."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

@@ -1,8 +1,9 @@
-"""Motion profiles: the angle Φ(t) of a slew about a fixed axis, from limits or from a duration.
+"""Define motion profiles, which compute the angle Φ(t) of a slew about a fixed axis from limits or a duration.
 
-An `AbstractProfile`, such as `TimeOptimal`, computes the `Profile` of any angle. A `Profile` is a sequence of
-polynomial pieces, each in its own u = (t − start)/width ∈ [0, 1], so powers of time cannot overflow or underflow. At a
-switch, the values of the later piece are returned. The angle is constant before the start and after the duration.
+An `AbstractProfile`, such as `TimeOptimal`, computes the `Profile` of a slew of any angle. A `Profile` is a sequence of
+polynomial segments. Each segment is a polynomial in its own variable u = (t − start)/width ∈ [0, 1], so powers of time
+cannot overflow or underflow. At a switch between two segments, the values of the second segment are returned. The angle
+is constant before the start and after the end of the slew.
 """
 
 import abc
@@ -23,18 +24,18 @@ from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 TOLERANCE = 16
 """Relative tolerance, in machine epsilons, by which a fixed duration may be below the minimum."""
 PEAK_TOLERANCE = 1e-9
-"""Relative difference below which two peaks count as equal; the first one is reported."""
+"""Relative difference below which two peaks count as equal, so that the first peak is reported."""
 
 
 @storable
 class Profile(eqx.Module):
     """The angle of a slew and its derivatives on [0, duration].
 
-    `total` [rad] is reached at `duration` [s]. Piece k starts at `starts[k]`, lasts `widths[k]` seconds and has the
-    ascending coefficients `pieces[k]` in its own u; they describe angle/total if the profile is `proportional` (at rest
-    at both ends), and the angle otherwise. `end_rate` [rad/s] is the rate at `duration`. `feasible` is false only
-    inside a trace, where errors cannot be raised, if the fixed duration is not possible; the minimum duration is then
-    used.
+    The angle is `total` [rad] at `duration` [s]. Segment k of n starts at `starts[k]` [s], lasts `widths[k]` [s] and
+    has the ascending coefficients `pieces[k]` (m,) in its variable u. The segments represent angle/total if the
+    profile is `proportional` (at rest at both ends), and the angle [rad] otherwise. `end_rate` [rad/s] is the rate at
+    `duration`. Inside a trace, where errors cannot be raised, `feasible` is false if the fixed duration is not
+    possible; the profile then has the minimum duration.
     """
 
     total: Scalar = eqx.field(converter=as_float)
@@ -48,48 +49,51 @@ class Profile(eqx.Module):
 
     @property
     def switches(self) -> Float[Array, " n"]:
-        """The end times of the pieces [s], the last at the duration; pass them as `jumps` to an integration."""
+        """The end times (n,) [s] of the segments, to be passed as `jumps` to an integration; the last is `duration`."""
         return jnp.concatenate([self.starts[1:], self.duration[None]])
 
     def angle(self, t: ScalarLike) -> Scalar:
-        """Φ(t) [rad]: 0 before the start, `total` after the duration."""
+        """Return Φ(t) [rad]; the angle is 0 before the start and `total` after the end."""
         return self.derivatives(t, 0)[0]
 
     def rate(self, t: ScalarLike) -> Scalar:
-        """Φ̇(t) [rad/s]: `end_rate` at the duration, zero after it."""
+        """Return Φ̇(t) [rad/s]; the rate is `end_rate` at the end and zero after the end."""
         return self.derivatives(t, 1)[1]
 
     def acceleration(self, t: ScalarLike) -> Scalar:
-        """Φ̈(t) [rad/s²]: zero from the duration on."""
+        """Return Φ̈(t) [rad/s²]; the acceleration is zero at the end and after the end."""
         return self.derivatives(t, 2)[2]
 
     def jerk(self, t: ScalarLike) -> Scalar:
-        """The third derivative of Φ [rad/s³] between the switches, without the impulses at a jump of Φ̈."""
+        """Return the third derivative of Φ [rad/s³] between the switches, without the impulses at a jump of Φ̈."""
         return self.derivatives(t, 3)[3]
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
-        """Φ and its time derivatives up to `order` at one instant, entry k in [rad s^-k]."""
+        """Return Φ and its time derivatives up to `order` at time `t` [s]; derivative k is in rad s^-k."""
         return (self.total if self.proportional else 1.0) * self.shape(t, order)
 
     def shape(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
-        """`derivatives` divided by `total` if `proportional`, otherwise `derivatives`.
+        """Return `derivatives` divided by `total` if the profile is `proportional`, otherwise `derivatives`.
 
-        It is computed without a division, so it is regular at total = 0: a rotation vector of magnitude `total` times
-        the shape is a smooth function of this vector.
+        The shape is computed without a division, so it is regular at total = 0: the product of a rotation vector of
+        magnitude `total` and the shape is a smooth function of this vector.
         """
         return _shape(self, one_instant(t).astype(self.duration.dtype), order)
 
     def peak(self, order: int) -> tuple[float, float]:
-        """The first instant [s] of the maximum of |d^order Φ/dt^order|, and that maximum.
+        """Return the first instant [s] of the maximum of |d^order Φ/dt^order|, and the maximum.
 
-        The maximum is exact: it is computed from the roots of the pieces' derivatives. Each piece includes its ends, so
-        both sides of a switch are considered. The result is (0, 0) for a slew of zero duration.
+        The maximum is exact up to rounding errors, because it is computed from the roots of derivatives of the
+        segments. Each segment includes its ends, so both sides of a switch are considered. The result is (0, 0) for a
+        slew of zero duration.
 
         **Raises:** ValueError if the profile is traced.
         """
         fields = (self.starts, self.widths, self.pieces)
         if any(concrete(x) is None for x in (*fields, self.total)):
-            raise ValueError("Profile.peak needs concrete values. Call it outside of jax.jit, grad and vmap.")
+            raise ValueError(
+                "Profile.peak needs concrete values, but a traced profile was given: call it outside jit, grad and vmap"
+            )
         total = float(self.total) if self.proportional else 1.0
         time, peak = 0.0, 0.0
         for start, width, coefficients in zip(*map(np.asarray, fields), strict=True):
@@ -97,7 +101,7 @@ class Profile(eqx.Module):
                 continue
             curve = Polynomial(coefficients.astype(float)).deriv(order)
             for u in stationary_points(curve):
-                with np.errstate(all="ignore"):  # the derivatives overflow for a width near 0
+                with np.errstate(all="ignore"):  # the derivatives overflow for widths near 0
                     value = abs(float(total * np.float64(curve(u)) / width**order))
                 if value > peak * (1 + PEAK_TOLERANCE):
                     time, peak = float(start + u * width), value
@@ -109,7 +113,7 @@ def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     after = t >= profile.duration
     outside = after | (t < 0)
     time = jnp.where(outside, 0.0, t)
-    # A piece of zero width ends where it starts, even if round-off shifts the next start.
+    # A segment of zero width ends at its start, even if round-off shifts the start of the next segment.
     ends = jnp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
     piece = jnp.sum(time >= ends)
     start, width, coefficients = profile.starts[piece], profile.widths[piece], profile.pieces[piece]
@@ -120,7 +124,7 @@ def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
 
 
 def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
-    """The shape from the duration on."""
+    """Return the shape at the end of the slew and after the end."""
     zero = jnp.zeros_like(t)
     final = [jnp.ones_like(t) if profile.proportional else profile.total]
     if order > 0:
@@ -129,18 +133,18 @@ def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
 
 
 def stationary_points(curve: Polynomial) -> list[float]:
-    """0, 1 and the stationary points of a polynomial between them, ascending."""
+    """Return 0, the stationary points of a polynomial between 0 and 1 in ascending order, and 1."""
     slope = curve.deriv()
-    # Leading coefficients below round-off would make the other roots inexact.
+    # Leading coefficients below round-off would add spurious roots and make the true roots inexact.
     slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
     # Round-off may split a double root into a complex pair, so the real parts of complex roots are included.
     return [0.0, *(float(u) for u in np.sort(slope.roots().real) if 0 < u < 1), 1.0]
 
 
 class AbstractProfile(eqx.Module):
-    """A motion profile: it computes the `Profile` of any angle, of minimum duration or of a fixed `duration` [s].
+    """A motion profile, which computes the `Profile` of a slew of any angle, in minimum time or a fixed `duration` [s].
 
-    `name` is used in messages.
+    `name` is the name of the motion profile in messages.
     """
 
     duration: eqx.AbstractVar[Scalar | None]
@@ -148,13 +152,14 @@ class AbstractProfile(eqx.Module):
 
     @abc.abstractmethod
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a slew by `total` [rad], of either sign, and the minimum duration [s] within the limits."""
+        """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
 
     def profile(self, angle: ArrayInput) -> Profile:
-        """The profile of a slew by `angle` [rad], of either sign.
+        """Return the profile of a slew of `angle` [rad], of either sign.
 
         **Raises:** ValueError for an angle that is not finite, and for a fixed duration that is too short for the angle
-        within the limits. Inside a trace, `feasible` of the profile is false instead.
+        within the limits. Inside a trace, no error is raised for such a duration; the profile's `feasible` is then
+        false.
         """
         profile, minimum = _timed(self, _scalar_angle(angle))
         _require_feasible(self, profile, minimum)
@@ -167,12 +172,12 @@ def _timed(motion_profile: AbstractProfile, total: Scalar) -> tuple[Profile, Sca
 
 
 def nonzero_size(total: Scalar) -> Scalar:
-    """|total|, bounded from below so that limits divided by it do not overflow; below the bound its gradient is 0."""
+    """Return |total|, but at least a tiny positive angle, so that limits divided by the result do not overflow."""
     return jnp.where(is_nonzero(total), jnp.abs(total), _min_angle(total))
 
 
 def is_nonzero(total: Scalar) -> Flag:
-    """Whether the angle is large enough for a slew of nonzero duration."""
+    """Return whether |total| is large enough for a slew of nonzero duration."""
     return jnp.abs(total) > _min_angle(total)
 
 
@@ -181,18 +186,18 @@ def _min_angle(total: Scalar) -> float:
 
 
 def _scalar_angle(angle: ArrayInput) -> Scalar:
-    """The angle of a slew as a finite scalar [rad] (ValueError otherwise)."""
+    """Return the angle of a slew [rad] as a finite scalar; raise a ValueError otherwise."""
     total = as_float(angle)
     if total.shape != ():
         raise ValueError(
-            f"the angle of a slew must be a scalar [rad], but has shape {total.shape}. Use jax.vmap for a batch."
+            f"the angle of a slew must be a scalar [rad], but shape {total.shape} was given. Use jax.vmap for a batch."
         )
     require_finite(total, "the angle of a slew")
     return total
 
 
 def limit(value: ArrayInput | None) -> Scalar | None:
-    """A limit or duration as a floating-point scalar, or None for None and infinity, which mean no limit."""
+    """Return a limit or duration as a floating-point scalar; return None for None or infinity, which mean no limit."""
     if value is None:
         return None
     number = real_scalar(value, "a limit or duration")
@@ -204,19 +209,19 @@ UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s�
 
 
 def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
-    """The limits and the duration of a motion profile that are not None, by field name."""
+    """Return the limits and the duration of a motion profile by field name, without values that are None."""
     values = {name: getattr(motion_profile, name, None) for name in UNITS}
     return {name: value for name, value in values.items() if value is not None}
 
 
 def require_limits(motion_profile: AbstractProfile) -> None:
-    """Raise a ValueError unless every limit, and the duration, is a positive finite number."""
+    """Raise a ValueError if a limit or the duration is neither None nor a positive finite number."""
     for name, value in user_limits(motion_profile).items():
         require_positive(value, name, UNITS[name])
 
 
 def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
-    """The larger of the duration and the minimum, and whether the duration is feasible up to round-off."""
+    """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible."""
     feasible = duration >= minimum * (1 - TOLERANCE * float(jnp.finfo(minimum.dtype).eps))
     return jnp.where(feasible, duration, minimum), feasible
 
@@ -232,11 +237,11 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
     if fixed < float(minimum):
         bounds = " and ".join(f"{name} = {float(value):.6g} {UNITS[name]}" for name, value in limits.items())
         raise ValueError(
-            f"a slew by {angle} with this {motion_profile.name} profile needs at least {minimum_text}, but the "
-            f"duration {fixed:.9g} s violates a limit ({bounds}). Allow more time, or raise the limits."
+            f"a slew of {angle} with this {motion_profile.name} profile needs at least {minimum_text} within the "
+            f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     raise ValueError(
-        f"a slew by {angle} between these end rates cannot take exactly {fixed:.9g} s within the limits. The minimum "
+        f"a slew of {angle} between these end rates cannot last exactly {fixed:.9g} s within the limits. The minimum "
         f"is {minimum_text}. If the end rates are not zero, some longer durations are impossible too. Change the "
         "duration or the end rates."
     )

@@ -1,4 +1,4 @@
-"""S-curve profiles: the fastest slews from rest to rest under limits on rate, acceleration and jerk."""
+"""Compute S-curve profiles, the fastest slews from rest to rest within limits on rate, acceleration and jerk."""
 
 import math
 from typing import ClassVar
@@ -21,17 +21,17 @@ from qtraj.motion.profiles.profile import (
 )
 
 JERKS = (1, 0, -1, 0, -1, 0, 1)
-"""The jerk of the seven pieces, divided by its limit."""
+"""The jerk of the seven segments, divided by the jerk limit."""
 
 
 @storable
 class SCurve(AbstractProfile):
-    """S-curve profile: seven pieces of constant jerk, with a trapezoidal or triangular acceleration.
+    """The S-curve profile, with seven segments of constant jerk and a trapezoidal or triangular acceleration.
 
-    `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. A fixed `duration` [s] lowers the
-    coasting rate; the jerk, and the acceleration if it reaches its limit, are not changed.
+    `max_rate` [rad/s], or None for no limit; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. If a fixed `duration`
+    [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
 
-    **Raises:** ValueError for values that are not positive, and in `profile` for a duration that is too short.
+    **Raises:** ValueError for values that are not positive. `profile` raises a ValueError if the duration is too short.
     """
 
     max_rate: Scalar | None
@@ -57,7 +57,7 @@ class SCurve(AbstractProfile):
         return shown(self, max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³", duration="s")
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
+        """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
         return _timed(self, total)
 
 
@@ -82,24 +82,24 @@ def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """The peak rate v without a coast, which satisfies v·Ta(v) = Φ."""
+    """Return the peak rate v [rad/s] of a slew without a coast, the solution of v·Ta(v) = Φ (see `_ramp`)."""
     long = angle >= 2 * a * (a / j) ** 2
     flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
     return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
 
 
 def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
-    """Tj, the time of increasing acceleration, and Ta, the total time to reach `rate` from rest."""
+    """Return the time Tj [s] of increasing acceleration, and the total time Ta [s] from rest to `rate`."""
     pointed = rate < a * (a / j)
     corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
     return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
 
 
 def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """The coasting rate v with Φ/v + Ta(v) = T, the smaller of the two solutions.
+    """Return the coasting rate v [rad/s] of a slew of Φ in the time T, the smaller solution of Φ/v + Ta(v) = T.
 
-    If the acceleration limit is reached, v solves a quadratic equation. Otherwise x = √v solves 2x³/√J − Tx² + Φ = 0,
-    with the root (T√J/6)(1 − cos δ + √3 sin δ), sin(3δ/2) = √(27Φ/(JT³)) (Viète).
+    If the acceleration limit is reached, v solves a quadratic equation. Otherwise, with the jerk J, x = √v solves
+    2x³/√J − Tx² + Φ = 0, with the root (T√J/6)(1 − cos δ + √3 sin δ), sin(3δ/2) = √(27Φ/(JT³)) (Viète).
     """
     pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
     left = jnp.where(pointed, duration, duration - a / j)
@@ -113,10 +113,14 @@ def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scal
 
 
 def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scalar, feasible: Flag) -> Profile:
-    """The seven pieces of a slew by a unit angle, from the widths of the first four and jerk/angle [1/s³]."""
+    """Return the profile.
+
+    `ramp` contains the widths [s] of the first four of the seven segments; `jerk` is the jerk divided by the angle
+    [1/s³].
+    """
     widths = jnp.concatenate([ramp, ramp[2::-1]])
     before = jnp.cumsum(ramp) - ramp
-    # Increments of acceleration, rate and angle in each piece, and their values at its start.
+    # For acceleration, rate and angle: the change in each segment, then the value at the start of each segment.
     acceleration_steps = jerk * jnp.asarray(JERKS, jerk.dtype) * widths
     accelerations = jnp.cumsum(acceleration_steps) - acceleration_steps
     rate_steps = (accelerations + acceleration_steps / 2) * widths

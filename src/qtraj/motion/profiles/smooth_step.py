@@ -1,4 +1,4 @@
-"""Polynomial profiles: one cubic, quintic or septic from rest to rest."""
+"""Compute profiles from rest to rest that consist of a single cubic, quintic or septic polynomial."""
 
 from typing import ClassVar
 
@@ -21,9 +21,10 @@ from qtraj.motion.profiles.profile import (
 
 
 class AbstractSmoothStep(AbstractProfile):
-    """Φ(t) = Φ s(u), u = t/T, with one polynomial s that rises from 0 to 1 on [0, 1] and rests at both ends.
+    """A profile s(t/T)·Φ with the duration T, the total angle Φ, and a polynomial s(u) from s(0) = 0 to s(1) = 1.
 
-    `coefficients`: the coefficients of s, ascending. `peaks`: the maxima of |ds/du|, |d²s/du²| and |d³s/du³|.
+    The derivative of s is zero at both ends. `coefficients`: the coefficients of s, ascending. `peaks`: the maxima of
+    |ds/du|, |d²s/du²| and |d³s/du³|.
     """
 
     max_rate: eqx.AbstractVar[Scalar | None]
@@ -43,7 +44,7 @@ class AbstractSmoothStep(AbstractProfile):
         return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³")
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
+        """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
         minimum = duration = self._shortest(total)
         feasible = jnp.asarray(True)
         if self.duration is not None:
@@ -60,7 +61,11 @@ class AbstractSmoothStep(AbstractProfile):
         return profile, minimum
 
     def _shortest(self, total: Scalar) -> Scalar:
-        """T = max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) over the limits that are not None; 0 without limits."""
+        """Return the minimum duration max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) [s], or 0 without limits.
+
+        c1, c2 and c3 are `peaks`; V, A and J are the limits of rate, acceleration and jerk. A limit that is None is
+        left out.
+        """
         size = nonzero_size(total)
         limits = (self.max_rate, self.max_acceleration, self.max_jerk)
         times = [
@@ -74,14 +79,14 @@ class AbstractSmoothStep(AbstractProfile):
 
 @storable
 class Cubic(AbstractSmoothStep):
-    """Φ(t) = Φ(3u² − 2u³), u = t/T: at rest at both ends, where the acceleration jumps.
+    """The cubic profile (3u² − 2u³)Φ, u = t/T, with the total angle Φ; it is at rest at both ends.
 
-    `duration` [s] fixes T. Without it, T is the minimum that satisfies `max_rate` [rad/s], `max_acceleration` [rad/s²]
-    and `max_jerk` [rad/s³]. With a duration and limits, the limits are checked. The jerk limit applies between the two
-    jumps of the acceleration.
+    `duration` [s] is the duration T. With None, T is the minimum that satisfies `max_rate` [rad/s], `max_acceleration`
+    [rad/s²] and `max_jerk` [rad/s³]. If a duration and limits are given, the duration must satisfy the limits. The
+    acceleration jumps at both ends, and the jerk limit applies between these jumps.
 
-    **Raises:** ValueError for values that are not positive, or without a duration and limits; in `profile` for a
-    duration that violates a limit.
+    **Raises:** ValueError for values that are not positive, or if both duration and limits are missing. `profile`
+    raises a ValueError if the duration is too short for a limit.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)
@@ -95,7 +100,7 @@ class Cubic(AbstractSmoothStep):
 
 @storable
 class Quintic(AbstractSmoothStep):
-    """Φ(t) = Φ(10u³ − 15u⁴ + 6u⁵), u = t/T: at rest and without acceleration at both ends.
+    """The quintic profile (10u³ − 15u⁴ + 6u⁵)Φ, u = t/T, at rest and without acceleration at both ends.
 
     The arguments and errors are the same as for `Cubic`. The jerk is bounded.
     """
@@ -111,9 +116,10 @@ class Quintic(AbstractSmoothStep):
 
 @storable
 class Septic(AbstractSmoothStep):
-    """Φ(t) = Φ(35u⁴ − 84u⁵ + 70u⁶ − 20u⁷), u = t/T: at rest, without acceleration and without jerk at both ends.
+    """The septic profile (35u⁴ − 84u⁵ + 70u⁶ − 20u⁷)Φ, u = t/T, at rest at both ends.
 
-    The arguments and errors are the same as for `Cubic`. The jerk is continuous.
+    Acceleration and jerk are zero at both ends, and the jerk is continuous. The arguments and errors are the same as
+    for `Cubic`.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)

@@ -1,4 +1,4 @@
-"""Time-optimal profiles: the fastest slews under limits on rate and acceleration (bang–bang, bang–coast–bang)."""
+"""Compute time-optimal profiles, the fastest slews within limits on rate and acceleration."""
 
 from typing import ClassVar
 
@@ -23,16 +23,17 @@ from qtraj.motion.profiles.profile import (
 
 @storable
 class TimeOptimal(AbstractProfile):
-    """Time-optimal profile: full acceleration, a coast at `max_rate` if it is reached, full deceleration.
+    """The time-optimal profile of full acceleration, a coast if `max_rate` is reached, and full deceleration.
 
-    `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]. `start_rate` and `end_rate` [rad/s], along the slew's axis,
-    are zero for None. A fixed `duration` [s] lowers the coasting rate; the acceleration stays at its limit. The profile
-    is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. With a limit
-    on each body axis, slews about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis, unit
-    inertia and torques, in 3.24308 s instead of 3.54491 s).
+    `max_rate` [rad/s], or None for no limit; `max_acceleration` [rad/s²]. `start_rate` and `end_rate` [rad/s], along
+    the axis of the slew, are zero for None. If a fixed `duration` [s] exceeds the minimum, the slew coasts at another
+    rate; the acceleration keeps its limit value. The profile is optimal among slews about a fixed axis, and among all
+    slews of a spherical body with a limit on |ε|. If the acceleration about each body axis has its own limit, slews
+    about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis, unit inertia and torques, in
+    3.24308 s instead of 3.54491 s).
 
-    **Raises:** ValueError for limits or a duration that are not positive, or end rates beyond `max_rate`; in `profile`
-    for a duration that is too short, or not possible with the end rates.
+    **Raises:** ValueError if a limit or the duration is not positive, or if the magnitude of a start or end rate
+    exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or not possible with these rates.
     """
 
     max_rate: Scalar | None
@@ -67,7 +68,7 @@ class TimeOptimal(AbstractProfile):
         )
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
+        """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
         return _timed(self, total)
 
 
@@ -93,7 +94,7 @@ def _timed(motion_profile: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]
 
 
 class _Task(eqx.Module):
-    """The requirements of a slew: angle [rad], end rates [rad/s], limits."""
+    """The requirements of a slew: angle [rad], end rates [rad/s], limits of rate [rad/s] and acceleration [rad/s²]."""
 
     angle: Scalar
     start: Scalar
@@ -103,7 +104,7 @@ class _Task(eqx.Module):
 
 
 class _Coast(eqx.Module):
-    """Rate [rad/s] and width [s] of the middle piece, and the duration of the slew [s]."""
+    """The coast phase of a slew: its rate [rad/s] and duration `width` [s], and the duration [s] of the whole slew."""
 
     rate: Scalar
     width: Scalar
@@ -111,7 +112,11 @@ class _Coast(eqx.Module):
 
 
 def _fastest(task: _Task) -> _Coast:
-    """The fastest slew: peak rate v_p = s√(sAΦ + (v0² + v1²)/2), or a coast at sV if |v_p| would exceed V."""
+    """Return the coast of the fastest slew of Φ from rate v0 to rate v1, for limits V of rate and A of acceleration.
+
+    The peak rate of the slew is v_p = s√(sAΦ + (v0² + v1²)/2) with a sign s = ±1. If |v_p| would exceed V, the slew
+    coasts at sV.
+    """
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
     sense = jnp.where(angle < (v0 + v1) * jnp.abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
     peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
@@ -127,11 +132,11 @@ def _fastest(task: _Task) -> _Coast:
 
 
 def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
-    """The coast of a slew of duration T, and whether it exists within the limits.
+    """Return the coast of a slew of duration T, and whether such a slew exists within the limits.
 
-    Let m be the mean and Δ the difference of the end rates, and v = m + y. For |y| ≤ |Δ|/2, the angle is linear in y;
-    otherwise y² − AT|y| + Δ²/4 + A|Φ − mT| = 0. From rest to rest this is v = ½(AT − √(A²T² − 4AΦ)), evaluated without
-    cancellation.
+    Let m be the mean and Δ the difference of the end rates, v = m + y the coasting rate, Φ the angle, and A the
+    acceleration. For |y| ≤ |Δ|/2, the angle is linear in y; otherwise y² − AT|y| + Δ²/4 + A|Φ − mT| = 0. For a slew
+    from rest to rest, v = ½(AT − √(A²T² − 4AΦ)), which is evaluated without cancellation.
     """
     v0, v1, a = task.start, task.end, task.acceleration
     mean, change = (v0 + v1) / 2, jnp.abs(v1 - v0)
@@ -146,15 +151,18 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     slack = 4 * TOLERANCE * float(jnp.finfo(duration.dtype).eps)
     exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
     if task.rate is not None:
-        # At the minimum T, v is a double root with half the digits.
+        # At the minimum T, v is a double root, so only half of its digits are accurate.
         exists &= jnp.abs(rate) <= task.rate * (1 + slack**0.5)
-        # At the minimum T, v equals the limit, and round-off must not exceed it.
+        # At the minimum T, v equals the limit, which round-off must not exceed.
         rate = jnp.clip(rate, -task.rate, task.rate)
     return _Coast(rate, width, duration), exists
 
 
 def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: bool) -> Profile:
-    """The three pieces v0 → v, v, v → v1, divided by the angle if the slew is at rest at both ends."""
+    """Return the profile of three segments with the rates v0 → v, v and v → v1.
+
+    The coefficients are divided by the angle if the slew is at rest at both ends (`resting`).
+    """
     v0, v, v1 = task.start, coast.rate, task.end
     first, last = jnp.abs(v - v0) / task.acceleration, jnp.abs(v1 - v) / task.acceleration
     widths = jnp.stack([first, coast.width, last])
@@ -175,7 +183,7 @@ def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: b
 
 
 def _root(x: Scalar) -> Scalar:
-    """√x; 0 with zero gradient for x ≤ 0."""
+    """Return √x, or 0 with zero gradient for x ≤ 0."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
@@ -187,4 +195,7 @@ def _value(rate: Scalar | None, like: Scalar) -> Scalar:
 def _require_within(rate: Scalar, bound: Scalar | None, name: str) -> None:
     value, max_rate = concrete(rate), None if bound is None else concrete(bound)
     if value is not None and max_rate is not None and abs(value) > max_rate:
-        raise ValueError(f"{name} is {float(value):.9g} rad/s, which exceeds max_rate = {float(max_rate):.9g} rad/s")
+        raise ValueError(
+            f"|{name}| must not exceed max_rate = {float(max_rate):.9g} rad/s, but {name} = {float(value):.9g} rad/s "
+            "was given"
+        )

@@ -1,4 +1,4 @@
-"""Eigenaxis slews: rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
+"""Define eigenaxis slews, rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
 
 import equinox as eqx
 import jax
@@ -22,15 +22,17 @@ ROUND_OFF = 8
 
 @storable
 class EulerTurn(AbstractProgram):
-    """Eigenaxis slew: the shorter rotation from `start_q` to `end_q` (4,), λ⁰ = λ_0∘(cos Φ(t)/2 + e sin Φ(t)/2).
+    """An eigenaxis slew λ⁰ = λ_0∘(cos(Φ(t)/2) + e sin(Φ(t)/2)), the shorter rotation from `start_q` to `end_q` (4,).
 
-    `law` is the motion profile that determines Φ(t), such as `TimeOptimal` or `Quintic`. The quaternions need not be
-    normalised. The program starts at λ_0 = start_q/|start_q|. With λ_* = end_q/|end_q| and a = λ̄_0∘λ_*, it ends at λ_*
-    if a0 ≥ 0 and otherwise at −λ_*, which is the same attitude; `end` is the final quaternion. Rate and acceleration
-    are Φ̇e and Φ̈e; `axis` returns e. Before its start and after its duration the program is at rest.
+    `law` is the motion profile that determines the angle Φ(t), such as `TimeOptimal` or `Quintic`. The quaternions need
+    not be normalised. The program starts at λ_0 = start_q/|start_q|. With λ_* = end_q/|end_q| and a = λ̄_0∘λ_*, the
+    program ends at λ_* if a0 ≥ 0 and otherwise at −λ_*, which is the same attitude; `end` is the final quaternion. Rate
+    and acceleration are Φ̇e and Φ̈e; `axis` returns the unit vector e. The program is at rest before the start and
+    after the end of the slew.
 
-    Value and gradient are finite for equal attitudes, for which the program is constant. They are also finite for half
-    turns, for which both senses of rotation are equally short and e is along a_v.
+    The program and its gradient are finite for equal attitudes, for which the program is constant. They are also finite
+    for half turns: both senses of rotation are then equally short, and e has the direction of a_v, the vector part of
+    a.
 
     **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a
     motion profile, and if the slew is not possible with this profile.
@@ -53,7 +55,7 @@ class EulerTurn(AbstractProgram):
         return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        """The attitude at the time `t` [s]."""
+        """Return the attitude at the time `t` [s]."""
         vector = self.rotation_vector
         return _slewed(quaternion.unit(self.start_q), vector, self.law.profile(norm(vector)), t)
 
@@ -69,7 +71,7 @@ class EulerTurn(AbstractProgram):
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The end times of the pieces of the profile [s], the last at the duration; the `jumps` of an integration."""
+        """The end times [s] of the segments of the profile, to be passed as `jumps` to an integration."""
         return self.profile.switches
 
     @property
@@ -88,9 +90,9 @@ class EulerTurn(AbstractProgram):
         return quaternion.product(quaternion.unit(self.start_q), rotation.from_rotation_vector(self.rotation_vector))
 
     def axis(self, axes: str = "body") -> Vec3:
-        """The unit vector e of the slew, in body or inertial `axes`; the body x axis for equal attitudes.
+        """Return the unit vector e of the slew in `axes`, "body" or "inertial"; for equal attitudes, the body x axis.
 
-        **Raises:** ValueError for other axes.
+        **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         require_axes(axes)
         e = _direction(self.rotation_vector)
@@ -102,12 +104,12 @@ class EulerTurn(AbstractProgram):
 class SlewSequence(AbstractProgram):
     """Eigenaxis slews through several attitudes (n, 4), n ≥ 2, at rest at each attitude.
 
-    Each slew takes the shorter rotation and follows the motion profile `law`. The program starts at the first
-    quaternion, normalised. `attitudes` stores the other quaternions with signs that make the sequence continuous. At an
-    attitude, the values of the slew that starts there are returned.
+    Each slew is the shorter rotation to the next attitude and follows the motion profile `law`. The program starts at
+    the first quaternion, after normalisation. In `attitudes`, the signs of the following quaternions are changed such
+    that the sequence is continuous. At an instant between two slews, the values of the second slew are returned.
 
-    **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero or not finite, for a profile with
-    end rates, or for a fixed duration that is too short for the largest angle.
+    **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero, not finite or of another shape,
+    for a profile with `start_rate` or `end_rate`, or for a fixed duration that is too short for the largest angle.
     """
 
     attitudes: Float[Array, "n 4"]
@@ -119,14 +121,15 @@ class SlewSequence(AbstractProgram):
         _require_profile(law)
         if not law.profile(jnp.max(self.angles)).proportional:
             raise ValueError(
-                "a slew sequence is at rest at each attitude. Omit start_rate and end_rate of the profile."
+                "a slew sequence is at rest at each attitude, but the profile has end rates: omit start_rate and "
+                "end_rate"
             )
 
     def __repr__(self) -> str:
         return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        """The attitude at the time `t` [s]."""
+        """Return the attitude at the time `t` [s]."""
         times = self.times
         t = one_instant(t).astype(times.dtype)
         slew = jnp.sum(t >= times[1:-1])
@@ -135,19 +138,19 @@ class SlewSequence(AbstractProgram):
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The sum of the slews' durations [s]."""
+        """The sum [s] of the durations of all slews."""
         return self.times[-1]
 
     @property
     def times(self) -> Float[Array, " n"]:
-        """The instants at which the program reaches its attitudes [s], starting with 0."""
+        """The instants [s] at which the program reaches its attitudes, starting with 0."""
         return _arrivals(self.law, self.angles)
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The end times of the pieces of all profiles [s], ascending; the `jumps` of an integration.
+        """The end times [s] of the segments of all profiles, ascending, to be passed as `jumps` to an integration.
 
-        Instants are repeated if a piece, or a whole slew, has zero duration.
+        Instants are repeated if a segment, or a whole slew, has zero duration.
         """
         return _switches(self.law, self.angles)
 
@@ -158,7 +161,7 @@ class SlewSequence(AbstractProgram):
 
 
 def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
-    """Two or more finite, non-zero quaternions (n, 4); ValueError otherwise."""
+    """Return `values` as an array (n, 4) of two or more finite, non-zero quaternions; raise a ValueError otherwise."""
     table = as_float(values)
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] != 4:
         raise ValueError(f"{name} needs at least two quaternions, shape (n, 4), but shape {table.shape} was given")
@@ -183,10 +186,13 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 
 @jax.jit
 def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
-    """The rotation vector in body axes, smooth for equal attitudes, and along a_v for a0 = 0."""
+    """Return the vector [rad] of the shorter rotation from `start` to `end`, body axes.
+
+    The vector is smooth for equal attitudes, and parallel to a_v for a0 = 0 (see `EulerTurn`).
+    """
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
     vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
-    # Round-off between equal attitudes must not become a slew of finite duration. The derivative is not changed.
+    # Round-off between equal attitudes must not cause a slew, so the value, but not the derivative, is set to 0.
     round_off = norm(vector) <= ROUND_OFF * float(jnp.finfo(vector.dtype).eps)
     return vector - stop_gradient(jnp.where(round_off, vector, 0.0))
 
@@ -198,14 +204,14 @@ def _length(start: Quat, end: Quat) -> Scalar:
 
 @eqx.filter_jit
 def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
-    """The end times [s] of consecutive slews by these angles, starting with 0."""
+    """Return 0 and the end times [s] of consecutive slews of the `angles` [rad]."""
     durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
     return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
 
 
 @eqx.filter_jit
 def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
-    """The end times [s] of all pieces of consecutive slews by these angles."""
+    """Return the end times [s] of all segments of consecutive slews of the `angles` [rad]."""
     within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
     return (_arrivals(law, angles)[:-1, None] + within).ravel()
 

@@ -1,4 +1,4 @@
-"""The frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned, rotation-minimizing."""
+"""Use a frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned and others."""
 
 import equinox as eqx
 import jax
@@ -19,32 +19,33 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 NODES = 513
-"""Number of equally spaced anchors, which determine the sign of the quaternion or the rotation-minimizing frame."""
+"""Number of equally spaced anchors; they determine the sign of the quaternion, or a rotation-minimizing frame."""
 
 ROUNDING = 16
-"""Anchors that only determine a sign are rounded to multiples of 1/16 to keep stored programs small."""
+"""Anchors that only determine a sign are rounded to multiples of 1/16, so that stored programs are small."""
 
 
 @storable
 class FrameProgram(AbstractProgram):
-    """The frame of a path as a program: λ⁰ from frame to world, ω⁰ and ε⁰ in closed form in the axes of the frame.
+    """A frame of a path as a program: λ⁰ from frame to world, and ω⁰ and ε⁰ in the axes of the frame, in closed form.
 
     The default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
 
-    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, even if it is evaluated at a single instant. The
-    `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], determine its sign; they are computed
-    once, when the program is created, and stored with it. The frame must rotate by less than π between two anchors, so
-    by less than 512π in total. A route has four anchors in each segment instead.
+    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, even if the program is evaluated at a single
+    instant. The `anchors` (n, 4) determine the sign of the quaternion, and also the attitude of a rotation-minimizing
+    frame. They are quaternions at n equally spaced times on [0, duration], by default 513. The anchors are computed
+    once, when the program is created, and stored with the program. The frame must rotate by less than π between two
+    neighbouring anchors, and thus by less than 512π in total. Routes instead have four anchors in each segment.
 
-    The program has no attitude where the frame is not defined: the natural frame on a straight path, the upright frame
-    where the path is parallel to its up direction, the thrust-aligned frame in free fall, and most frames where the
-    path stops. The natural frame flips by π at an inflection point.
+    The program is not defined where the frame is not defined: the natural frame on a straight path, the upright frame
+    where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames where the
+    velocity is zero. The natural frame flips by π at an inflection point.
 
-    To differentiate or vmap over paths, create the program inside the transformed function. Outside [0, duration] path
-    and program are extrapolated.
+    To differentiate with respect to paths or to vmap over paths, create the program inside the transformed function.
+    Outside [0, duration] path and program are extrapolated.
 
-    **Raises:** ValueError for an object that is not a frame, for a rotation-minimizing frame whose `initial` does not
-    fit the path or whose route stops, or for anchors of another shape.
+    **Raises:** ValueError for an object that is not a frame; for a rotation-minimizing frame if the path is a route
+    that stops, or if `initial` does not fit the path; or for anchors of another shape.
     """
 
     path: AbstractHodograph
@@ -77,7 +78,7 @@ class FrameProgram(AbstractProgram):
         return self.path.duration
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        """The attitude at the time `t` [s]."""
+        """Return the attitude at the time `t` [s]."""
         return _attitude(self, one_instant(t).astype(self.path.duration.dtype))
 
 
@@ -92,7 +93,7 @@ def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
 
 
 def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
-    """The time and the value of the nearest anchor, or on a route of the last anchor before `t`."""
+    """Return time [s] and quaternion of the anchor nearest to `t`; on a route, of the last anchor at or before `t`."""
     times = program.path.nodes()
     if times is not None:
         k = jnp.maximum(jnp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)

@@ -1,8 +1,10 @@
-"""The rotation-minimizing frame, whose angular rate about the tangent is zero: ω_ξ = c/v², c = r' × r'', v = |r'|.
+"""Compute the rotation-minimizing frame, whose angular rate about the tangent is zero.
 
-Near a node, an instant with known attitude, it is the upright frame whose up direction is the binormal at that node,
-rotated about the tangent τ by −∫ω·τ dt from the node. The frame is thus regular wherever the speed is not zero, also on
-straight parts, and does not need r''''. The nodes are computed once, by quaternion products from one node to the next.
+The angular rate of the frame is ω_ξ = c/v² with c = r' × r'' and v = |r'|. A node is an instant at which the attitude
+of the frame is stored. Near a node, the frame is the upright frame whose up direction is the binormal at the node,
+rotated about the tangent τ by −∫ω·τ dt from the node, where ω is the rate of this upright frame. The
+rotation-minimizing frame is thus regular wherever the speed is not zero, even on straight segments, and does not need
+r''''. The attitudes at the nodes are computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx
@@ -25,25 +27,27 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 GAUSS = 6
-"""Number of quadrature points between two nodes of the frame, for order 12."""
+"""Number of Gauss–Legendre points between two nodes of the frame; the order of the quadrature is 12."""
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
 
 Samples = Float[Array, "_ 4 3"]
-"""r and three derivatives at both ends of an interval and at the quadrature points."""
+"""r and its first three derivatives (4, 3) at both ends of an interval and at the quadrature points between them."""
 
 TILT = 0.01
-"""Largest angle between the forward axis of an initial attitude and the path [rad]."""
+"""Largest angle [rad] between the forward axis of an initial attitude and the direction of the path."""
 
 
 @storable
 class RotationMinimizing(eqx.Module):
-    """The frame along a path that does not rotate about the tangent: ω·τ = 0.
+    """The frame of a path with no rotation about the tangent: ω·τ = 0.
 
-    `initial` selects one of the frames that differ by a constant rotation about τ. It is either an attitude at the
-    start (4,), whose forward axis must be within 0.01 rad of the path's direction and is aligned with it, or a
-    direction (3,), world axes, whose component normal to the path is the initial normal. With None, the frame starts as
-    the natural frame, or as the upright frame if the path starts straight.
+    `initial` selects one of the frames that differ by a constant rotation about τ. An `initial` (4,) is the attitude at
+    the start; its forward axis must be within 0.01 rad of the direction of the path, and is then aligned with this
+    direction. An `initial` (3,) is a vector in world axes; its component perpendicular to the path gives the direction
+    of the initial normal. With None, the frame starts as the natural frame. If the path is straight at its start, the
+    initial binormal is the direction normal to the path that is closest to world z, or closest to world x if the path
+    is steep.
 
     **Raises:** ValueError for an `initial` that is zero, not finite or of another shape.
     """
@@ -73,12 +77,15 @@ Frame = TypeAliasType("Frame", AbstractFrame | RotationMinimizing)
 
 
 def name_of(frame: Frame) -> str:
-    """The name of the frame in labelled data."""
+    """Return the name of the frame for labelled data."""
     return MINIMIZING if isinstance(frame, RotationMinimizing) else frame.name
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
-    """The frame at `t` [s] from its attitude `at_node` at the time `node`; its sign is the one nearer to `at_node`."""
+    """Compute the frame at `t` [s] from its quaternion `at_node` at the time `node` [s].
+
+    Of the quaternions λ and −λ of the frame, return the one nearer to `at_node`.
+    """
     samples = _sample(path, node, t)
     dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2)), t - node)
     q = rotation.from_dcm(dcm)
@@ -95,7 +102,7 @@ def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) ->
 
 
 def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
-    """The frame at the start of the path."""
+    """Return the frame at the start of the path, as a quaternion (4,)."""
     natural = trihedral(path, 0.0)
     if initial is None:
         return natural.quaternion()
@@ -105,7 +112,7 @@ def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
 
 
 def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
-    """The frame at ascending times from 0 [s], as quaternions with continuous signs from `start`."""
+    """Return quaternions of the frame at ascending `times` [s] from 0, with continuous signs; the first is `start`."""
     steps = jax.vmap(lambda a, b: _step(path, a, b))(times[:-1], times[1:])
 
     def advance(before: Quat, step: Quat) -> tuple[Quat, Quat]:
@@ -129,19 +136,23 @@ def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None)
         angle = float(np.arctan2(sine, direction @ tangent / np.linalg.norm(direction) / np.linalg.norm(tangent)))
         raise ValueError(
             f"the angle between the forward axis of the initial attitude and the initial velocity {tangent.tolist()} "
-            f"of the path is {angle:.6g} rad. Pass an attitude whose x axis is along the path, or only a normal (3,)."
+            f"of the path is {angle:.6g} rad, but must be at most {TILT} rad. Pass an attitude whose x axis is along "
+            "the path, or only a normal (3,)."
         )
     if initial.shape == (3,) and sine < 1e-6:
         raise ValueError("the initial normal of a rotation-minimizing frame must not be parallel to the path")
 
 
 def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
-    """A body axis of an initial attitude, or the initial vector itself."""
+    """Return a body axis of an initial attitude, or the initial vector itself."""
     return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
 
 
 def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
-    """The rotation, in world axes, from time `a` to time `b`; it is the same for every rotation-minimizing frame."""
+    """Return the rotation of the frame from time `a` to time `b`, in world axes.
+
+    The rotation is the same for every rotation-minimizing frame of the path.
+    """
     samples = _sample(path, a, b)
     tangent = _tangent(samples[0, 1])
     smallest = stop_gradient(jnp.argmin(jnp.abs(tangent)))
@@ -153,13 +164,13 @@ def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
 
 
 def _sample(path: AbstractHodograph, a: Scalar, b: Scalar) -> Samples:
-    """r and its first three derivatives at `a`, at the quadrature points between, and at `b`."""
+    """Evaluate r and its first three derivatives at `a`, at the quadrature points between `a` and `b`, and at `b`."""
     points = jnp.asarray(np.concatenate([[0.0], (_POINTS + 1) / 2, [1.0]]), a.dtype)
     return jax.vmap(lambda t: path.derivatives(t, 3))(a * (1 - points) + b * points)
 
 
 def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
-    """Direction cosines, at the end of the interval, of the frame whose binormal at the start is `up`."""
+    """Return the direction cosines, at the end of the interval, of the frame whose binormal at the start is `up`."""
     roll_rates = jax.vmap(lambda r: _roll_rate(up, r[1], r[2]))(samples[1:-1])
     angle = -span * (jnp.asarray(_WEIGHTS / 2, span.dtype) @ roll_rates)
     tangent = _tangent(samples[-1, 1])
@@ -168,7 +179,7 @@ def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
 
 
 def _roll_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Scalar:
-    """ω·τ of the upright frame for this up direction [rad/s]: [(u × r'')·B]/|u × r'|."""
+    """Return ω·τ [rad/s] of the upright frame with the up direction u: (u × r'')·(r' × (u × r'))/(|r'| |u × r'|²)."""
     level = jnp.cross(up, r1)
     size = norm(r1) * (level @ level)
     exists = size > 0
@@ -184,7 +195,7 @@ def _dcm(tangent: Vec3, normal: Vec3) -> Mat3:
 
 
 def _normal_part(dcm: Mat3, vector: Vec3) -> Vec3:
-    """Body components of a vector normal to the tangent; the tangential component is exactly zero."""
+    """Return the body components of a vector normal to the tangent; the tangential component is exactly zero."""
     return jnp.concatenate([jnp.zeros_like(vector, shape=1), dcm[1:] @ vector])
 
 

@@ -1,12 +1,13 @@
-"""The C² rotation spline: cubic rotation vectors between attitudes, with continuous angular acceleration.
+"""Compute the C² rotation spline: cubic rotation vectors between attitudes, with continuous angular acceleration.
 
-Between two attitudes λ(t) = λ_i∘exp(θ(t)/2), where θ is a cubic with θ(0) = 0. The rate is ω = M(θ)θ̇ in body axes with
+Between two attitudes, λ(t) = λ_i∘exp(θ(t)/2), where θ is a cubic with θ(0) = 0. The rate is ω = M(θ)θ̇ in body axes
+with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-The rates at the inner attitudes make the acceleration continuous; they are computed by Newton's method with a block
-tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval. The result is the same
-spline as SciPy's RotationSpline.
+The rates at the inner attitudes are determined by the continuity of the acceleration; they are computed by Newton's
+method with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval.
+The spline is the same as SciPy's RotationSpline.
 """
 
 import math
@@ -21,13 +22,13 @@ from jaxtyping import Array, Float
 from qtraj.foundation.types import Mat3, Scalar, Vec3
 
 TERMS = 16
-"""Number of terms of the series c_m, a power of two; they are exact to round-off up to |θ| = 2π, without a branch."""
+"""Number of terms of the series c_m, a power of two; the series are exact to round-off up to |θ| = 2π."""
 
 MAX_ITERATIONS = 50
-"""Newton's method usually needs about five iterations."""
+"""Maximum number of Newton iterations; usually about five are needed."""
 
 EXACT_ORDERS = 2
-"""The derivatives of the rates are exact up to this order."""
+"""The order up to which derivatives of the rates with respect to the table are exact."""
 
 Vectors = Float[Array, "_ 3"]
 Blocks = Float[Array, "_ 3 3"]
@@ -36,21 +37,25 @@ _State = tuple[Array, Array, Array, Any]
 
 
 def rate(theta: Vec3, slope: Vec3) -> Vec3:
-    """ω = M(θ)θ̇ [rad/s], body axes, of λ∘exp(θ/2) with constant λ."""
+    """Return the rate ω = M(θ)θ̇ [rad/s] of λ∘exp(θ/2) with constant λ, body axes; `slope` is θ̇ [rad/s]."""
     two, three, _ = _stumpff(theta @ theta)
     cross = jnp.cross(theta, slope)
     return slope - two * cross + three * jnp.cross(theta, cross)
 
 
 def slope(theta: Vec3, omega: Vec3) -> Vec3:
-    """θ̇ = M(θ)⁻¹ω; singular only at |θ| = 2π."""
+    """Return θ̇ = M(θ)⁻¹ω [rad/s]; for |θ| ≤ 2π, the matrix M is singular only at |θ| = 2π."""
     two, three, four = _stumpff(theta @ theta)
     cross = jnp.cross(theta, omega)
     return omega + cross / 2 + (three - 2 * four) / (2 * two) * jnp.cross(theta, cross)
 
 
 def cubic(rotation: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array, "4 3"]:
-    """Ascending coefficients in t of θ over an interval, from its rotation vector and the rates at its ends."""
+    """Return the coefficients (4, 3) of θ(t) on an interval of `width` [s], lowest power first.
+
+    `rotation` is the rotation vector of the interval; `first` and `last` [rad/s] are the rates at its start and its
+    end.
+    """
     end = slope(rotation, last)
     mean = rotation / width
     return jnp.stack(
@@ -59,9 +64,9 @@ def cubic(rotation: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array
 
 
 def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
-    """The rates at all attitudes (n+1, 3) [rad/s], and the largest remaining jump of the acceleration [rad/s²].
+    """Return the rates at all attitudes (n+1, 3) [rad/s], and the largest remaining jump of the acceleration [rad/s²].
 
-    `rotations` (n, 3): rotation vectors between neighbouring attitudes; `widths` (n,): the times between them [s].
+    `rotations` (n, 3): the rotation vectors between neighbouring attitudes; `widths` (n,) [s]: the time intervals.
     """
     means = rotations / widths[:, None]
     if rotations.shape[0] == 1:
@@ -70,7 +75,8 @@ def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
     fixed = stop_gradient(conditions)
     solution, middle = _solve_rates(fixed, stop_gradient(means))
 
-    # The solution is not differentiated. Each step with the constant matrix makes one more order of derivatives exact.
+    # Newton's iteration is not differentiated. Instead, each of the following steps with a constant matrix makes one
+    # more order of derivatives exact.
     def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
         jumps = _jumps(conditions, rates)
         inner = rates[1:-1] - _solve(fixed.before, middle, fixed.after, jumps)
@@ -81,10 +87,11 @@ def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
 
 
 class _Condition(eqx.Module):
-    """The jump of ε at an inner attitude: its value before the attitude minus its value after it.
+    """The jump of the acceleration ε at an inner attitude, the value before the attitude minus the value after.
 
-    With the rate b at the attitude, and the rates a and c at its neighbours, it is (2/h₀) M₀ a + (4/h₀ + 4/h₁) b +
-    (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²),  e = M₀⁻¹ b.
+    With the rate b at the attitude, and the rates a and c at the previous and the next attitude, the jump is
+    (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²) with e = M₀⁻¹ b, where Θ₀, Θ₁
+    are the rotation vectors, and h₀, h₁ [s] the lengths, of the intervals before and after the attitude.
     """
 
     before: Mat3
@@ -108,7 +115,7 @@ class _Condition(eqx.Module):
         return self.before @ a + self.at * b + self.after @ c + self.nonlinear(b) + self.constant
 
     def nonlinear(self, b: Vec3) -> Vec3:
-        """The part of ε before the attitude that is not linear in the rates: (∂M/∂θ·e) e."""
+        """Return the term of the jump that is not linear in the rates, (∂M/∂θ·e) e."""
         e = slope(self.rotation, b)
         return jax.jvp(lambda theta: rate(theta, e), (self.rotation,), (e,))[1]
 
@@ -121,7 +128,7 @@ def _jumps(conditions: _Condition, rates: Vectors) -> Vectors:
 
 
 def _solve_rates(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
-    """The inner rates by Newton's method, and the diagonal blocks of its last matrix."""
+    """Compute the inner rates by Newton's method, and return them with the diagonal blocks of the last matrix."""
 
     def improve(state: _State) -> _State:
         rates, _, _, count = state
@@ -142,7 +149,10 @@ def _solve_rates(conditions: _Condition, means: Vectors) -> tuple[Vectors, Block
 
 
 def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vectors:
-    """Gaussian elimination, 3×3 blocks on three diagonals; the outer blocks of the first and last row are unused."""
+    """Solve a block tridiagonal system with 3×3 blocks by Gaussian elimination.
+
+    The first block of `lower` and the last block of `upper` are not used.
+    """
 
     def down(state: tuple[Mat3, Vec3], row: tuple[Mat3, Mat3, Mat3, Vec3]) -> tuple[tuple[Mat3, Vec3], tuple]:
         factor, previous = state
@@ -164,13 +174,13 @@ def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vect
 
 
 def _inverse(m: Mat3) -> Mat3:
-    """The inverse by cross products: accurate enough for these well-conditioned blocks, and cheap to compile."""
+    """Return the inverse, computed by cross products: fast to compile, and accurate for well-conditioned blocks."""
     cofactors = jnp.stack([jnp.cross(m[1], m[2]), jnp.cross(m[2], m[0]), jnp.cross(m[0], m[1])])
     return cofactors.T / (m[0] @ cofactors[0])
 
 
 def _stumpff(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """c₂, c₃ and c₄ at x; c₂ = ½ − x c₄."""
+    """Return the series c₂, c₃ and c₄ at `x`, with c₂ = ½ − x c₄."""
     powers = jnp.stack([jnp.ones_like(x), x])
     while powers.shape[0] < TERMS:
         powers = jnp.concatenate([powers, powers * (powers[-1] * x)])

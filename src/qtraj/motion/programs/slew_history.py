@@ -1,4 +1,4 @@
-"""A slew over time: the angle with two derivatives, the attitude, and the torque on the body."""
+"""Evaluate a slew over time: the angle and its first two derivatives, the attitude, and the torque on the body."""
 
 from __future__ import annotations
 
@@ -21,19 +21,21 @@ from qtraj.motion.profiles.profile import Profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MIN_DISTANCE = 1e-9
-"""Switches closer than this fraction of the duration count as one."""
+"""Switches that are closer in time than this fraction of the duration count as one switch."""
+AFTER_JUMP = "at a jump the value after the jump"
 INTERVALS = 512
-"""Number of equal intervals of `fine_times`."""
+"""Number of equal time intervals in `fine_times`."""
 BEFORE_SWITCH = 1e-9
-"""Time between a switch and the instant before it in `fine_times`, as a fraction of the duration."""
+"""Time between a switch and the preceding instant in `fine_times`, as a fraction of the duration."""
 
 
 class SlewHistory(AbstractResult):
-    """A slew at the instants `times` (n,) [s].
+    """The history of a slew at the instants `times` (n,) [s].
 
-    `angle` (n,) [rad], `angle_rate` and `angle_acceleration`; for a sequence, the angle is the sum over its slews.
-    `quaternion` (n, 4), `rate` (n, 3) and `acceleration` (n, 3) of the program, body axes. `torque` (n, 3) [N m], body
-    axes; None without an inertia. At a jump, the value after the jump is used.
+    `angle` (n,) [rad], `angle_rate` (n,) [rad/s] and `angle_acceleration` (n,) [rad/s²]; in a sequence, the angles of
+    the slews are added. `quaternion` (n, 4), `rate` (n, 3) [rad/s] and `acceleration` (n, 3) [rad/s²] are values of the
+    program, body axes. `torque` (n, 3) [N m], body axes, is None without an inertia. At a jump, all fields have the
+    value after the jump.
     """
 
     times: Float[Array, " n"]
@@ -46,18 +48,18 @@ class SlewHistory(AbstractResult):
     torque: Float[Array, "n 3"] | None = None
 
     def record(self) -> Record:
-        """Every field over `time`."""
+        """Return the fields with units, except those that are None."""
         body = ("time", "body")
         columns = {
             "angle": Quantity(self.angle, "rad", "angle of the slew", ("time",)),
-            "angle_rate": Quantity(self.angle_rate, "rad s-1", "rate of the angle", ("time",)),
+            "angle_rate": Quantity(self.angle_rate, "rad s-1", "first time derivative of the angle", ("time",)),
             "angle_acceleration": Quantity(
-                self.angle_acceleration, "rad s-2", "acceleration of the angle; at a jump the value after it", ("time",)
+                self.angle_acceleration, "rad s-2", f"second time derivative of the angle; {AFTER_JUMP}", ("time",)
             ),
             "quaternion": Quantity(self.quaternion, "1", "attitude of the program", ("time", "component")),
             "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes", body),
             "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", body),
-            "torque": Quantity(self.torque, "N m", "torque on the body, body axes; at a jump the value after it", body),
+            "torque": Quantity(self.torque, "N m", f"torque on the body, body axes; {AFTER_JUMP}", body),
         }
         variables = {name: quantity for name, quantity in columns.items() if quantity.values is not None}
         summary = (
@@ -67,12 +69,12 @@ class SlewHistory(AbstractResult):
         return Record(summary, variables, {"time": time}, {"frame": "body"})
 
     def __getitem__(self, instants: slice) -> SlewHistory:
-        """The history at a slice of the instants."""
+        """Return the history at a slice of the instants."""
         return jax.tree.map(lambda values: values[instants], self)
 
 
 class Leg(NamedTuple):
-    """One slew of a program about one axis; it begins at `start` [s]."""
+    """One slew of a program, about a fixed axis; `start` [s] is the instant at which the slew begins."""
 
     start: float
     turn: EulerTurn
@@ -80,17 +82,17 @@ class Leg(NamedTuple):
 
     @property
     def end(self) -> float:
-        """The instant at which it ends [s]."""
+        """The instant [s] at which the slew ends."""
         return self.start + float(self.profile.duration)
 
     @property
     def moves(self) -> bool:
-        """Whether the attitude changes. With nonzero end rates, a slew by a zero angle moves away and back."""
+        """Whether the attitude changes; with nonzero end rates, it changes even if the angle of the slew is zero."""
         return float(self.profile.total) != 0 or not self.profile.proportional
 
     @property
     def switches(self) -> list[float]:
-        """The distinct instants inside the slew at which a piece of the profile ends [s]."""
+        """The distinct instants [s] within the slew at which a segment of the profile ends."""
         duration = float(self.profile.duration)
         switches: list[float] = []
         for t in np.asarray(self.turn.switches).tolist():
@@ -102,9 +104,9 @@ class Leg(NamedTuple):
 
 
 def slew_legs(program: EulerTurn | SlewSequence) -> list[Leg]:
-    """The slews of a program, in order.
+    """Return the slews of a program in order of time.
 
-    **Raises:** ValueError for a program of another kind.
+    **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`.
     """
     if isinstance(program, EulerTurn):
         return [Leg(0.0, program, program.profile)]
@@ -118,11 +120,12 @@ def slew_legs(program: EulerTurn | SlewSequence) -> list[Leg]:
 def slew_history(
     program: EulerTurn | SlewSequence, times: ArrayInput, inertia: ArrayInput | None = None
 ) -> SlewHistory:
-    """A slew, or a sequence of slews, at the instants `times` (n,) [s].
+    """Evaluate a slew, or a sequence of slews, at the instants `times` (n,) [s].
 
-    `inertia` [kg m²] of the body, for the torque: a scalar, principal moments (3,), or a tensor (3, 3), body axes.
+    `inertia` [kg m²], body axes: a scalar, principal moments (3,), or a tensor (3, 3). With None, no torque is
+    computed.
 
-    **Raises:** ValueError for a program of another kind, or an invalid inertia.
+    **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, or an invalid inertia.
     """
     instants = np.asarray(times, float)
     angle = np.zeros((len(instants), 3))
@@ -140,7 +143,7 @@ def slew_history(
 
 
 def fine_times(program: EulerTurn | SlewSequence) -> np.ndarray:
-    """Instants (n,) [s] for figures: the ends of 512 equal intervals, and both sides of each switch to show jumps."""
+    """Return instants (n,) [s] for figures: the ends of 512 equal intervals, and both sides of each switch."""
     legs = slew_legs(program)
     duration = legs[-1].end
     switches = np.array([t for leg in legs for t in (*leg.switches, leg.end)])
@@ -150,7 +153,7 @@ def fine_times(program: EulerTurn | SlewSequence) -> np.ndarray:
 
 @eqx.filter_jit
 def attitudes_at(program: AbstractProgram, times: Float[Array, " n"]) -> Attitude:
-    """The attitudes of a program at `times` [s]."""
+    """Return the attitudes of a program at `times` [s]."""
     return jax.vmap(program)(times)
 
 

@@ -1,8 +1,8 @@
-"""Torques of eigenaxis slews, and slews within torque limits.
+"""Compute torques of eigenaxis slews, and slow slews down to satisfy torque limits.
 
-A slew of a body of inertia J about the axis e needs the torque M = Φ̈p + Φ̇²q, p = Je, q = e×Je, in body axes (Euler's
-equations). On a piece of a profile the torque is a polynomial in time, so its maximum is exact. Since q ⊥ p,
-|M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
+A slew of a body with inertia J by the angle Φ(t) about the axis e needs the torque M = Φ̈p + Φ̇²q with p = Je and q =
+e×Je, in body axes (Euler's equations). On each segment of a profile the torque is a polynomial in time, so its maximum
+is found without sampling. Since q ⊥ p, |M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -23,17 +23,17 @@ from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MAX_STEPS = 200
-"""Number of steps of the search for the best coasting rate; each step reduces the interval to at most 62 %."""
+"""Number of steps of each search for a coasting rate; a step reduces the interval to at most 62 % of its length."""
 
 MARGIN = 1e-10
 """Relative margin below the torque limit; computed maxima of polynomials up to degree 24 have errors of about 1e-11."""
 
 
 class TorquePeak(NamedTuple):
-    """The largest torques of a program [N m], and the times at which they first occur [s].
+    """The largest torques [N m] of a program, and the first instants [s] at which they occur.
 
-    `axes` (3,) and `axes_times` (3,) refer to the absolute value of each component, body axes; `norm` and `norm_time`
-    to the magnitude of the torque vector.
+    `axes` (3,) and `axes_times` (3,) refer to the absolute value of each component, body axes. `norm` and `norm_time`
+    refer to the magnitude of the torque vector.
     """
 
     axes: tuple[float, float, float]
@@ -43,14 +43,15 @@ class TorquePeak(NamedTuple):
 
 
 def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> TorquePeak:
-    """The largest torque [N m] of a slew, or of a slew sequence, in body axes.
+    """Compute the largest torque [N m] of a slew, or of a slew sequence, in body axes.
 
     `inertia` [kg m²]: a scalar, (3,) principal moments, or (3, 3), about the centre of mass, in body axes. The maxima
-    are exact to about 1e-10 in float64: the torque is evaluated at the ends and stationary points of its polynomials,
-    on both sides of each switch. Impulses at a jump of the rate, such as at the end of a slew with an `end_rate`, are
-    not included.
+    have a relative error of about 1e-10 in float64: the torque is evaluated at the ends and at the stationary points of
+    its polynomials, on both sides of each switch. Impulses at a jump of the rate, such as at the end of a slew with an
+    `end_rate`, are not included.
 
-    **Raises:** ValueError for an invalid inertia, a program of another kind, or inside a trace.
+    **Raises:** ValueError for an invalid inertia, a program that is neither an `EulerTurn` nor a `SlewSequence`, or
+    inside a trace.
     """
     J = np.asarray(inertia_matrix(inertia), float)
     axes, axes_times, norm, norm_time = np.zeros(3), np.zeros(3), 0.0, 0.0
@@ -73,17 +74,17 @@ def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> Torqu
 def within_torque(
     program: EulerTurn | SlewSequence, inertia: ArrayInput, max_torque: ArrayInput
 ) -> EulerTurn | SlewSequence:
-    """The program, slowed down if it violates a torque limit.
+    """Return the program, slowed down if it violates a torque limit.
 
-    `inertia`: as in `peak_torque`. `max_torque` [N m]: a number limits the magnitude of the torque, (3,) limits each
-    component in body axes. A program that satisfies the limit is returned unchanged. For a single slew with a
-    `TimeOptimal` profile, the coasting rate and the constant acceleration are chosen for minimum duration (the duration
-    is convex in the rate); an acceleration that varies with the rate could be faster. A slew with another profile, or a
-    slew sequence, keeps its shape and is stretched in time until its largest torque equals the limit. The limit is
-    satisfied on the whole slew; see `peak_torque`.
+    `inertia`: as in `peak_torque`. `max_torque` [N m]: a number limits the magnitude of the torque; an array (3,)
+    limits each component in body axes. A program that satisfies the limit is returned unchanged. For a single slew with
+    a `TimeOptimal` profile, the coasting rate and the constant acceleration are chosen for minimum duration (the
+    duration is convex in the rate); a slew whose acceleration varies with the rate could be faster. A slew with another
+    profile, or a slew sequence, is stretched in time until its largest torque equals the limit. The largest torque is
+    computed as in `peak_torque`, so the limit is satisfied on the whole slew.
 
     **Raises:** ValueError for a torque limit that is not positive; for a slew that violates the limit and has a fixed
-    duration or end rates; and in the same cases as `peak_torque`.
+    duration, a start rate or an end rate; and in the same cases as `peak_torque`.
     """
     bound = _bound(max_torque)
     ratio = _ratio(peak_torque(program, inertia), bound)
@@ -96,8 +97,9 @@ def within_torque(
         or getattr(law, "end_rate", None) is not None
     ):
         raise ValueError(
-            f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, and it cannot "
-            "be slowed down, because its duration or its end rates are fixed. Allow more time, or omit them."
+            f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot "
+            "be slowed down, because its duration or its end rates are fixed. Increase the duration, or omit duration "
+            "and end rates."
         )
     target = bound * (1 - MARGIN)
     if isinstance(program, EulerTurn) and isinstance(law, TimeOptimal):
@@ -114,7 +116,7 @@ def _three(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _slews(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray, Profile]]:
-    """Start [s], axis in body axes and profile of each slew."""
+    """Return start [s], axis in body axes and profile of each slew."""
     if isinstance(program, EulerTurn):
         slews, starts = [program], [0.0]
     elif isinstance(program, SlewSequence):
@@ -126,20 +128,21 @@ def _slews(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray, P
         raise ValueError(f"an EulerTurn or a SlewSequence was expected, but a {type(program).__name__} was given")
     if any(concrete(slew.angle) is None for slew in slews):
         raise ValueError(
-            "the torque of a slew needs concrete values. Call this function outside of jax.jit, grad and vmap."
+            "the torque of a slew needs concrete values, but a traced slew was given: call this function outside jit, "
+            "grad and vmap"
         )
     return [(start, np.asarray(slew.axis(), float), slew.profile) for start, slew in zip(starts, slews, strict=True)]
 
 
 def _coefficients(J: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """p and q of M = Φ̈p + Φ̇²q; round-off in q, such as about a principal axis, is set to zero."""
+    """Return p and q of M = Φ̈p + Φ̇²q; components of q below round-off, as for a principal axis, are set to zero."""
     p = J @ axis
     q = np.cross(axis, p)
     return p, np.where(np.abs(q) > 8 * np.finfo(float).eps * np.linalg.norm(p), q, 0.0)
 
 
 def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial]]:
-    """Start and width [s] of each piece of nonzero width, and its Φ̇ and Φ̈ as polynomials in u."""
+    """Return start [s], width [s], and Φ̇ and Φ̈ as polynomials in u, of each segment of nonzero width."""
     scale = float(profile.total) if profile.proportional else 1.0
     pieces = []
     for start, width, coefficients in zip(
@@ -152,7 +155,7 @@ def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial
 
 
 def _largest(curve: Polynomial) -> tuple[float, float]:
-    """The maximum of |curve| on [0, 1], and the first u at which it occurs."""
+    """Return the maximum of |curve| on [0, 1], and the first u at which it occurs."""
     points = np.array(stationary_points(curve))
     values = np.abs(curve(points))
     first = int(np.argmax(values >= values.max() * (1 - MARGIN)))
@@ -170,15 +173,16 @@ def _bound(max_torque: ArrayInput) -> np.ndarray:
 
 
 def _ratio(peak: TorquePeak, bound: np.ndarray) -> float:
-    """The largest torque, relative to its limit."""
+    """Return the largest torque, relative to its limit."""
     return peak.norm / float(bound) if bound.ndim == 0 else float(np.max(np.asarray(peak.axes) / bound))
 
 
 def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, bound: np.ndarray) -> TimeOptimal:
-    """The trapezoid of minimum duration Φ/V + V/A(V).
+    """Return the trapezoidal profile of minimum duration Φ/V + V/A(V).
 
-    Acceleration and deceleration both reach the rate V, so the largest torque is A|p| + V²|q| about each axis, and its
-    largest magnitude is √(A²|p|² + V⁴|q|²). The acceleration A(V) within the limit is concave and decreasing, so the
+    Φ is the angle, V the coasting rate and A(V) the largest acceleration within the torque limit. The rate reaches V at
+    the end of the acceleration and at the start of the deceleration, so the largest torque about each axis is A|p| +
+    V²|q|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not increase, so the
     duration is convex in V.
     """
     max_acceleration = float(law.max_acceleration)
@@ -194,8 +198,8 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
         A = acceleration(V)
         return angle / V + V / A if A > 0 else np.inf
 
-    # The coast has a non-negative duration if V² ≤ A(V)Φ. In V, the left side increases and the right side decreases,
-    # so there is one root.
+    # The coast has a non-negative duration if V² ≤ A(V)Φ. The left side increases with V and the right side does not,
+    # so bisection finds the largest such V.
     low, high = 0.0, (max_acceleration * angle) ** 0.5
     if high**2 > acceleration(high) * angle:
         for _ in range(MAX_STEPS):
@@ -208,7 +212,7 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
 
 
 def _argmin(function: Callable[[float], float], high: float) -> float:
-    """The minimiser of a convex function on (0, high] by golden-section search; `high` if the function decreases."""
+    """Return the minimiser of a convex function on (0, high] by golden-section search."""
     ratio, low, top = (5**0.5 - 1) / 2, 0.0, high
     a, b = top - ratio * (top - low), low + ratio * (top - low)
     fa, fb = function(a), function(b)
@@ -225,7 +229,7 @@ def _argmin(function: Callable[[float], float], high: float) -> float:
 
 
 def _slowed(law: AbstractProfile, factor: float) -> AbstractProfile:
-    """The motion profile `law` with its limits reduced so that slews take `factor` times as long."""
+    """Return the motion profile `law` with its limits reduced so that slews take `factor` times as long."""
     orders = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
     limits = {name: getattr(law, name, None) for name in orders}
     changed = {name: jnp.asarray(x / factor ** orders[name]) for name, x in limits.items() if x is not None}

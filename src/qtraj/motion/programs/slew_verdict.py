@@ -1,4 +1,4 @@
-"""Compares a slew with its limits: peaks, active limits, the minimum duration, and the sign of the final quaternion."""
+"""Compare a slew with its limits: peaks, active limits, minimum duration, and sign of the final quaternion."""
 
 from __future__ import annotations
 
@@ -25,13 +25,17 @@ from qtraj.motion.programs.slew_history import Leg, slew_legs
 from qtraj.motion.programs.slew_torque import peak_torque, within_torque
 
 ORDERS = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
-"""The order of the derivative of the angle that each limit bounds."""
+"""For each limit, the order of the time derivative of the angle that it bounds."""
 UNITS = {"max_rate": "rad s-1", "max_acceleration": "rad s-2", "max_jerk": "rad s-3"}
 TORQUE_UNIT = "N m"
 WITHOUT_JERK = (TimeOptimal, Cubic)
-"""Profiles whose acceleration jumps, within the slew or at its ends, so the jerk is unbounded."""
+"""Profiles for which no jerk is compared, because their acceleration jumps."""
 TOLERANCE = 1e-9
-"""Relative tolerance: a limit is violated if the peak exceeds it by more, and active if they differ by less."""
+"""Relative tolerance of the comparison of peaks with limits.
+
+A limit is violated if the peak exceeds it by more than the tolerance, and active if the peak and the limit differ by at
+most the tolerance.
+"""
 
 MET, BROKEN, NO_LIMIT = STATUSES = ("met", "broken", "no limit")
 
@@ -39,15 +43,15 @@ MET, BROKEN, NO_LIMIT = STATUSES = ("met", "broken", "no limit")
 class SlewVerdict(AbstractResult):
     """The comparison of a slew, or of a sequence of slews, with its limits.
 
-    - `names`: the limited quantities, such as "max_rate" or "max_torque". For each, `peaks` is the largest magnitude,
-      `times` [s] the first instant at which it occurs, and `limits` the limit (NaN for none).
-    - `starts`, `durations` [s] and `angles` [rad] of each slew, and its unit axes `body_axes` and `inertial_axes` (m,
-      3), NaN if the attitude does not change.
-    - `switches` [s]: the instants between two pieces of a profile.
+    - `names`: the n limited quantities, such as "max_rate" or "max_torque". For each quantity, `peaks` is the largest
+      magnitude, `times` [s] the first instant of the peak, and `limits` the limit (NaN for no limit).
+    - `starts`, `durations` [s] and `angles` [rad] of the m slews, and their unit axes in body and inertial axes,
+      `body_axes` and `inertial_axes` (m, 3). An axis is NaN if the attitude does not change.
+    - `switches` (k,) [s]: the instants between two segments of a profile.
     - `least_duration` [s]: the duration of the fastest slew within the limits; NaN if the profile does not have a fixed
-      duration or there are no limits.
-    - `end` (4,): the quaternion at the end of the program. `sign` is −1 if it has the opposite sign of the requested
-      quaternion.
+      duration or if there are no limits.
+    - `end` (4,): the quaternion at the end of the program. `sign` is −1 if `end` and the requested quaternion have
+      opposite signs, otherwise 1.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -72,7 +76,7 @@ class SlewVerdict(AbstractResult):
 
     @property
     def active(self) -> list[str]:
-        """Names of the active limits, which are met with a relative margin below 1e-9."""
+        """The names of the active limits; a limit is active if |peak − limit| is at most 1e-9 of the limit."""
         peaks, limits = np.asarray(self.peaks), np.asarray(self.limits)
         return [self.names[k] for k in np.flatnonzero(np.abs(peaks - limits) <= TOLERANCE * limits)]
 
@@ -88,15 +92,15 @@ class SlewVerdict(AbstractResult):
 
     @property
     def result(self) -> str:
-        """The result in words, and what to do if a limit is violated."""
+        """The result in words, with advice if a limit is violated."""
         if np.isnan(self.body_axes).all():
-            return "there is no slew: all attitudes are the same."
+            return "there is no slew, because all attitudes are the same."
         minimum, status = float(self.least_duration), self.status
         if not self.met:
             exceeded = np.asarray(self.peaks) / np.asarray(self.limits) - 1
             worst = [f"{x} by {100 * exceeded[k]:.3g} %" for k, x in enumerate(self.names) if status[x] == BROKEN]
             least = "" if math.isnan(minimum) else f" Within the limits, the slew takes at least {minimum:.9g} s."
-            return f"limits are violated: {', '.join(worst)}.{least} Allow more time, or raise the limits."
+            return f"limits are violated: {', '.join(worst)}.{least} Increase the duration, or raise the limits."
         if active := self.active:
             listed = " and ".join(filter(None, [", ".join(active[:-1]), active[-1]]))
             return f"all limits are met; {listed} {'is' if len(active) == 1 else 'are'} active."
@@ -106,7 +110,7 @@ class SlewVerdict(AbstractResult):
         return f"all limits are met, and none is active.{least}"
 
     def record(self) -> Record:
-        """Peaks over `limit`, whose coordinate `limit_unit` has the unit of each; the slews over `slew`."""
+        """Return the peaks along `limit`, with units in the coordinate `limit_unit`, and the slews along `slew`."""
         limit, slew = ("limit",), ("slew",)
         margin = np.asarray(self.limits) - np.asarray(self.peaks)
         active = np.isin(self.names, self.active)
@@ -123,7 +127,7 @@ class SlewVerdict(AbstractResult):
             "angle": Quantity(self.angles, "rad", "angle of each slew", slew),
             "axis_body": Quantity(self.body_axes, "1", "axis of each slew, body axes", ("slew", "body")),
             "axis_inertial": Quantity(self.inertial_axes, "1", "axis of each slew, inertial axes", ("slew", "world")),
-            "switch_time": Quantity(self.switches, "s", "instants between two pieces of a profile", ("switch",)),
+            "switch_time": Quantity(self.switches, "s", "instants between two segments of a profile", ("switch",)),
             "least_duration": Quantity(self.least_duration, "s", "duration of the fastest slew within the limits"),
             "end_quaternion": Quantity(self.end, "1", "attitude quaternion at the end", ("component",)),
             "end_sign": Quantity(self.sign, "1", "sign relative to the requested quaternion"),
@@ -132,7 +136,7 @@ class SlewVerdict(AbstractResult):
         }
         coordinates = {
             "limit": Quantity(np.array(self.names), "", "limited quantity", limit),
-            "limit_unit": Quantity(units, "", "its unit", limit),
+            "limit_unit": Quantity(units, "", "unit of the limited quantity", limit),
         }
         statuses = ", ".join(f"{name} {text}" for name, text in self.status.items())
         slewed = f"{math.degrees(float(np.sum(self.angles))):.6g}° in {self.duration:.6g} s"
@@ -148,16 +152,17 @@ def judge_slew(
 ) -> SlewVerdict:
     """Compare a slew, or a sequence of slews, with limits on the derivatives of the angle and on the torque.
 
-    `limits`: "max_rate", "max_acceleration" and "max_jerk" [rad s⁻ᵏ] by name; None for the limits of the program's
-    profile. `inertia` [kg m²], as in `peak_torque`, adds the torque. `max_torque` [N m] is its limit: a number for the
-    magnitude of the torque, (3,) for each component in body axes. `end` (4,): the requested final quaternion, to
-    compare its sign; None for the `end_q` of the program.
+    `limits`: a dictionary with the keys "max_rate" [rad/s], "max_acceleration" [rad/s²] and "max_jerk" [rad/s³]; None
+    for the limits of the program's profile. With an `inertia` [kg m²], as in `peak_torque`, the peak torque is computed
+    too. `max_torque` [N m] is the limit of the torque: a number for its magnitude, (3,) for each component in body
+    axes. `end` (4,): the requested final quaternion; None for the `end_q` of the program. The sign of `end` is compared
+    with the sign of the program's final quaternion.
 
-    The peaks are exact maxima of polynomials. For the minimum duration with a torque limit, the fastest slew within the
-    other limits is slowed down by `within_torque`; a slew with another profile may be shorter.
+    The peaks are maxima of polynomials, exact up to rounding errors. For the minimum duration with a torque limit,
+    `within_torque` slows down the fastest slew within the other limits; a slew with another profile may be faster.
 
-    **Raises:** ValueError for a program of another kind, unknown limits, an invalid inertia, a `max_torque` without an
-    inertia, or inside a trace.
+    **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, unknown limits, an invalid
+    inertia, a `max_torque` without an inertia, or inside a trace.
     """
     legs, law = slew_legs(program), program.law
     user_bounds = _limits(law, limits)
@@ -167,7 +172,7 @@ def judge_slew(
     if inertia is not None:
         rows += _torques(program, inertia, max_torque)
     elif max_torque is not None:
-        raise ValueError("max_torque needs the inertia of the body: pass inertia [kg m²] as well")
+        raise ValueError("max_torque needs the inertia of the body: pass inertia [kg m²] too")
     names, peaks, times, bounds = zip(*rows, strict=True)
     last = legs[-1].turn
     requested = last.end_q if end is None else real_vector(end, "the end attitude", 4)
@@ -196,7 +201,7 @@ def _limits(law: AbstractProfile, limits: Mapping[str, ArrayInput] | None) -> di
 
 
 def _peak(legs: Sequence[Leg], order: int) -> tuple[float, float]:
-    """The largest magnitude of a derivative of the angle, and its first instant [s]."""
+    """Return the largest magnitude of a time derivative of the angle, and the first instant [s] at which it occurs."""
     best, instant = 0.0, legs[0].start
     for leg in legs:
         time, value = leg.profile.peak(order)
@@ -206,7 +211,7 @@ def _peak(legs: Sequence[Leg], order: int) -> tuple[float, float]:
 
 
 def _torques(program: EulerTurn | SlewSequence, inertia: ArrayInput, limit: ArrayInput | None) -> list[tuple[Any, ...]]:
-    """The peak magnitude of the torque, or the peaks of its components if each axis has a limit."""
+    """Return name, peak, instant [s] and limit of the torque, or of its components if each axis has a limit."""
     peak = peak_torque(program, inertia)
     if limit is None or np.ndim(limit) == 0:
         return [("max_torque", peak.norm, peak.norm_time, None if limit is None else float(np.asarray(limit)))]
@@ -224,7 +229,10 @@ def _least_duration(
     inertia: ArrayInput | None,
     max_torque: ArrayInput | None,
 ) -> float:
-    """The minimum duration [s] of the same slew within the limits; NaN without a fixed duration or without limits."""
+    """Return the minimum duration [s] of the slew within the limits.
+
+    The result is NaN if the duration of the slew is not fixed, or if there are no limits.
+    """
     law = program.law
     if law.duration is None or not limits:
         return math.nan

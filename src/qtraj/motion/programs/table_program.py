@@ -1,4 +1,4 @@
-"""A program through a table of attitudes: the C² rotation spline."""
+"""Define a program that interpolates a table of attitudes by the C² rotation spline."""
 
 from typing import Any
 
@@ -25,17 +25,17 @@ class TableProgram(AbstractProgram):
 
     The quaternions need not be normalised and may have either sign; they are stored with continuous signs. The
     program's quaternion has norm 1, is continuous and starts with the sign of the first quaternion. Neighbouring
-    attitudes are joined by the shorter rotation, which must be less than a half turn. The rates at both ends are the
-    mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline, whose iteration
-    stops at about 1e-9. Program time starts at the first of `times`; outside [0, duration] the first and last pieces
-    are extrapolated.
+    attitudes are connected by the shorter rotation, which must be less than a half turn. The rates at both ends are the
+    mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline, up to the tolerance
+    of about 1e-9 at which SciPy's iteration stops. Program time is measured from times[0]; outside [0, duration] the
+    first and the last polynomial are extrapolated.
 
-    `rates` (n, 3) [rad/s], body axes, at the attitudes; if None, they are computed and stored when the program is
-    created. If you pass rates, they are used without change, and the acceleration may jump. Derivatives with respect to
-    the table are exact to second order.
+    `rates` (n, 3) [rad/s]: the angular rates at the attitudes, body axes. With None, the rates are computed and stored
+    when the program is created. If you pass `rates`, they are not changed, and the acceleration may jump. First and
+    second derivatives with respect to the table are exact.
 
     **Raises:** ValueError for fewer than two attitudes, times that do not increase, wrong shapes, values that are not
-    finite, a zero quaternion, or attitudes that are too far apart for the spline to converge.
+    finite, a zero quaternion, or attitudes that are too far apart for the iteration to converge.
     """
 
     times: Float[Array, " n"]
@@ -60,12 +60,12 @@ class TableProgram(AbstractProgram):
         return shown(self, times="s", rates="rad/s")
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        """The attitude at the time `t` [s]."""
+        """Return the attitude at the time `t` [s]."""
         return _attitude(self, one_instant(t).astype(self.times.dtype))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The time from the first to the last attitude [s]."""
+        """The time [s] from the first to the last attitude."""
         return self.times[-1] - self.times[0]
 
 
@@ -79,13 +79,13 @@ def _attitude(program: TableProgram, t: Scalar) -> Attitude:
 
 
 def _rotation(start: Quat, end: Quat) -> tuple[Quat, Vec3]:
-    """The start as a unit quaternion, and the rotation vector from start to end in body axes [rad]."""
+    """Return the unit quaternion of `start`, and the rotation vector [rad] from `start` to `end` in body axes."""
     start = quaternion.unit(start)
     return start, 2 * quaternion.log(quaternion.product(quaternion.conjugate(start), end))
 
 
 def _evaluate(start: Quat, theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
-    """The attitude on one piece, `t` seconds after its start, from the coefficients of the cubic θ."""
+    """Return the attitude `t` seconds after `start`, from the coefficients (4, 3) of the cubic rotation vector θ."""
     value = theta[0] + t * (theta[1] + t * (theta[2] + t * theta[3]))
     slope = theta[1] + t * (2 * theta[2] + t * 3 * theta[3])
     second = 2 * theta[2] + t * 6 * theta[3]
@@ -98,15 +98,15 @@ def _spline_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -
     value = concrete(converged)
     if value is not None and not value:
         raise ValueError(
-            "the iteration for a spline with continuous acceleration did not converge: neighbouring attitudes are too "
-            "far apart. Add attitudes between them, or pass their rates."
+            "the iteration for a spline with continuous acceleration did not converge, because neighbouring attitudes "
+            "are too far apart. Add attitudes between them, or pass rates."
         )
     return rates
 
 
 @eqx.filter_jit
 def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> tuple[Float[Array, "n 3"], Flag]:
-    """The rates at the attitudes, and whether they make the acceleration continuous."""
+    """Return the rates at the attitudes, and whether the acceleration is continuous with these rates."""
     widths = jnp.diff(times)
     _, rotations = jax.vmap(_rotation)(quaternions[:-1], quaternions[1:])
     rates, jump = spline.knot_rates(rotations, widths)
@@ -114,7 +114,7 @@ def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> 
 
 
 def _tolerance(dtype: Any) -> float:
-    """The largest jump of the acceleration of a converged spline, relative to angle/interval²."""
+    """Return the largest acceptable jump of the acceleration of the spline, relative to angle/interval²."""
     return float(jnp.finfo(dtype).eps) ** 0.5
 
 

@@ -1,1 +1,1 @@
-"""Propagation: λ(t) from a known rate ω(t)."""
+"""Propagate λ(t) for a prescribed angular rate ω(t)."""

@@ -1,11 +1,11 @@
-"""Gauss–Legendre collocation of 2λ̇ = λ∘ω(t) with any number of stages s: order 2s, |λ| constant to round-off.
+"""Integrate 2λ̇ = λ∘ω(t) by Gauss–Legendre collocation of order 2s with s stages; |λ| is constant to round-off.
 
-The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. Fixed-point sweeps solve them; a dense solver is 6 to
-40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution multiplied by a constant quaternion is again a
-solution, so the sweeps impose Y = 1 in the middle of the step instead of at its beginning. Each integral then spans at
-most half the step, so the error after k sweeps is smaller by (½)^k, which saves up to a fifth of the sweeps. The
-derivative of the solution is computed by separate sweeps; the sweeps themselves are not differentiated. Nodes, weights
-and a_ij are computed with 50 digits and then rounded.
+The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. They are solved by fixed-point sweeps; a dense solver
+is 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution multiplied by a constant quaternion is again
+a solution, so the sweeps impose Y = 1 in the middle of the step instead of at its beginning. Each integral then spans
+at most half the step, so the error after k sweeps is smaller by a factor of 2^k, which saves up to a fifth of the
+sweeps. The derivative of the solution is computed by separate sweeps; the sweeps themselves are not differentiated. The
+nodes, the weights and the coefficients a_ij are computed with 50 digits and then rounded.
 """
 
 import decimal
@@ -27,11 +27,11 @@ from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
 DIGITS = 50
 MAX_STAGES = 64
 ANGLE_PER_STEP = 2.0
-"""[rad] Largest angle h·max|ω| for which the sweeps reach round-off. For longer steps the error estimate increases."""
+"""Largest angle h·max|ω| [rad] at which the sweeps converge to round-off; above it, the error estimate increases."""
 
 
 class GaussLegendre(AbstractIncrement):
-    """Collocation at `stages` Gauss points, order 2·stages.
+    """Gauss–Legendre collocation with `stages` Gauss points, of order 2·stages.
 
     **Raises:** ValueError unless `stages` is an integer from 1 to 64.
     """
@@ -48,7 +48,7 @@ class GaussLegendre(AbstractIncrement):
 
     @property
     def nodes(self) -> np.ndarray:
-        """The Gauss points on [0, 1] (s,)."""
+        """The Gauss points (s,) on [0, 1]."""
         return tableau(self.stages).c
 
     @property
@@ -57,7 +57,7 @@ class GaussLegendre(AbstractIncrement):
         return tableau(self.stages).b
 
     def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
-        """The unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
+        """Return the unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
         scheme = tableau(self.stages)
         half = 0.5 * h * rates.T
         stages = _stages(scheme.sweeps, jnp.asarray(scheme.around, h.dtype), half)
@@ -68,10 +68,10 @@ class GaussLegendre(AbstractIncrement):
 
 
 class Tableau(NamedTuple):
-    """A collocation scheme on [0, 1]: nodes c (s,), weights b (s,) and coefficients a (s, s).
+    """A collocation scheme on [0, 1] with nodes `c` (s,), weights `b` (s,) and coefficients `a` (s, s).
 
     `before` (s,): weights of the integral from 0 to ½. `around` (s, s): weights of the integrals from ½ to the nodes.
-    `sweeps`: the number of sweeps that reach round-off.
+    `sweeps`: the number of sweeps after which the error is below round-off.
     """
 
     c: np.ndarray
@@ -84,10 +84,11 @@ class Tableau(NamedTuple):
 
 @functools.cache
 def tableau(stages: int) -> Tableau:
-    """The Gauss–Legendre scheme, exact up to one rounding.
+    """Return the Gauss–Legendre scheme with coefficients that are correctly rounded.
 
-    a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integrals of the Lagrange polynomials by their
-    Legendre series, without cancellation; x = 2c − 1.
+    With x = 2c − 1, the coefficients are a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integrals
+    of the Lagrange polynomials. They are computed from the Legendre series of these polynomials, which avoids
+    cancellation.
     """
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
         x = [_root(stages, i) for i in range(stages)]
@@ -103,9 +104,10 @@ def tableau(stages: int) -> Tableau:
 
 @functools.cache
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature of order 2·count − 2, for error estimates.
+    """Return the nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature of order 2·count − 2.
 
-    The nodes are the ends and the extrema of P_{count−1}; the weights are 1/(count (count − 1) P²).
+    The nodes are both ends and the extrema of P_{count−1}; the weights are 1/(count (count − 1) P²), where P is the
+    value of P_{count−1} at the node.
     """
     degree = count - 1
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
@@ -118,7 +120,7 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _integral(c: Decimal, p: list[Decimal], at_nodes: list[list[Decimal]], b: list[Decimal]) -> list[Decimal]:
-    """Weights of the integral from 0 to c, from the Legendre polynomials at c and at the nodes."""
+    """Return the weights of the integral from 0 to `c`, from the Legendre polynomials `p` at `c` and `at_nodes`."""
     half = Decimal("0.5")
     return [
         bj * (c + half * sum(pj[k] * (p[k + 1] - p[k - 1]) for k in range(1, len(b))))
@@ -127,7 +129,7 @@ def _integral(c: Decimal, p: list[Decimal], at_nodes: list[list[Decimal]], b: li
 
 
 def _legendre(count: int, x: Decimal) -> list[Decimal]:
-    """P_0(x) to P_count(x)."""
+    """Return the Legendre polynomials P_0(x) to P_count(x)."""
     p = [Decimal(1), x]
     for k in range(1, count):
         p.append(((2 * k + 1) * x * p[k] - k * p[k - 1]) / (k + 1))
@@ -135,9 +137,9 @@ def _legendre(count: int, x: Decimal) -> list[Decimal]:
 
 
 def _root(stages: int, i: int) -> Decimal:
-    """The i-th zero of P_stages, ascending, by Newton's method from the standard cosine estimate."""
+    """Return the i-th zero of P_stages in ascending order, by Newton's method from the standard cosine estimate."""
     x = Decimal(-math.cos(math.pi * (i + 0.75) / (stages + 0.5)))
-    for _ in range(8):  # about 3 correct digits at first, doubled in each step
+    for _ in range(8):  # the estimate has about 3 correct digits, and each step doubles their number
         p = _legendre(stages, x)
         x -= p[stages] * (1 - x * x) / (stages * (p[stages - 1] - x * p[stages]))
     return x
@@ -148,7 +150,7 @@ def _rounded(values: list) -> np.ndarray:
 
 
 def _sweeps(a: np.ndarray) -> int:
-    """The number of sweeps after which the powers of (h|ω|/2)·a are below round-off."""
+    """Return the number of sweeps after which the powers of (h|ω|/2)·a are below round-off."""
     term, count = np.ones(len(a)), 0
     while np.max(np.abs(term)) > 0.5 * np.finfo(float).eps:
         term, count = 0.5 * ANGLE_PER_STEP * (a @ term), count + 1
@@ -157,7 +159,7 @@ def _sweeps(a: np.ndarray) -> int:
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
-    """The solution Y of the stage equations; `half` is (h/2)ω at the nodes."""
+    """Solve the stage equations for Y (4, s); `half` (3, s) is (h/2)ω at the nodes."""
     identity = jnp.zeros_like(half, shape=(4, half.shape[1])).at[0].set(1.0)
     return _sweep(sweeps, a, half, identity)
 
@@ -165,15 +167,15 @@ def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> F
 @_stages.defjvp
 def _(sweeps, primals, tangents):
     a, half = primals
-    stages = _stages(sweeps, a, half)  # dY = (dY∘ω + Y∘dω) a: the same equations with another right-hand side
+    stages = _stages(sweeps, a, half)  # dY = (dY∘ω + Y∘dω) aᵀ has the same form as the equation for Y
     right = exact_product(_times_pure(stages, tangents[1]), a.T)
     return stages, _sweep(sweeps, a, half, right)
 
 
 def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
-    """Solve y = right + (y∘half) aᵀ by fixed-point sweeps in a loop, which compiles twice as fast as unrolled code.
+    """Solve y = right + (y∘half) aᵀ by fixed-point sweeps in a loop; a loop compiles twice as fast as unrolled code.
 
-    The loop carries y∘half, so that each sum and the products after it need only one pass over memory.
+    The loop carries y∘half, so that each sum and the products that follow need only one pass over memory.
     """
 
     def body(slopes, _):
@@ -184,7 +186,7 @@ def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
 
 
 def _times_pure(y: Float[Array, "4 s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
-    """The products y∘(0, half) of all stages, component by component."""
+    """Return the products y∘(0, half) of all stages, computed component by component."""
     s, x, y_, z = y
     a, b, c = half
     return jnp.stack([-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a])

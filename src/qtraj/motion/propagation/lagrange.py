@@ -1,4 +1,4 @@
-"""Lagrange interpolation."""
+"""Evaluate Lagrange basis polynomials."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,10 @@ from qtraj.foundation.types import Scalar
 
 
 def lagrange(x: Scalar, knots: Float[Array, " w"]) -> Float[Array, " w"]:
-    """The Lagrange basis polynomials of the knots at x, in product form for a finite derivative at the knots."""
+    """Return the values (w,) at `x` of the Lagrange basis polynomials of the `knots`.
+
+    The values are computed as products, so that their derivatives are finite at the knots.
+    """
     size = knots.shape[0]
     other = ~np.eye(size, dtype=bool)
     above = jnp.where(other, jnp.broadcast_to(x - knots, (size, size)), 1.0)

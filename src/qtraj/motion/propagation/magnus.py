@@ -1,6 +1,7 @@
-"""Magnus expansions of 2λ̇ = λ∘ω(t): the rotation vector of a step from the rates at its Gauss points.
+"""Compute Magnus expansions of 2λ̇ = λ∘ω(t): the rotation vector of a step from the rates at its Gauss points.
 
-Two nodes give order 4, three nodes order 6. The result is an exponential, so |λ| is constant by construction.
+The expansion has order 4 with two nodes, and order 6 with three nodes. The increment is the exponential of the rotation
+vector, so |λ| is constant by construction.
 """
 
 import math
@@ -17,7 +18,10 @@ from qtraj.motion.propagation.increment import AbstractIncrement
 
 
 class Magnus(AbstractIncrement):
-    """The Magnus expansion of `order` 4 or 6 (ValueError for others)."""
+    """The Magnus expansion of `order` 4 or 6.
+
+    **Raises:** ValueError for an order other than 4 or 6.
+    """
 
     order: int = eqx.field(static=True, default=6)
 
@@ -27,28 +31,31 @@ class Magnus(AbstractIncrement):
 
     @property
     def nodes(self) -> np.ndarray:
-        """The Gauss points on [0, 1] (order/2,)."""
+        """The Gauss points (order/2,) on [0, 1]."""
         return tableau(self.order // 2).c
 
     @property
     def weights(self) -> np.ndarray:
-        """The weights of the Gauss quadrature (order/2,)."""
+        """The weights (order/2,) of the Gauss quadrature."""
         return tableau(self.order // 2).b
 
     def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
-        """The unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
+        """Return the unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
         vector = fourth_order(rates, h) if self.order == 4 else sixth_order(rates, h)[0]
         return rotation.from_rotation_vector(vector)
 
 
 def fourth_order(rates: Float[Array, "2 3"], h: Scalar) -> Vec3:
-    """The rotation vector [rad] of a step of `h` [s], from the body rates at ½ ∓ √3/6."""
+    """Return the rotation vector [rad] of a step of `h` [s], from the body rates at ½ ∓ √3/6."""
     first, second = rates
     return 0.5 * h * (first + second) + (math.sqrt(3) / 12) * h * h * jnp.cross(first, second)
 
 
 def sixth_order(rates: Float[Array, "3 3"], h: Scalar) -> tuple[Vec3, Vec3]:
-    """The rotation vector [rad] from the body rates at ½, ½ ∓ √15/10 (ascending), and an embedded one of order 4."""
+    """Return the rotation vectors [rad] of order 6 and of order 4 (embedded) of a step of `h` [s].
+
+    `rates` (3, 3) are the body rates at ½ − √15/10, ½ and ½ + √15/10 of the step.
+    """
     first, middle, last = rates
     a1 = h * middle
     a2 = (math.sqrt(15) / 3) * h * (last - first)

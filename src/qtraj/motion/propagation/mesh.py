@@ -1,6 +1,6 @@
-"""The steps of a propagation: the mesh between the output times, error estimates, and refinement.
+"""Construct the steps of a propagation: the mesh between the output times, error estimates, and refinement.
 
-The same functions are used outside a trace, where a mesh may grow, and inside a trace, where its number of slots is
+The same functions are used outside a trace, where a mesh may grow, and inside a trace, where the size of its arrays is
 fixed.
 """
 
@@ -17,20 +17,21 @@ from qtraj.motion.propagation.gauss_legendre import lobatto
 from qtraj.motion.propagation.increment import AbstractIncrement, exact_product, increments
 
 MIN_STEPS = 8
-"""Minimum number of initial steps; with fewer nodes a short event could be missed."""
+"""Minimum number of initial steps; with fewer steps a short event could be missed."""
 
 ROUND_OFF = 8
-"""Error estimates below this multiple of the round-off count as round-off, which splitting a step would not reduce."""
+"""Error estimates below this multiple of the round-off are attributed to round-off, and the step is not split."""
 
 MAX_HALVINGS = 3
 """A step is split into at most 2³ steps at a time."""
 
 
 class Mesh(eqx.Module):
-    """Steps in order of time: step j runs from `start` to `end` (n,), fractions of the output interval `interval` (n,).
+    """The steps of a propagation in order of time, stored in n slots.
 
-    Steps are split by halving, so the fractions are exact. Slots with an index of `count` or more are empty steps at
-    the end of the last interval.
+    Step j runs from `start[j]` to `end[j]`, which are fractions of the output interval with the index `interval[j]`.
+    Adaptive steps are split by halving, so their fractions are exact. Only the first `count` slots contain steps; the
+    other slots contain empty steps at the end of the last interval.
     """
 
     interval: Int[Array, " n"]
@@ -45,7 +46,7 @@ class Mesh(eqx.Module):
 
 
 def uniform(intervals: int, steps: int, slots: int, dtype: jnp.dtype) -> Mesh:
-    """`steps` equal steps in each interval."""
+    """Return a mesh with `slots` slots and `steps` equal steps in each of `intervals` output intervals."""
     index = np.minimum(np.arange(slots), intervals * steps - 1)
     position = np.where(np.arange(slots) < intervals * steps, index % steps, steps)
     return Mesh(
@@ -57,7 +58,7 @@ def uniform(intervals: int, steps: int, slots: int, dtype: jnp.dtype) -> Mesh:
 
 
 def first_mesh(intervals: int, slots: int, dtype: jnp.dtype) -> Mesh:
-    """The initial mesh: the output intervals, halved until there are `MIN_STEPS` steps."""
+    """Return the initial mesh, with output intervals halved until there are `MIN_STEPS` steps or the slots are full."""
     steps = 1
     while intervals * steps < MIN_STEPS and 2 * intervals * steps <= slots:
         steps *= 2
@@ -65,7 +66,7 @@ def first_mesh(intervals: int, slots: int, dtype: jnp.dtype) -> Mesh:
 
 
 def resized(mesh: Mesh, slots: int) -> Mesh:
-    """The mesh with more or fewer empty slots."""
+    """Return the mesh with more or fewer empty slots."""
     size = mesh.start.shape[0]
     if slots <= size:
         return Mesh(mesh.interval[:slots], mesh.start[:slots], mesh.end[:slots], mesh.count)
@@ -80,24 +81,27 @@ def resized(mesh: Mesh, slots: int) -> Mesh:
 
 
 def spans(mesh: Mesh, times: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Start and length of each step [s], differentiable with respect to the output times."""
+    """Return the start and the length [s] of each step; both are differentiable with respect to the output times."""
     origin = times[mesh.interval]
     length = jnp.diff(times)[mesh.interval]
     return origin + mesh.start * length, (mesh.end - mesh.start) * length
 
 
 def estimate_nodes(method: AbstractIncrement) -> np.ndarray:
-    """The nodes at which `estimate` needs the rate, on [0, 1] (4s+1,).
+    """Return the nodes (4s+1,) on [0, 1] at which `estimate` needs the rate, for a method with s nodes.
 
-    They are the nodes of the step, the nodes of its two halves, and Lobatto's nodes, which include the ends. Without
-    the ends, a jump between the last node and the end of a step would be missed.
+    The result contains the nodes of the step, the nodes of its two halves, and the Lobatto nodes, which include both
+    ends. Without the ends, a jump between the last node and the end of a step would be missed.
     """
     c = method.nodes
     return np.concatenate([c, 0.5 * c, 0.5 + 0.5 * c, lobatto(len(c) + 1)[0]])
 
 
 class SampledRates(eqx.Module):
-    """The rates [rad/s] at the nodes of each step, and the step's start and length [s]."""
+    """The rates [rad/s] at the nodes of each step, with the start and the length `h` [s] of each step.
+
+    The axes of `rates` (n, m, k) are steps, nodes and components.
+    """
 
     rates: Float[Array, "n m k"]
     start: Float[Array, " n"]
@@ -105,11 +109,12 @@ class SampledRates(eqx.Module):
 
 
 class Errors(eqx.Module):
-    """Error estimates of the steps of a mesh [rad].
+    """The error estimates [rad] of the steps of a mesh.
 
-    `step` (n,): the error of each step. `floor` (n,): an error below this may be round-off. Rotations compose, so the
-    total error is at most the sum of the errors. `truncation`: the sum of the errors above round-off, NaN if a rate is
-    not finite. `bound`: the sum of all errors and the round-off of the result.
+    `step` (n,): the error of each step. `floor` (n,): the error below which the estimate may consist of round-off.
+    Rotations are multiplied, so the total error is at most the sum of the errors. `truncation`: the sum of those errors
+    that exceed their `floor`; NaN if a rate is not finite. `bound`: the sum of all errors and the round-off of the
+    result.
     """
 
     step: Float[Array, " n"]
@@ -119,20 +124,22 @@ class Errors(eqx.Module):
 
 
 def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array, ""]) -> Errors:
-    """The errors of `count` steps from the rates at `estimate_nodes`.
+    """Estimate the errors of `count` steps from the rates at `estimate_nodes`.
 
-    An error is the larger of two differences: between the step and its two halves, and between Gauss's and Lobatto's
-    quadrature of the rate. The error of ½∫ω0 is added like an angle.
+    The error of a step is the larger of two differences: between the step and its two halves, and between Gauss and
+    Lobatto quadrature of the rate. The error of ½∫ω0 is added as if it were an angle.
     """
     rates, start, h = stop_gradient((sampled.rates, sampled.start, sampled.h))
     n, s = h.shape[0], len(method.nodes)
-    nodes = rates[:, : 3 * s].reshape(3 * n, s, rates.shape[2])  # whole, first half, second half of each step
+    nodes = rates[:, : 3 * s].reshape(3 * n, s, rates.shape[2])  # whole step, first half, second half
     widths = jnp.outer(h, jnp.asarray([1.0, 0.5, 0.5], h.dtype)).reshape(3 * n)
     rotations, log_scales = increments(method, nodes, widths)
     rotations, log_scales = rotations.reshape(n, 3, 4), log_scales.reshape(n, 3)
     halves = jax.vmap(quaternion.product)(rotations[:, 1], rotations[:, 2])
     between = jax.vmap(quaternion.product)(jax.vmap(quaternion.conjugate)(rotations[:, 0]), halves)
-    angle = 2 * jnp.sqrt(jnp.sum(between[:, 1:] ** 2, axis=1))  # the round-off is relative to the angle, not to 1
+    angle = 2 * jnp.sqrt(
+        jnp.sum(between[:, 1:] ** 2, axis=1)
+    )  # from the vector part, so that round-off is relative to the angle
     log_scale = jnp.abs(log_scales[:, 0] - log_scales[:, 1] - log_scales[:, 2])
     weights = np.concatenate([method.weights, -lobatto(s + 1)[1]])
     quadrature_rates = jnp.concatenate([rates[:, :s], rates[:, 3 * s :]], axis=1)
@@ -142,28 +149,29 @@ def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array,
     step, noise = angle + log_scale, _round_off(rates, start, h)
     floor = ROUND_OFF * noise
     truncation = jnp.sum(jnp.where(step <= floor, 0.0, step))
-    # The roundings of the products are independent, so their sum grows with the square root of the count.
+    # The rounding errors of the products are independent, so their sum grows with the square root of the count.
     products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(count.astype(h.dtype))
     return Errors(step, floor, truncation, jnp.sum(step) + 4 * (products + jnp.sum(noise)))
 
 
 def _round_off(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Round-off of each step [rad], from its arithmetic and from the rounding of its times."""
+    """Estimate the round-off of each step [rad] from its arithmetic and from the rounding of its times."""
     angle = h * jnp.max(jnp.abs(rates), axis=(1, 2))
     change = jnp.max(jnp.max(rates, axis=1) - jnp.min(rates, axis=1), axis=1)
     return float(jnp.finfo(h.dtype).eps) * (angle + jnp.abs(start) * change / ROUND_OFF)
 
 
 def padded(errors: Errors, slots: int) -> Errors:
-    """The errors with more empty slots."""
+    """Return the errors with more empty slots."""
     more = (0, slots - errors.step.shape[0])
     return Errors(jnp.pad(errors.step, more), jnp.pad(errors.floor, more), errors.truncation, errors.bound)
 
 
 def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[Mesh, Int[Array, ""]]:
-    """Split every step whose error exceeds an equal share of the tolerance.
+    """Split every step whose error exceeds both its `floor` and the tolerance divided by the number of steps.
 
-    Returns the mesh and the number of steps needed. If this exceeds the number of slots, the mesh is unchanged.
+    Return the mesh and the required number of steps. If the mesh has fewer slots than this number, it is returned
+    unchanged.
     """
     error = errors.step
     share = tolerance / mesh.count.astype(error.dtype)
@@ -190,6 +198,6 @@ def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[M
 
 
 def last_steps(mesh: Mesh, intervals: int) -> Int[Array, " intervals"]:
-    """The index of the last step of each output interval."""
+    """Return the index of the last step of each output interval."""
     sizes = jnp.zeros(intervals, jnp.int32).at[mesh.interval].add(mesh.used.astype(jnp.int32))
     return jnp.cumsum(sizes) - 1

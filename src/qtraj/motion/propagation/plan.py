@@ -1,6 +1,6 @@
-"""Adaptive steps of a propagation: steps with large errors are split until the total error is within the tolerance.
+"""Choose the steps of a propagation, by splitting steps with large errors until the total error is small enough.
 
-If rate and times are concrete, the mesh grows as needed. If they are traced, it has a fixed number of slots.
+If rates, times and tolerance are concrete, the mesh grows as needed. Otherwise, the mesh has a fixed number of slots.
 """
 
 import equinox as eqx
@@ -15,27 +15,30 @@ from qtraj.motion.propagation.mesh import Errors, Mesh
 from qtraj.motion.propagation.problem import Problem, step_errors
 
 MAX_STEPS = 2**18
-"""The default maximum outside a trace, where unused steps cost nothing."""
+"""Default of `max_steps` outside a trace, where unused slots cost no time."""
 
 MAX_ROUNDS = 64
-"""Maximum number of refinements, enough to reach the spacing of float64 at a jump of the rate."""
+"""Maximum number of refinements, enough to reach steps of one unit of float64 round-off at a jump of the rate."""
 
 
 def fixed(problem: Problem, steps: int) -> Mesh:
-    """`steps` equal steps in every interval; ValueError for `steps` < 1."""
+    """Return a mesh with `steps` equal steps in every interval; raise a ValueError for `steps` < 1."""
     if steps < 1:
         raise ValueError(f"steps must be at least 1 in each interval, but {steps!r} was given")
     return meshes.uniform(problem.intervals, steps, problem.intervals * steps, problem.times.dtype)
 
 
 def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
-    """A mesh that satisfies the tolerance, and its errors; if `max_steps` is too small, the finest mesh within it.
+    """Return a mesh that satisfies the tolerance, and its errors.
+
+    If more than `max_steps` steps are needed, the mesh of the last refinement within `max_steps` is returned.
 
     **Raises:** ValueError if `max_steps` is less than the number of intervals.
     """
     if max_steps is not None and max_steps < problem.intervals:
         raise ValueError(
-            f"max_steps={max_steps} is less than the number of intervals between the times, {problem.intervals}"
+            f"max_steps must be at least the number of intervals between the times, {problem.intervals}, "
+            f"but {max_steps} was given"
         )
     with at_once():
         mesh = _first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
@@ -46,14 +49,18 @@ def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
 
 
 def traced_slots(problem: Problem) -> int:
-    """The default `max_steps` inside a trace: 256 at order 16, 2048 at 6, 16384 at 4; at least four per interval."""
+    """Return the default of `max_steps` inside a trace.
+
+    The default is 256 for methods of order 16, 2048 for order 6 and 16384 for order 4, but at least four steps for each
+    interval.
+    """
     return max(2 ** min(16, 6 + 32 // problem.method.order), 4 * problem.intervals)
 
 
 def _refine_growing(problem: Problem, mesh: Mesh, errors: Errors, max_steps: int) -> tuple[Mesh, Errors]:
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
     for _ in range(MAX_ROUNDS):
-        if not errors.truncation > tolerance:  # true also for NaN
+        if not errors.truncation > tolerance:  # also true if `truncation` is NaN
             break
         finer, needed = _refine(mesh, errors, tolerance, order)
         if needed > max_steps:
@@ -90,7 +97,7 @@ _padded = eqx.filter_jit(meshes.padded)
 
 
 def _slots(count: int) -> int:
-    """The number of slots for `count` steps: 64 times a power of four, so that few sizes are compiled."""
+    """Return the number of slots for `count` steps, 64 times a power of four, so that few sizes are compiled."""
     slots = 64
     while slots < count:
         slots *= 4

@@ -1,4 +1,4 @@
-"""The checked problem of a propagation, and its solution and error estimates on a mesh."""
+"""Check the arguments of a propagation, and compute its solution and error estimates on a mesh."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,10 +19,10 @@ from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, fr
 from qtraj.motion.propagation.mesh import Errors, Mesh, SampledRates
 
 TOLERANCE = 1e-12
-"""[rad] Default tolerance of the total error in float64."""
+"""Default tolerance [rad] of the total error in float64."""
 
 TOLERANCE_FLOAT32 = 1e-5
-"""[rad] Default tolerance in float32, about a hundred times its round-off."""
+"""Default tolerance [rad] of the total error in float32, about a hundred times the round-off."""
 
 Rate = TypeAliasType("Rate", Callable[..., Any])
 
@@ -51,7 +51,10 @@ def checked(
     axes: str,
     tolerance: ArrayInput | None,
 ) -> Problem:
-    """The problem in one dtype, with defaults; ValueError for invalid arguments."""
+    """Return the problem with arrays of one dtype, and with defaults for arguments that are None.
+
+    **Raises:** ValueError for invalid arguments.
+    """
     require_axes(axes)
     with at_once():
         times, q0 = output_times(times), initial_quaternion(q0)
@@ -65,26 +68,28 @@ def checked(
 
 
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
-    """The quaternions at the output times, from the steps of `mesh`."""
+    """Compute the quaternions at the output times with the steps of `mesh`."""
     sampled = _sample(problem.omega, problem.times, mesh, problem.method.nodes)
     qs = _multiply(problem.method, problem.axes, problem.q0, sampled)
     return _pick(problem.intervals, mesh, problem.q0, qs)
 
 
 def step_errors(problem: Problem, mesh: Mesh) -> Errors:
-    """Error estimates of the steps of `mesh`; they are not differentiated."""
+    """Estimate the errors of the steps of `mesh`; the estimates are not differentiated."""
     sampled = _sample(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
     return _estimate(problem.method, mesh.count, sampled)
 
 
-# The steps below are compiled separately, because only `_sample`, which compiles fast, depends on ω.
+# The functions below are compiled separately: only `_sample` depends on ω, and it compiles fast.
 
 
 @eqx.filter_jit
 def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> SampledRates:
     start, h = meshes.spans(mesh, times)
     end = start + h
-    before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # excludes a jump at the end
+    before = jnp.maximum(
+        start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end)
+    )  # a rate at the end would include a jump there
     at = jnp.minimum(start[:, None] + jnp.outer(h, jnp.asarray(nodes, h.dtype)), before[:, None])
     rates = jax.vmap(jax.vmap(lambda t: jnp.asarray(omega(t))))(at)
     if rates.shape[2:] not in ((3,), (4,)):

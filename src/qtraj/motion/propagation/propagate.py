@@ -1,10 +1,10 @@
-"""λ(t) from a known ω(t): all steps are computed at once and multiplied in parallel.
+"""Compute λ(t) for a prescribed ω(t); the rotations of all steps are computed at once and multiplied in parallel.
 
-Outside `jit` the steps are chosen to satisfy the tolerance, also under `grad`, `jvp` and `jacfwd`. The choice depends
-on values only; derivatives are computed with the steps fixed. In a jitted function in which ω and the times are
-concrete, the steps are chosen during tracing. If ω or the times are traced, such as parameters of ω under `jit` or
-`vmap`, the steps are chosen at run time within a fixed number of slots, `max_steps`, and each slot costs as much as a
-step. `steps`, a fixed number of equal steps in each interval, is cheaper in this case.
+Outside `jit` the steps are chosen to satisfy the tolerance, even under `grad`, `jvp` and `jacfwd`. The choice depends
+on values only; derivatives are computed with these steps fixed. In a jitted function in which ω and the times are
+concrete, the steps are chosen during tracing. If the times or parameters of ω are traced, as under `jit` or `vmap`,
+the steps are chosen at run time within a fixed number of slots, `max_steps`, and each slot costs as much as a step. In
+this case `steps`, a fixed number of equal steps in each interval, is cheaper.
 """
 
 import equinox as eqx
@@ -29,11 +29,11 @@ Quats = TypeAliasType("Quats", Float[Array, "n 4"])
 
 
 class Propagation(AbstractOutcome):
-    """Attitudes at the output times, with an error estimate.
+    """The attitudes at the output times, with an error estimate.
 
     `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error of the last attitude and of ln|λ|²,
     including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from the error without
-    round-off; `result`: its text.
+    round-off. `result`: the result in words.
     """
 
     times: Float[Array, " n"]
@@ -49,17 +49,17 @@ class Propagation(AbstractOutcome):
         self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one propagation in words, with the error estimate if it is too large."""
+        """Return the result of one propagation in words, with the error estimate if the estimate is too large."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         if code == ResultCode.successful:
             return "the propagation reached its tolerance."
         if code != ResultCode.tolerance_not_reached:
             return code.text
         estimate, steps = (np.asarray(x)[at] for x in (self.estimate, self.steps))
-        return f"{code.text} The error estimate is {estimate:.3g} rad in {steps} steps."
+        return f"{code.text} The estimated error is {estimate:.3g} rad after {steps} steps."
 
     def record(self) -> Record:
-        """The attitudes over `time`, or over `sample` if the elements of a batch have different times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         texts = np.asarray(self.result)
         variables = {
@@ -73,7 +73,7 @@ class Propagation(AbstractOutcome):
         }
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
         result = reached if self.code.ndim else str(texts)
-        quality = f"estimated error {extent(self.estimate, 'rad')} in {extent(self.steps)} steps"
+        quality = f"estimated error {extent(self.estimate, 'rad')} after {extent(self.steps)} steps"
         summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {quality}; {result}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
@@ -90,21 +90,24 @@ def propagate(
     max_steps: int | None = None,
     throw: bool = False,
 ) -> Quats:
-    """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
+    """Return the quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
 
-    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial axes
-    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) must not be zero and need not be normalised; |λ| is |q0| exp ½∫ω0 to
-    round-off. `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are chosen for a total error
-    of `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32; `times` determine the output only. An event
-    in ω much shorter than an eighth of the span can fall between the nodes: place an output time inside it.
+    `omega(t)` [rad/s] has shape (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first. The rate is in body axes, or
+    in inertial axes for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) must not be zero and need not be normalised; |λ| is
+    |q0| exp(½∫ω0 dt) to round-off. `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are
+    chosen for a total error of `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32. `times` determine
+    only the output, and need not resolve the motion. An event in ω that is much shorter than an eighth of the time span
+    can be missed, because ω is evaluated at nodes only: add an output time during the event.
 
-    With `steps`, each interval has this fixed number of steps, and there is no error estimate.
+    With `steps`, each interval between two output times has this number of equal steps, and no error is estimated.
 
-    If the tolerance is not reached within `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
-    rate is not finite, all quaternions are NaN. `propagate_with_estimate` returns the reason and the best quaternions.
+    If the tolerance is not satisfied with `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
+    rate is not finite, all quaternions are NaN. `propagate_with_estimate` returns the reason and the most accurate
+    quaternions that were computed.
 
     **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
-    rate of another shape, or other axes. RuntimeError if `throw` is true and the quaternions would be NaN.
+    rate of another shape, a tolerance that is not positive, or unknown `axes`. RuntimeError if `throw` is true and the
+    quaternions would be NaN.
     """
     problem = checked(omega, q0, times, method, axes, tolerance)
     if steps is not None and problem.intervals > 0:
@@ -127,10 +130,12 @@ def propagate_with_estimate(
     max_steps: int | None = None,
     throw: bool = False,
 ) -> "Propagation":
-    """Like `propagate`, but with an error estimate, also for fixed `steps`; `code` and `result` report failures.
+    """Compute the quaternions of `propagate` with an error estimate, even for a fixed number of `steps`.
+
+    The fields `code` and `result` report failures; the quaternions are then not replaced by NaN.
 
     **Raises:** ValueError in the same cases as `propagate`; RuntimeError if `throw` is true and the tolerance is not
-    reached.
+    satisfied.
     """
     solution = _solve(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
     return solution.check() if throw else solution

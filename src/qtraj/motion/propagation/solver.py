@@ -1,8 +1,7 @@
-"""Attitude kinematics for diffrax: a term for 2λ̇ = λ∘ω(t), and a Magnus solver with constant |λ|.
+"""Solve the attitude kinematics 2λ̇ = λ∘ω(t) with diffrax, by a Magnus solver that keeps |λ| constant.
 
-For a rate that does not depend on the attitude, `qtraj.propagate` is faster. Use this module for events, for dense
-output, and in code that already uses diffrax. No other module of qtraj imports it, so diffrax is imported only on
-demand.
+For quaternions at given instants, `qtraj.propagate` is faster. Use this module for events, for dense output, and in
+code that already uses diffrax. No other module of qtraj imports this module, so diffrax is imported only on demand.
 """
 
 import math
@@ -30,16 +29,16 @@ _SIMPSON = (1 / 6, 0.0, 4 / 6, 0.0, 1 / 6)
 class AttitudeTerm(diffrax.AbstractTerm):
     """The diffrax term of 2λ̇ = λ∘ω(t) in body axes, or of 2λ̇ = ω(t)∘λ for `axes="inertial"`.
 
-    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part first. Make it an equinox Module for gradients with respect
-    to its parameters. The term works with `QuaternionMagnus` and any other diffrax solver:
+    `omega(t)` [rad/s] has shape (3,), or (4,) with the scalar part first. For gradients with respect to its parameters,
+    `omega` must be an equinox Module. The term works with `QuaternionMagnus` and any other diffrax solver:
 
         term = AttitudeTerm(omega)
         controller = diffrax.PIDController(rtol=1e-9, atol=1e-9)
         diffrax.diffeqsolve(term, QuaternionMagnus(), t0, t1, None, q0, stepsize_controller=controller)
 
-    diffrax's `atol` is absolute: multiply it by |q0|.
+    The `atol` of diffrax is an absolute tolerance: multiply it by |q0|.
 
-    **Raises:** ValueError for other axes.
+    **Raises:** ValueError if `axes` is neither "body" nor "inertial".
     """
 
     omega: Callable[..., Any]
@@ -49,27 +48,28 @@ class AttitudeTerm(diffrax.AbstractTerm):
         require_axes(self.axes)
 
     def vf(self, t: ScalarLike, y: Quat, args: Any) -> Quat:
-        """λ̇ [1/s] at the time `t` [s] and the quaternion `y`."""
+        """Return λ̇ [1/s] at the time `t` [s] and the quaternion `y`."""
         return quaternion.derivative(y, jnp.asarray(self.omega(t), y.dtype), self.axes)
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> tuple[Any, Any]:
-        """The time from t0 to t1 [s], twice; for inertial axes the second has the opposite sign.
+        """Return t1 − t0 [s] twice; for inertial axes, the second number has the opposite sign.
 
-        A solver can only call the methods of its term, so the sign of the second number tells it the axes.
+        A solver can only call the methods of its term; the sign of the second number tells the solver which axes are
+        used.
         """
         return t1 - t0, (t1 - t0 if self.axes == "body" else t0 - t1)
 
     def prod(self, vf: Quat, control: tuple[Any, Any]) -> Quat:
-        """λ̇ times the time of `control`."""
+        """Return the product of λ̇ and the first number of `control`, the time [s]."""
         return vf * jnp.asarray(control[0], vf.dtype)
 
 
 class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
     """The Magnus expansion of order 6 as a diffrax solver for an `AttitudeTerm`; |λ| is constant to round-off.
 
-    A step evaluates the rate four times. The error estimate is of order 4: an embedded expansion for the rotation of
-    the axis, and Simpson's rule for the integral of the rate. Dense output is of order 5. `diffrax.BacksolveAdjoint` is
-    not supported.
+    Each step evaluates the rate four times. The error estimate has order 4; it uses an embedded expansion for the
+    rotation of the axis and Simpson's rule for the integral of the rate. Dense output has order 5.
+    `diffrax.BacksolveAdjoint` is not supported.
     """
 
     term_structure: ClassVar[Any] = AttitudeTerm
@@ -78,21 +78,24 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
     )
 
     def order(self, terms: Any) -> int:
-        """The order of the solution, 6."""
+        """Return the order of the solution, 6."""
         return 6
 
     def error_order(self, terms: Any) -> int:
-        """The order of the local error of the embedded method, 5."""
+        """Return the order of the local error of the embedded method, 5."""
         return 5
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any) -> Quat:
-        """The solver state: the rate at `t0`, which the first step reuses."""
+        """Return the solver state, which is the rate at `t0`; the first step reuses it."""
         return _rate(terms, t0, y0, args)
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any, solver_state: Quat, made_jump: Any
     ) -> tuple[Quat, Quat, dict[str, Any], Quat, Any]:
-        """One step from `t0` to `t1`: λ, its error estimate, dense output, the rate at `t1`, and diffrax's result."""
+        """Compute one step from `t0` to `t1`.
+
+        Return λ, its error estimate, the data for dense output, the rate at `t1`, and the result code of diffrax.
+        """
         h, signed = (jnp.asarray(x, y0.dtype) for x in terms.contr(t0, t1))
         side = jnp.sign(h) * jnp.sign(signed)
         first = jax.lax.cond(made_jump, lambda: _rate(terms, t0, y0, args), lambda: solver_state)
@@ -104,14 +107,15 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
         return _body_form(end, side), _body_form(error, side), dense_info, others[-1], diffrax.RESULTS.successful
 
     def func(self, terms: Any, t0: Any, y0: Quat, args: Any) -> Quat:
-        """λ̇ [1/s]."""
+        """Return λ̇ [1/s]."""
         return terms.vf(t0, y0, args)
 
 
 class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
-    """λ within a step: the same expansion over part of the step, with the quartic through its five rates.
+    """The interpolation of λ within a step, by the Magnus expansion from the start of the step to the instant.
 
-    `rates` belong to the body form; `h` is negative if time decreases.
+    The rate is interpolated by the quartic through the five rates of the step. `rates` (5, 4) refer to the body form
+    (see `_body_form`); `h` is negative if time decreases.
     """
 
     t0: Any
@@ -122,7 +126,7 @@ class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
     side: Scalar
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Quat:
-        """λ at `t0`, or its change from `t0` to `t1`."""
+        """Return λ at `t0`, or the change of λ from `t0` to `t1` if `t1` is not None."""
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)
         whole = jnp.asarray(self.t1 - self.t0, self.y0.dtype)
@@ -135,12 +139,12 @@ class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
 
 
 def _rate(terms: Any, t: Any, y: Quat, args: Any) -> Quat:
-    """ω(t) with its scalar part, in the axes of the term: 2λ̇ at λ = 1."""
+    """Return ω(t) (4,) [rad/s], scalar part first, in the axes of the term; ω is equal to 2λ̇ at λ = 1."""
     return 2 * terms.vf(t, jnp.zeros_like(y).at[0].set(1.0), args)
 
 
 def _magnus_step(start: Quat, rates: Float[Array, "5 4"], h: Scalar) -> tuple[Quat, Quat]:
-    """λ after a step in body axes, and its error estimate ½λ∘(e0, e), from the rates at `_KNOTS`."""
+    """Return λ after a step in body axes, and the error estimate of λ, from the rates at `_KNOTS`."""
     weights = jnp.asarray(_WEIGHTS, h.dtype)
     vector, embedded = sixth_order(rates[1:4, 1:], h)
     check = h * ((weights - jnp.asarray(_SIMPSON, h.dtype)) @ rates)
@@ -149,5 +153,8 @@ def _magnus_step(start: Quat, rates: Float[Array, "5 4"], h: Scalar) -> tuple[Qu
 
 
 def _body_form(q: Quat, side: Scalar) -> Quat:
-    """q for body axes (`side` 1), or its conjugate for inertial axes (`side` −1), which obeys the body form with −ω."""
+    """Return q for body axes (`side` = 1), or its conjugate for inertial axes (`side` = −1).
+
+    The conjugate satisfies the equation in body axes with the conjugate rate.
+    """
     return q.at[1:].multiply(side)

@@ -1,8 +1,8 @@
-"""λ(t) from a recorded rate: local polynomials interpolate the samples and are integrated exactly.
+"""Compute λ(t) from recorded rates, by integrating local polynomials that interpolate the samples.
 
 Every interval has its own polynomial through the surrounding samples, which may be unevenly spaced. Classical coning
-algorithms correct the sum of the increments for the rotation of the axis; here the polynomial accounts for this
-rotation to high order.
+algorithms correct the sum of the increments for the rotation of the axis; the polynomials account for this rotation
+to high order.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -24,9 +24,10 @@ KINDS = ("instantaneous", "mean", "increment")
 
 DEGREE = 5
 DEGREE_OF_MEANS = 6
-"""Degree of the local polynomial of the rate: odd for instants and even for means, so that the window is symmetric.
+"""Default degree of the local polynomial of the rate for means and increments; `DEGREE` is the default for instants.
 
-Higher degrees are more accurate for smooth motion, and less accurate if noisy samples are very close in time.
+The window of samples is symmetric for an odd degree with instants, and for an even degree with means. Higher degrees
+are more accurate for smooth motion, but less accurate if noisy samples are very close in time.
 """
 
 
@@ -41,7 +42,7 @@ def propagate_samples(
     method: AbstractIncrement | None = None,
     max_gap: float | None = 5.0,
 ) -> Float[Array, "n 4"]:
-    """The quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
+    """Return the quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
     `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
 
@@ -49,13 +50,15 @@ def propagate_samples(
     - "mean": the mean of ω over the preceding interval, t_{k−1} to t_k [rad/s];
     - "increment": the integral of ω over the preceding interval, θ_k [rad], as measured by integrating gyros.
 
-    For "mean" and "increment" the first row precedes the propagation and is not used. `degree`: the degree of the local
-    polynomial of the rate, by default 5, or 6 for means and increments; for short recordings it is limited by the
-    number of samples. `method` integrates the polynomial; None is `GaussLegendre(stages=6)`. Times may be unevenly
-    spaced. An interval longer than `max_gap` times the median is an error; None disables this check.
+    For "mean" and "increment" the first row refers to the interval before times[0] and is not used. `degree`: the
+    degree of the local polynomial of the rate, by default 5, or 6 for means and increments; for short recordings the
+    degree is limited by the number of samples. `method`: the integration method for the polynomials,
+    `GaussLegendre(stages=6)` for None. Times may be unevenly spaced. An interval longer than `max_gap` times the median
+    interval raises an error; None disables this check.
 
-    **Raises:** ValueError for other shapes, kinds or axes, rates that are not finite, times that do not increase
-    strictly, or a gap. The message names the sample and its time.
+    **Raises:** ValueError for arrays of another shape, an unknown `kind` or `axes`, a negative `degree`, rates that are
+    not finite, times that do not increase strictly, or a gap. If a sample is invalid, the message states the index
+    and the time of the sample.
     """
     require_axes(axes)
     if kind not in KINDS:
@@ -79,7 +82,7 @@ def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "
     rates = as_float(rates)
     if rates.shape != (times.shape[0], 3):
         raise ValueError(
-            f"{times.shape[0]} times need rates of shape ({times.shape[0]}, 3), but shape {rates.shape} was given"
+            f"rates must have shape ({times.shape[0]}, 3), one row for each time, but shape {rates.shape} was given"
         )
     if kind != "instantaneous":
         rates = rates.at[0].set(0.0)
@@ -104,8 +107,8 @@ def _require_no_gap(times: Array, max_gap: float | None) -> None:
     if steps[i] > max_gap * median:
         raise ValueError(
             f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} "
-            f"at {values[i + 1]:.9g} s; the median interval is {median:.3g} s. Propagate both parts separately, or "
-            "increase max_gap."
+            f"at {values[i + 1]:.9g} s; the median interval is {median:.3g} s. Propagate the samples before and after "
+            "the gap separately, or increase max_gap."
         )
 
 
@@ -123,7 +126,7 @@ def _integrate(
 
 
 def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array) -> Float[Array, "m s 3"]:
-    """Rates at the nodes of each interval, from the polynomial through the nearest instants."""
+    """Return the rates at the nodes of each interval, from the polynomial through the rates at the nearest instants."""
     window = _windows(times.shape[0], degree + 1)
     knots = _local(times, window)
     x = jnp.asarray(nodes, times.dtype)
@@ -135,7 +138,10 @@ def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array
 
 
 def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments: Array) -> Float[Array, "m s 3"]:
-    """Rates at the nodes of each interval, from the derivative of the polynomial through the sums of increments."""
+    """Return the rates at the nodes of each interval.
+
+    The rates are the derivative of the polynomial through the cumulative sums of the increments.
+    """
     window = _windows(times.shape[0], degree + 2)
     knots = _local(times, window)
     sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # the sum starts at zero in each window
@@ -149,12 +155,12 @@ def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments
 
 
 def _windows(count: int, size: int) -> np.ndarray:
-    """The indices of the `size` samples nearest to each interval, or of all samples."""
+    """Return the indices of the `size` samples nearest to each interval, or of all samples if there are fewer."""
     size = min(size, count)
     first = np.clip(np.arange(count - 1) - (size - 2) // 2, 0, count - size)
     return first[:, None] + np.arange(size)
 
 
 def _local(times: Float[Array, " n"], window: np.ndarray) -> Float[Array, "m w"]:
-    """The times of each window, scaled so that its interval is [0, 1]."""
+    """Return the times of each window, shifted and scaled so that the interval of the window is [0, 1]."""
     return (times[window] - times[:-1, None]) / jnp.diff(times)[:, None]

@@ -1,1 +1,1 @@
-"""λ(t) and ω(t) from an angular acceleration ε(t, λ, ω), in open loop and in closed loop."""
+"""Integrate λ(t) and ω(t) from an angular acceleration ε(t, λ, ω), in open loop and in closed loop."""

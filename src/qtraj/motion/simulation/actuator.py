@@ -1,4 +1,4 @@
-"""The actuator between command and body: limits, and a zero-order hold of the command."""
+"""Model an actuator, which can limit the command of the law and hold the command between samples."""
 
 import equinox as eqx
 import jax
@@ -16,16 +16,17 @@ Sampling = Float[Array, ""] | Float[Array, " m"]
 
 @storable
 class Actuator(eqx.Module):
-    """An actuator that limits the physical part of a command and holds the command between samples.
+    """An actuator, which can limit the physical part of a command and hold the command between samples.
 
-    The virtual part of a command has no limit. `limit` [rad/s², or rad/s for a rate law] or None: with
-    `saturation="norm"`, a scalar limits the magnitude of the vector and keeps its direction; with `"axis"`, a scalar,
-    or (3,) for the axes, clips each component. `sampling` [s]: a period, starting at the first instant, or the instants
-    (m,) of new commands; the whole command is held between them (zero-order hold). With None, the command is
-    continuous. Instants may be traced, and derivatives of the closed loop with respect to them are exact.
+    The virtual part of a command is not limited. `limit` [rad/s², or rad/s for a rate law], or None for no limit. With
+    `saturation="norm"`, a scalar limits the magnitude of the vector without changing its direction. With `"axis"`, each
+    component is clipped to the limit, a scalar or (3,) with one limit for each axis. `sampling` [s]: a period, counted
+    from the first instant of the simulation, or the instants (m,) of new commands; the whole command is held between
+    samples (zero-order hold). With None, the command is continuous. Instants may be traced; derivatives of the closed
+    loop with respect to instants are exact.
 
-    **Raises:** ValueError for limits or periods that are not positive, instants that do not increase, another
-    `saturation`, or a limit per axis with `"norm"`.
+    **Raises:** ValueError for limits or periods that are not positive, instants that do not increase, an
+    unknown `saturation`, or a limit of shape (3,) with `"norm"`.
     """
 
     limit: Float[Array, "..."] | None
@@ -50,7 +51,7 @@ class Actuator(eqx.Module):
         return shown(self, sampling="s")
 
     def __call__(self, command: Quat) -> Quat:
-        """The limited command."""
+        """Return the `command` (4,) with its physical part limited."""
         if self.limit is None:
             return command
         return jnp.concatenate([command[:1], self._limited(command[1:], self.limit.astype(command.dtype))])
@@ -64,7 +65,7 @@ class Actuator(eqx.Module):
 
 
 def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
-    """A period or sampling instants as an array; ValueError for invalid concrete values."""
+    """Return a period or sampling instants as an array; raise a ValueError for invalid concrete values."""
     if sampling is None:
         return None
     with jax.ensure_compile_time_eval():  # a concrete period must stay concrete inside a trace
@@ -78,7 +79,7 @@ def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
     elif values is not None and not (values[1:] > values[:-1]).all():
         i = int((values[1:] <= values[:-1]).argmax())
         raise ValueError(
-            f"sampling instants must increase strictly, but sampling[{i}] = {values[i]:.9g} s is followed by "
-            f"{values[i + 1]:.9g} s"
+            f"sampling instants must increase strictly, but sampling[{i + 1}] = {values[i + 1]:.9g} s follows "
+            f"sampling[{i}] = {values[i]:.9g} s"
         )
     return sampling

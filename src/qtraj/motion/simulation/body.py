@@ -1,11 +1,12 @@
-"""A rigid body with Euler's equations, under torques that the control computer calculates with an assumed inertia.
+"""Model a rigid body by Euler's equations; the control torques are calculated with an assumed inertia.
 
 Body:    J ω̇ + ω×(Jω + Ah) = −Au + M,    wheels:    ḣ = u
 
-J is the inertia of the body, including the wheels' inertia across their spin axes. A (3, n) has the unit spin axes as
-columns, h (n,) are the axial momenta of the wheels, u (n,) their motor torques, and M is an external torque. Without
-wheels, −Au is the torque of thrusters. For the acceleration ε of the law, the computer commands the torque M_c = J_a ε
-+ ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes it to the wheels with the pseudo-inverse of A, −Au = M_c.
+J is the inertia of the body, including the transverse inertia of the wheels. The columns of A (3, n) are the unit spin
+axes, h (n,) are the axial momenta of the wheels, u (n,) are the motor torques, and M is an external torque. Without
+wheels, −Au is the torque of thrusters. For the acceleration ε of the law, the control computer commands the torque
+M_c = J_a ε + ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes M_c to the wheels with the pseudo-inverse of
+A, so that −Au = M_c.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
 
 MIN_SINGULAR_VALUE = 1e-6
-"""Unit spin axes with a smaller singular value do not span the three-dimensional space."""
+"""Unit spin axes span three dimensions if the smallest singular value of their matrix exceeds this value."""
 
 Torques = Float[Array, " n"]
 Momenta = Float[Array, " n"]
@@ -35,14 +36,14 @@ Momenta = Float[Array, " n"]
 
 @storable
 class ReactionWheels(eqx.Module):
-    """Three or more reaction wheels; their motors exert torques on the body.
+    """Three or more reaction wheels, whose motors exert torques on the body.
 
-    `axes` (n, 3): the spin axes in body axes, which need not be normalised. `max_torque` [N m] and `max_momentum` [N m
-    s]: limits of each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are
-    scaled by the same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only
-    be slowed down. `momentum` (n,) [N m s]: the initial momenta; None for zero.
+    `axes` (n, 3): vectors along the spin axes, in body axes, not necessarily normalised. `max_torque` [N m] and
+    `max_momentum` [N m s]: limits of each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all
+    motor torques are scaled by the same factor, so the direction of the torque on the body does not change. A wheel at
+    its maximum momentum can only be slowed down. `momentum` (n,) [N m s]: the initial momenta; None for zero.
 
-    **Raises:** ValueError for axes of another shape or that do not span the three-dimensional space, limits that are
+    **Raises:** ValueError for axes of another shape, zero axes, axes that do not span three dimensions, limits that are
     not positive, or momenta of another shape.
     """
 
@@ -64,15 +65,21 @@ class ReactionWheels(eqx.Module):
         axes = as_float(axes)
         if axes.ndim != 2 or axes.shape[0] < 3 or axes.shape[1] != 3:
             raise ValueError(
-                f"the axes of at least three wheels, shape (n, 3), were expected, but shape {axes.shape} was given"
+                f"axes must have shape (n, 3), with at least three wheels, but shape {axes.shape} was given"
             )
-        require_finite(axes, "the axes of the wheels")
+        require_finite(axes, "the spin axes of the wheels")
+        given = concrete(axes)
+        if given is not None and not given.any(axis=1).all():
+            wheel = int(np.argmin(given.any(axis=1)))
+            raise ValueError(
+                f"every wheel needs a spin axis, but the spin axis of wheel {wheel} (counted from 0) is zero"
+            )
         self.axes = axes / jnp.linalg.norm(axes, axis=1, keepdims=True)
         values = concrete(self.axes)
-        if values is not None and not np.linalg.svd(np.nan_to_num(values), compute_uv=False)[-1] > MIN_SINGULAR_VALUE:
+        if values is not None and not np.linalg.svd(values, compute_uv=False)[-1] > MIN_SINGULAR_VALUE:
             raise ValueError(
-                "the axes of the wheels must span three dimensions, but these wheels produce no torque about one "
-                "direction"
+                "the spin axes of the wheels must span three dimensions, but there is an axis about which these wheels "
+                "produce no torque"
             )
         count = axes.shape[0]
         self.max_torque = _per_wheel(max_torque, count, "max_torque", "N m")
@@ -80,7 +87,7 @@ class ReactionWheels(eqx.Module):
         momentum = jnp.zeros_like(axes[:, 0]) if momentum is None else as_float(momentum)
         if momentum.shape != (count,):
             raise ValueError(
-                f"the momenta of {count} wheels must have shape ({count},), but {momentum.shape} was given"
+                f"the momenta of {count} wheels must have shape ({count},), but shape {momentum.shape} was given"
             )
         require_finite(momentum, "the momenta of the wheels")
         self.momentum = momentum.astype(axes.dtype)
@@ -91,12 +98,12 @@ class RigidBody(eqx.Module):
     """A rigid body for `simulate`: its inertia, torques, and optional reaction wheels.
 
     `inertia` [kg m²]: a scalar, principal moments (3,), or a tensor (3, 3). `assumed` [kg m²]: the inertia that the
-    control computer uses; None for the exact one. `torque` [N m]: an external torque in body axes, constant (3,) or a
-    function t → (3,). `wheels`: `ReactionWheels` for the control torque; None for thrusters, with `max_torque` [N m] as
-    the limit of the magnitude of the torque.
+    control computer uses; None for the exact inertia. `torque` [N m]: an external torque in body axes, constant (3,) or
+    a function t → (3,). `wheels`: the `ReactionWheels` that produce the control torque; None for thrusters, for which
+    `max_torque` [N m] limits the magnitude of the torque.
 
-    With the exact inertia, no external torque and no active limit, the acceleration of the body is exactly the command
-    of the law.
+    With the exact inertia, exact measurements, a continuous command, no external torque and no active limit, the
+    acceleration of the body is exactly the command of the law.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a torque of another shape, or
     both `wheels` and `max_torque`.
@@ -126,7 +133,7 @@ class RigidBody(eqx.Module):
             raise ValueError(f"wheels must be ReactionWheels(axes), but {wheels!r} was given")
         if wheels is not None and max_torque is not None:
             raise ValueError(
-                "RigidBody(max_torque=...) limits thrusters. With wheels, use ReactionWheels(max_torque=...)"
+                "RigidBody(max_torque=...) limits thrusters, but wheels were given: use ReactionWheels(max_torque=...)"
             )
         self.wheels = wheels
         self.max_torque = None if max_torque is None else real_scalar(max_torque, "max_torque")
@@ -135,13 +142,13 @@ class RigidBody(eqx.Module):
 
     @property
     def momentum(self) -> Momenta:
-        """The initial momenta of the wheels (n,) [N m s]; (0,) without wheels."""
+        """The initial momenta (n,) [N m s] of the wheels; (0,) without wheels."""
         return jnp.zeros_like(self.inertia, shape=(0,)) if self.wheels is None else self.wheels.momentum
 
     def commanded_torques(self, acceleration: Vec3, rate: Vec3, momentum: Momenta) -> Torques:
-        """The commanded motor torques (n,) [N m] for an acceleration [rad/s²], within their limits.
+        """Return the commanded motor torques (n,) [N m] for an `acceleration` [rad/s²], within the motors' limits.
 
-        Without wheels: the commanded torque on the body (3,).
+        Without wheels, return the commanded torque (3,) on the body.
         """
         assumed = self.assumed.astype(rate.dtype)
         total_momentum = _matmul(assumed, rate) + self.wheel_momentum(momentum)
@@ -155,19 +162,19 @@ class RigidBody(eqx.Module):
         return motors / jnp.maximum(ratio, 1.0)
 
     def actual_torques(self, commanded: Torques, momentum: Momenta) -> Torques:
-        """The motor torques; zero if they would accelerate a wheel beyond its maximum momentum."""
+        """Return the motor torques; a torque that would accelerate a wheel beyond its maximum momentum is zero."""
         if self.wheels is None or self.wheels.max_momentum is None:
             return commanded
         at_maximum = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
         return jnp.where(at_maximum & (commanded * momentum > 0), 0.0, commanded)
 
     def control_torque(self, commanded: Torques, momentum: Momenta) -> Vec3:
-        """The actual torque of motors or thrusters on the body (3,) [N m], body axes."""
+        """Return the actual torque (3,) [N m] of motors or thrusters on the body, body axes."""
         torques = self.actual_torques(commanded, momentum)
         return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
     def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
-        """ε [rad/s²] by Euler's equations, body axes, under the `commanded` torques."""
+        """Return ε (3,) [rad/s²] in body axes by Euler's equations, under the `commanded` torques."""
         inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
             torque = torque + at_instant(self.torque, t).astype(rate.dtype)
@@ -175,18 +182,18 @@ class RigidBody(eqx.Module):
         return jnp.linalg.solve(inertia, torque - jnp.cross(rate, total_momentum))
 
     def momentum_rate(self, commanded: Torques, momentum: Momenta) -> Momenta:
-        """ḣ (n,) [N m] of the wheels; (0,) without wheels."""
+        """Return the time derivative ḣ (n,) [N m] of the momenta of the wheels; (0,) without wheels."""
         return momentum if self.wheels is None else self.actual_torques(commanded, momentum)
 
     def wheel_momentum(self, momentum: Momenta) -> Vec3:
-        """Ah (3,) [N m s], the total momentum of the wheels in body axes."""
+        """Return the total momentum Ah (3,) [N m s] of the wheels in body axes."""
         if self.wheels is None:
             return jnp.zeros_like(momentum, shape=3)
         return _matmul(momentum, self.wheels.axes.astype(momentum.dtype))
 
 
 def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Float[Array, " n"] | None:
-    """A limit of each wheel (n,), from one number or one per wheel."""
+    """Return the limit of each wheel (n,) from one number or n numbers."""
     if value is None:
         return None
     numbers = as_float(value)
@@ -197,7 +204,7 @@ def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Fl
 
 
 def _limited(vector: Vec3, limit: Scalar | None) -> Vec3:
-    """The vector, scaled to a magnitude of at most `limit`."""
+    """Return the vector, scaled to a magnitude of at most `limit`."""
     if limit is None:
         return vector
     length = norm(vector)

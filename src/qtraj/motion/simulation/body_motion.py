@@ -1,4 +1,4 @@
-"""Torques and wheel momenta of a rigid body under a law, and its deviation from the exact error equation."""
+"""Store torques and wheel momenta of a rigid body under a law, and deviations from the exact error equation."""
 
 import jax
 import jax.numpy as jnp
@@ -19,16 +19,16 @@ from qtraj.motion.control.response import error_state
 
 @storable
 class BodyMotion(AbstractResult):
-    """Torques, wheel momenta and deviations from the exact error equation at the instants `times` (n,) [s].
+    """The torques of a simulated `RigidBody` and deviations from the exact error equation, at `times` (n,) [s].
 
     - `torque` (n, 3) [N m]: the torque of motors or thrusters on the body, body axes.
     - `momentum` (n, m) [N m s]: the momenta of the wheels; None without wheels.
     - `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at the true state, body
-      axes. It is caused by errors of the inertia and the sensors, external torques, limits and sampling.
+      axes. The mismatch is caused by errors of the inertia and the sensors, disturbances, limits and sampling.
     - `residual` (n, 4) [1/s²]: ẍ + K1ẋ + K2x, the residual of the error equation of an `AccelerationLaw`; None for
       other laws.
-    - `deviation` (n, 4): the error minus its closed form from the same initial state; None for other laws and for a
-      law with hysteresis.
+    - `deviation` (n, 4): the error minus its closed form from the same initial state; None for other laws and for
+      hysteretic laws.
     """
 
     times: Float[Array, "*batch n"]
@@ -53,7 +53,7 @@ class BodyMotion(AbstractResult):
         self.deviation = None if deviation is None else as_float(deviation)
 
     def variables(self) -> dict[str, Quantity]:
-        """The fields with units, over `time`, or over `sample` if each batch element has its own times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         error = (along, "component")
         columns = {
@@ -68,7 +68,7 @@ class BodyMotion(AbstractResult):
         return {name: q for name, q in columns.items() if q.values is not None}
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` if each batch element has its own times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         prefix = batch_prefix(self.torque.shape[:-2])
         summary = f"{prefix}{times_text(self.times)}: {self.exactness()}, torque {extent(_length(self.torque), 'N m')}"
@@ -77,19 +77,22 @@ class BodyMotion(AbstractResult):
         )
 
     def exactness(self) -> str:
-        """The deviation from the exact error equation, in words."""
+        """Return the deviation from the exact error equation, in words."""
         text = f"the acceleration deviated from the law by up to {_largest(self.mismatch):.3g} rad/s²"
         if self.deviation is None:
             return text
         return f"{text}, and the error deviated from its closed form by up to {_largest(self.deviation):.3g}"
 
     def largest(self) -> Float[Array, "*batch"]:
-        """The largest magnitude of `mismatch` [rad/s²]; NaN if an instant was not reached."""
+        """Return the largest magnitude of `mismatch` [rad/s²]; NaN if an instant was not reached."""
         return jnp.max(jnp.sqrt(jnp.sum(self.mismatch**2, axis=-1)), axis=-1)
 
 
 def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
-    """ẍ + K1ẋ + K2x [1/s²] if ε differs from the command by `mismatch` (4,): λ̈ then differs by ½λ∘mismatch."""
+    """Return the residual ẍ + K1ẋ + K2x [1/s²] if ε differs from the command by `mismatch` (4,) [rad/s²].
+
+    The second derivative λ̈ then differs by ½λ∘mismatch.
+    """
     second_derivative = 0.5 * product(quaternion, mismatch)
     if law.error == "body":
         return product(conjugate(reference.quaternion), second_derivative)
@@ -99,7 +102,7 @@ def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mis
 def deviation_of(
     law: AccelerationLaw, references: Attitude, times: Float[Array, " n"], quaternions: Array, rates: Array
 ) -> Float[Array, "n 4"]:
-    """The error of the law minus its closed form that starts at the first instant."""
+    """Return the error of the law minus the closed form with the same state at times[0]."""
     first = jax.tree.map(lambda x: x[0], references)
     x = error_quaternion(first, quaternions[0], law.error)
     v = error_rate(first, quaternions[0], rates[0], law.error)

@@ -1,4 +1,4 @@
-"""Integrates the closed loop, with a continuous command or with new commands at discrete instants."""
+"""Integrate the closed loop, with a continuous command or with new commands at discrete instants."""
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +14,10 @@ from qtraj.motion.simulation.task import Scale, Task
 
 
 def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
-    """The motion at the task's times, and the result code.
+    """Integrate the closed loop, and return the motion at the times of `task` and the result code.
 
-    With `renewals` [s], the command is held between these instants if the sensor or the actuator is sampled, and
-    continuous if only the law updates its sign. Without `renewals`, it is continuous.
+    With `renewals` [s], the command is held between these instants if the sensor or the actuator is sampled, and the
+    command is continuous if only the law updates its sign. Without `renewals`, the command is continuous.
     """
     plant = Plant(loop, Scale(task))
     if renewals is None or not loop.holds:
@@ -29,7 +29,7 @@ def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) ->
     loop = plant.loop
 
     def measured(t: Scalar, state: State) -> tuple[Quat, Quat]:
-        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate
+        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate of the body, so any value will do
         if loop.sensor is None:
             return exact
         return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, loop.sensor.start(*exact))[:2]

@@ -1,4 +1,4 @@
-"""Disturbances: angular accelerations and torques that are not commanded."""
+"""Define disturbances: angular accelerations and torques that are not commanded."""
 
 import abc
 import inspect
@@ -27,11 +27,12 @@ SignalInput = TypeAliasType("SignalInput", Callable[[Scalar], Vec3] | ArrayInput
 
 @storable
 class Sinusoid(eqx.Module):
-    """amplitude·sin(2πt/period + phase), a disturbance signal that can be stored.
+    """The disturbance signal amplitude·sin(2πt/period + phase), which can be stored.
 
     `amplitude` (3,), in the unit of the disturbance; `period` [s]; `phase` [rad].
 
-    **Raises:** ValueError for another shape, a period that is not positive, or a phase that is not finite.
+    **Raises:** ValueError for an amplitude of another shape, a period that is not positive, or a phase that is not
+    finite.
     """
 
     amplitude: Vec3
@@ -48,7 +49,7 @@ class Sinusoid(eqx.Module):
         return shown(self, period="s", phase="rad")
 
     def __call__(self, t: Scalar) -> Vec3:
-        """The vector (3,) at the time `t` [s]."""
+        """Return the vector (3,) at the time `t` [s]."""
         wave = jnp.sin(2 * math.pi * t / self.period.astype(t.dtype) + self.phase.astype(t.dtype))
         return self.amplitude * wave.astype(self.amplitude.dtype)
 
@@ -58,7 +59,7 @@ class AbstractDisturbance(eqx.Module):
 
     @abc.abstractmethod
     def acceleration(self, t: Scalar) -> Vec3:
-        """Angular acceleration (3,) [rad/s²] in body axes at the time `t` [s]."""
+        """Return the angular acceleration (3,) [rad/s²] in body axes at the time `t` [s]."""
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
@@ -68,9 +69,9 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 @reads_older(_from_older)
 @storable
 class DisturbanceAcceleration(AbstractDisturbance):
-    """An angular acceleration in body axes: `signal` is a function t [s] → (3,) [rad/s²], or a constant (3,).
+    """A disturbing angular acceleration in body axes, a function t [s] → (3,) [rad/s²] or a constant (3,).
 
-    A constant and a `Sinusoid` can be stored; other functions cannot.
+    `signal`: the function or the constant. A constant and a `Sinusoid` can be stored; other functions cannot.
 
     **Raises:** ValueError if `signal` cannot be called with the time alone, or if its value does not have shape (3,).
     """
@@ -85,20 +86,21 @@ class DisturbanceAcceleration(AbstractDisturbance):
         return shown(self, signal="rad/s²")
 
     def acceleration(self, t: Scalar) -> Vec3:
-        """The signal (3,) [rad/s²] at the time `t` [s]."""
+        """Return the signal (3,) [rad/s²] at the time `t` [s]."""
         return at_instant(self.signal, t)
 
 
 @reads_older(_from_older)
 @storable
 class DisturbanceTorque(AbstractDisturbance):
-    """A torque on a body, ε = J⁻¹M: `signal` is a function t [s] → (3,) [N m] in body axes, or a constant (3,).
+    """A disturbing torque on a body, a function t [s] → (3,) [N m] in body axes or a constant (3,).
 
-    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is part of the commanded
-    torque; see `dynamics.torque`. A constant and a `Sinusoid` can be stored; other functions cannot.
+    `signal`: the function or the constant. `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The torque M
+    causes the acceleration J⁻¹M, because the gyroscopic torque ω×Jω is included in the commanded torque; see
+    `dynamics.torque`. A constant and a `Sinusoid` can be stored; other functions cannot.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a function that cannot be called
-    with the time alone, or another shape.
+    with the time alone, or a value of another shape.
     """
 
     signal: Signal
@@ -113,13 +115,13 @@ class DisturbanceTorque(AbstractDisturbance):
         return shown(self, signal="N m", inertia="kg m²")
 
     def acceleration(self, t: Scalar) -> Vec3:
-        """J⁻¹ times the signal (3,) [rad/s²] at the time `t` [s]."""
+        """Return the acceleration J⁻¹M (3,) [rad/s²] at the time `t` [s]."""
         torque = at_instant(self.signal, t)
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
 def checked_signal(signal: SignalInput, name: str) -> Any:
-    """A function of time as a pytree, or a constant vector (3,); ValueError for other values."""
+    """Return a function of time as a pytree, or a constant vector (3,); raise a ValueError for other values."""
     if not callable(signal):
         return real_vector(signal, name, 3)
     _require_function_of_time(signal, name)
@@ -144,7 +146,7 @@ def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
 
 
 def at_instant(signal: Signal, t: Scalar) -> Vec3:
-    """The vector (3,) at the time `t` [s]."""
+    """Return the vector (3,) at the time `t` [s]."""
     if not callable(signal):
         return signal
     vector = as_float(signal(t))

@@ -1,4 +1,4 @@
-"""The initial sign of λ: λ and −λ are the same attitude, but the closed loop moves differently from each of them."""
+"""Choose the initial sign of λ; λ and −λ represent the same attitude, but result in different closed-loop motions."""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -14,12 +14,12 @@ def require_sign(sign: str) -> None:
     """Raise a ValueError for a sign that is not one of `SIGNS`."""
     if sign not in SIGNS:
         raise ValueError(
-            f"sign must be 'nearer' (of λ and −λ, the one nearer to the program) or 'as given', but {sign!r} was given"
+            f"sign must be 'nearer' (λ or −λ, whichever is nearer to the program) or 'as given', but {sign!r} was given"
         )
 
 
 def start_quaternion(sign: str, reference: Attitude, quaternion: Quat) -> Quat:
-    """λ with the requested sign: "nearer", so that μ0 ≥ 0, or "as given"."""
+    """Return λ with the requested sign, which is "nearer" (μ0 ≥ 0) or "as given"."""
     if sign == AS_GIVEN:
         return quaternion
     far = stop_gradient(jnp.sum(reference.quaternion.astype(quaternion.dtype) * quaternion)) < 0

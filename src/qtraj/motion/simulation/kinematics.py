@@ -1,7 +1,8 @@
-"""The motion of a body from its angular acceleration (paper C, section 1), in R⁸ without normalisation of λ.
+"""Integrate the motion of a body from its angular acceleration (paper C, section 1), without normalisation of λ.
 
-Body form (1.2): ω̇_x = ε_x, 2λ̇ = λ∘ω_x. Inertial form (1.4): ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. ε has four components, and
-|λ(t)|² = |λ(t0)|² exp∫ω0 (the sign of ω0 in the paper is an erratum). |λ| is therefore part of the state, not an error.
+The equations in body axes (1.2) are ω̇_x = ε_x, 2λ̇ = λ∘ω_x; in inertial axes (1.4), ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. λ, ω and
+ε have four components, so the state is in R⁸. The norm satisfies |λ(t)|² = |λ(t0)|² exp(∫ω0 dt) (the sign of ω0 in the
+paper is an erratum); |λ| is therefore a state variable, and a value other than 1 is not an error.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -40,21 +41,22 @@ def integrate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """λ(t) and ω(t) from ε = `acceleration`(t, λ, ω), which has four components [rad/s²].
+    """Integrate λ(t) and ω(t) from the angular acceleration ε = `acceleration`(t, λ, ω) (4,) [rad/s²].
 
-    `quaternion` (4,), non-zero and not necessarily normalised, and `rate` (4,) [rad/s]: the state at the first of
-    `times` (n,) [s]. `axes`: "body" or "inertial", the axes of the rate, the acceleration and the solution's rate.
-    `solver`: a diffrax solver, Dopri8 for None. `rtol` is relative to each component. `atol` is relative to |λ(0)| for
-    λ; for ω it is relative to |ω(0)| or to one radian per time span, whichever is larger. `jumps` (m,) [s]: instants at
-    which ε jumps, for efficiency and for derivatives with respect to them. `adjoint`: a diffrax adjoint. None supports
-    forward and reverse differentiation; for reverse differentiation in large batches,
-    `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number of steps between two instants.
+    `quaternion` (4,), non-zero and not necessarily normalised, and `rate` (4,) [rad/s]: the state at times[0]. `times`
+    (n,) [s]: the output instants. `axes`: "body" or "inertial", the axes of the rate, the acceleration and the
+    solution's rate. `solver`: a diffrax solver, Dopri8 for None. `rtol` is relative to each component. `atol` is
+    relative to |λ(0)| for λ, and relative to the larger of |ω(0)| and one radian per time span for ω. `jumps` (m,) [s]:
+    instants at which ε jumps. With `jumps`, the integration is faster, and derivatives with respect to `jumps` are
+    exact. `adjoint`: a diffrax adjoint. The default, None, supports both forward- and reverse-mode differentiation; for
+    reverse mode in large batches, `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number
+    of steps between two instants.
 
-    A failure is returned as a value: `code` and `result` of the solution describe it for each element of a batch, and
+    If the integration fails, `code` and `result` of the solution state the reason for each element of a batch, and
     values at instants that were not reached are NaN. If `throw` is true, an error is raised instead.
 
-    **Raises:** ValueError for times that do not increase strictly, or that are so far from zero that their dtype does
-    not resolve them; for λ = 0, values that are not finite, other shapes (including the shape of ε) or other axes.
+    **Raises:** ValueError for times that do not increase strictly, or that are too far from zero to be resolved in
+    their dtype; for λ = 0, values that are not finite, arrays (also ε) of the wrong shape, or unknown `axes`.
     RuntimeError if `throw` is true and an instant was not reached.
     """
     require_axes(axes)
@@ -72,8 +74,8 @@ def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
         epsilon = as_float(acceleration(t, quaternion, rate)).astype(state.dtype)
         if epsilon.shape != (4,):
             raise ValueError(
-                "the acceleration must have shape (4,), with the virtual scalar part first (0 for none), but has shape "
-                f"{epsilon.shape}"
+                "the acceleration must have shape (4,), with the virtual scalar part first (0 for constant |λ|), but "
+                f"has shape {epsilon.shape}"
             )
         return scale.pack(derivative(quaternion, rate, axes), epsilon)
 

@@ -1,4 +1,4 @@
-"""The parts of a closed loop, and the instants of new commands."""
+"""Define the components of a closed loop, and the instants of new commands."""
 
 from typing import Any
 
@@ -20,16 +20,17 @@ from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
 
 ROUNDING = 1e-9
-"""Fraction of a period, in addition to round-off, by which the last sample may be later than the end."""
+"""Fraction of a period, in addition to round-off, by which the last sample may be later than the last instant."""
 
 MAX_RENEWALS = 1_000_000
-"""The maximum number of commands; more would take many minutes."""
+"""Maximum number of commands; a simulation with more commands would take many minutes."""
 
 
 class Loop(eqx.Module):
-    """The parts of a closed loop.
+    """The components of a closed loop.
 
-    **Raises:** ValueError for parts of another type, and for a disturbance or `Gyros` with a rate law.
+    **Raises:** ValueError for components of another type, and if a disturbance, `Gyros` or a body is combined with a
+    rate law.
     """
 
     program: AbstractProgram
@@ -48,16 +49,17 @@ class Loop(eqx.Module):
         _require_kind(self.body, RigidBody | None, "body", "RigidBody(inertia)")
         if self.commands_rate and self.body is not None:
             raise ValueError(
-                "a rate law commands the rate directly, so it cannot be used with body=RigidBody(...). Use an "
-                "AccelerationLaw."
+                "a rate law commands the rate directly, so it cannot be used with body=RigidBody(...): use an "
+                "AccelerationLaw"
             )
         if self.commands_rate and self.disturbance is not None:
             raise ValueError(
-                "a rate law commands the rate directly, so a disturbance has no effect. Use an AccelerationLaw."
+                "a rate law commands the rate directly, so a disturbance has no effect: use an AccelerationLaw"
             )
         if self.commands_rate and isinstance(self.sensor, Gyros):
             raise ValueError(
-                "Gyros need a continuous rate, but under a rate law the rate is discontinuous. Use an AccelerationLaw."
+                "the sensor Gyros interpolates the rate, so it needs a continuous rate, but under a rate law the rate "
+                "is discontinuous: use an AccelerationLaw"
             )
 
     @property
@@ -71,19 +73,20 @@ class Loop(eqx.Module):
         return isinstance(self.law, RateLaw)
 
     def reference(self, t: Scalar, dtype: DTypeLike) -> Attitude:
-        """The program's attitude, in the dtype of the state."""
+        """Return the program's attitude, in the dtype of the state."""
         return jax.tree.map(lambda x: x.astype(dtype), self.program(t))
 
     def command(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
-        """The limited command for a measured state."""
+        """Return the limited command for a measured state."""
         return self.actuator(self.law(self.reference(t, quaternion.dtype), quaternion, rate))
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
-    """The instants of new commands or sign updates [s], from the sampling of the parts; None for a continuous loop.
+    """Return the instants [s] of new commands or sign updates, or None for a continuous loop.
 
-    **Raises:** ValueError if the parts have different sampling, if a hysteretic law has no sampling, if a period is
-    traced or gives more than `MAX_RENEWALS` instants, or if the first instant is later than the first of `times`.
+    **Raises:** ValueError if sensor, actuator and hysteretic law have different sampling, if a hysteretic law has no
+    sampling, if a period is traced or results in more than `MAX_RENEWALS` instants, or if the first instant is later
+    than times[0].
     """
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
@@ -96,14 +99,14 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     if not samplings:
         if isinstance(loop.law, HystereticLaw):
             raise ValueError(
-                "the hysteretic law needs instants at which to update its sign. Set the sampling [s] of the law, the "
-                "sensor or the actuator."
+                "a hysteretic law updates its sign at sampling instants, but no sampling was given: set the sampling "
+                "[s] of the law, the sensor or the actuator"
             )
         return None
     if not all(_same(samplings[0], other) for other in samplings[1:]):
         raise ValueError(
-            "sensor, actuator and hysteretic law have different sampling. Use the same sampling for all, or set it "
-            "for one of them and use sampling=None for the others."
+            "sensor, actuator and hysteretic law must have the same sampling, but different values were given: use the "
+            "same sampling for all, or set sampling for only one of them and sampling=None for the others"
         )
     sampling = samplings[0].astype(times.dtype)
     if sampling.ndim:
@@ -112,7 +115,8 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     period, span = concrete(sampling), concrete(times[-1] - times[0])
     if period is None or span is None:
         raise ValueError(
-            "the number of commands cannot be determined from a traced period or span: pass the instants as sampling"
+            "the sampling period and the time span must be concrete, because they determine the number of "
+            "commands, but traced values were given: pass the instants as sampling"
         )
     periods = float(span) / float(period)
     rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods

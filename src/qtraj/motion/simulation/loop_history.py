@@ -1,4 +1,4 @@
-"""The motion of a simulated closed loop over time, with its program and its closed form."""
+"""Combine the motion of a simulated closed loop with its program and its closed form."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from qtraj.motion.programs.slew_history import attitudes_at
 from qtraj.motion.simulation.solution import Solution
 
 INTERVALS = 1200
-"""Number of equal intervals of `judging_times`."""
+"""Number of equal time intervals in `judging_times`."""
 BEFORE_JUMP = 1e-9
-"""Time between a jump and the instant before it in `judging_times`, as a fraction of the duration."""
+"""Time between a jump and the preceding instant in `judging_times`, as a fraction of the duration."""
 
 
 class LoopHistory(AbstractResult):
-    """The motion of a closed loop at n instants, with its program and its closed form at the same instants.
+    """The motion of a closed loop at n instants, with the program and the closed form at the same instants.
 
-    `solution`: the `Solution`. `reference`: the program, fields (n, …). `closed_form`: the undisturbed motion, None for
-    a law without a linear error equation. `open_loop_angle` (n,) [rad]: the angle to the program without feedback, if
-    simulated. `history[rows]` selects instants.
+    `solution`: the `Solution`. `reference`: the attitudes of the program, with fields (n, …). `closed_form`: the motion
+    without disturbances in closed form; None for a law without a linear error equation. `open_loop_angle` (n,) [rad]:
+    the angle between body and program without feedback; None if not simulated. `history[rows]` selects instants.
     """
 
     solution: Solution
@@ -42,7 +42,10 @@ class LoopHistory(AbstractResult):
         return np.asarray(self.solution.times)
 
     def record(self) -> Record:
-        """All variables over `time`. The virtual parts, defined by d/dt ln|λ|², have units without radians."""
+        """Return all variables along `time`.
+
+        The units of virtual rates and commands do not contain rad, because these are derivatives of ln|λ|².
+        """
         solution, closed = self.solution, self.closed_form
         per = "s-1" if solution.commands == "rate" else "s-2"
         time, body, component = ("time",), ("time", "body"), ("time", "component")
@@ -63,21 +66,21 @@ class LoopHistory(AbstractResult):
         }
         if closed is not None:
             variables |= {
-                "closed_form_angle": Quantity(closed.angle, "rad", "angle in closed form, undisturbed", time),
+                "closed_form_angle": Quantity(closed.angle, "rad", "angle in closed form, without disturbances", time),
                 "closed_form_error": Quantity(
-                    closed.error, "1", "error quaternion in closed form, undisturbed", component
+                    closed.error, "1", "error quaternion in closed form, without disturbances", component
                 ),
             }
         if self.open_loop_angle is not None:
             meaning = "angle between program and body under the acceleration of the program alone, without feedback"
             variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
         summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
-        times = Quantity(solution.times, "s", "time since the start of the program", time)
+        times = Quantity(solution.times, "s", "time from the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
         return Record(summary, variables, {"time": times}, about)
 
     def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
-        """The history at the selected instants."""
+        """Return the history at the selected instants."""
         code = self.solution.code
         return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)
 
@@ -90,14 +93,15 @@ def loop_history(
     solution: Solution,
     open_loop: Solution | None = None,
 ) -> LoopHistory:
-    """A solution of `simulate` with its program and its closed form; the other arguments are as in `simulate`.
+    """Combine a `solution` of `simulate` with its program and its closed form.
 
-    `open_loop`: a solution of `open_loop` at the same instants, None for none.
+    `program`, `law`, `quaternion` and `rate` are the arguments of the simulation. `open_loop`: a solution of
+    `open_loop` at the same instants, or None.
 
-    **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
+    **Raises:** ValueError for a solution without commands, or if the program is not defined at one of the instants.
     """
     if solution.command is None or solution.angle is None:
-        raise ValueError("a solution of integrate has neither a command nor an error. Use simulate instead.")
+        raise ValueError("a solution of integrate has neither a command nor an error: use simulate for a closed loop")
     references = references_at(program, solution.times)
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
@@ -106,23 +110,23 @@ def loop_history(
 
 
 def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
-    """A program at the instants `times` (n,) [s].
+    """Return the attitudes of a program at the instants `times` (n,) [s].
 
-    **Raises:** ValueError if the program has no attitude at one of them.
+    **Raises:** ValueError if the program is not defined at one of the instants.
     """
     references = attitudes_at(program, as_float(times))
     defined = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
     if not defined.all():
         t = float(np.asarray(times)[int(np.argmin(defined))])
-        raise ValueError(f"the program has no attitude at t = {t:.6g} s")
+        raise ValueError(f"the program is not defined at t = {t:.6g} s: its attitude there is not finite")
     return references
 
 
 def judging_times(times: np.ndarray, jumps: np.ndarray | None = None, renewals: np.ndarray | None = None) -> np.ndarray:
-    """Instants [s] that suffice for `judge_loop`.
+    """Return instants [s] that are dense enough for `judge_loop`.
 
-    They are `times` (from 0 to the duration), the ends of 1200 equal intervals, each instant of a new command, and both
-    sides of each jump of the program.
+    The instants are `times` (from 0 to the duration), the ends of 1200 equal intervals, the instants `renewals` of new
+    commands, and both sides of each of the `jumps` of the program.
     """
     duration, empty = float(times[-1]), np.zeros(0)
     jumps, renewals = (empty if x is None else x for x in (jumps, renewals))

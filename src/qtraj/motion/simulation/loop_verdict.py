@@ -1,4 +1,4 @@
-"""Assesses a simulated closed loop: agreement with its closed form, settling, commands and stability."""
+"""Assess a simulated closed loop: agreement with its closed form, settling, commands and stability."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from qtraj.motion.simulation.sensor import AbstractSensor, Sensor
 from qtraj.motion.simulation.simulate import NEAR
 
 SETTLED = math.radians(1.0)
-"""[rad] Default angle below which a loop counts as settled."""
+"""Default angle [rad] below which a loop counts as settled."""
 LIMITED = 1e-9
-"""A command whose relative margin to its limit is below this counts as limited."""
+"""A command counts as limited if it is below the limit by at most this fraction of the limit."""
 STEPS = 100
-"""The step errors may accumulate to this multiple of the tolerances of one step."""
+"""Largest expected accumulated error, as a multiple of the tolerances of one step."""
 MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
 """Range of the bound on the relative deviation from the closed form."""
 
 
 class LoopVerdict(AbstractOutcome):
-    """The assessment of a simulated closed loop. Values that are not defined are NaN.
+    """The assessment of a simulated closed loop; values that are not defined are NaN.
 
     - `initial_angle`, `final_angle` [rad]: the angle between body and program at the first and the last instant.
-    - `settled_angle` [rad], `settling_time` [s]: the angle stays within `settled_angle` from `settling_time` on.
+    - `settling_time` [s]: the time after which the angle stays within `settled_angle` [rad].
     - `peak_command`: the largest magnitude of the physical command [rad/s²; rad/s for a rate law], at `peak_time` [s].
-      `peak_components` (3,): the largest magnitude along each body axis.
-    - `deviation`: the largest difference between the error quaternion and its closed form, relative to the largest
-      error (at least 1). `bound`: the largest difference that the tolerances explain. Both are NaN if the closed form
-      does not apply; `reason` says why.
-    - `initial_norm`, `least_norm`, `largest_norm`: the initial, smallest and largest |λ|. `norm_drift`: its relative
-      error.
-    - `least_error`: the minimum of |μ|, at which the command is largest. `least_error_exact`: whether it is the minimum
-      over continuous time, from the closed form, instead of the minimum over the instants.
-    - `growth` [1/s]: the largest real part of the eigenvalues of the closed loop. Errors decay if it is negative.
-    - `code`: the code of the solution, or `near_zero_error` if the closed form passes near zero between two instants.
+      `peak_components` (3,): the largest absolute value of the command about each body axis.
+    - `deviation`: the largest difference between the error quaternion and its closed form, divided by the larger of 1
+      and the largest norm of the closed form. `bound`: the largest deviation that the tolerances explain. Both are NaN
+      if the closed form does not apply; `reason` states why.
+    - `initial_norm`, `least_norm`, `largest_norm`: the initial, smallest and largest |λ|. `norm_drift`: the largest
+      relative error of |λ|.
+    - `least_error`: the minimum of |μ|; the command is large where |μ| is small. `least_error_exact`: whether
+      `least_error` is the minimum over continuous time, from the closed form, instead of the minimum over the instants.
+    - `growth` [1/s]: the largest real part of the closed-loop eigenvalues; errors decay if it is negative.
+    - `code`: the code of the solution, or `near_zero_error` if the closed form is near zero between two instants.
     - `instants`: the number of instants.
     """
 
@@ -75,7 +75,7 @@ class LoopVerdict(AbstractOutcome):
 
     @property
     def applies(self) -> bool:
-        """Whether the closed form applies to the loop; if it does not, `reason` says why."""
+        """Whether the closed form applies to the loop; if it does not, `reason` states why."""
         return not self.reason
 
     @property
@@ -85,16 +85,16 @@ class LoopVerdict(AbstractOutcome):
 
     @property
     def stable(self) -> bool:
-        """Whether all errors decay with these gains (for the baselines: all small errors)."""
+        """Whether errors decay with these gains; for the baseline laws, whether small errors decay."""
         return bool(self.growth < 0)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of the integration in words, and what to do."""
+        """Return the result of the integration in words, with advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
     def record(self) -> Record:
-        """The fields with units, and the strings `closed_form` and `result`."""
+        """Return the fields with units, and the strings `closed_form` and `result`."""
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
         closed = f"does not apply: {self.reason}" if self.reason else "agrees" if self.agrees else "departs"
         variables = {
@@ -104,10 +104,10 @@ class LoopVerdict(AbstractOutcome):
             "settling_time": Quantity(self.settling_time, "s", "time after which the angle stays within settled_angle"),
             "peak_command": Quantity(self.peak_command, per, "largest magnitude of the physical command"),
             "peak_time": Quantity(self.peak_time, "s", "time of the largest command"),
-            "peak_components": Quantity(self.peak_components, per, "largest command along each body axis", ("body",)),
+            "peak_components": Quantity(self.peak_components, per, "largest command about each body axis", ("body",)),
             "closed_form": Quantity(np.array(closed), "", "whether the closed form agrees, or why it does not apply"),
             "deviation": Quantity(self.deviation, "1", "largest relative difference from the closed form"),
-            "bound": Quantity(self.bound, "1", "largest difference that the tolerances explain"),
+            "bound": Quantity(self.bound, "1", "largest deviation that the tolerances explain"),
             "initial_norm": Quantity(self.initial_norm, "1", "norm of the quaternion at the start"),
             "least_norm": Quantity(self.least_norm, "1", "smallest norm of the quaternion"),
             "largest_norm": Quantity(self.largest_norm, "1", "largest norm of the quaternion"),
@@ -122,7 +122,7 @@ class LoopVerdict(AbstractOutcome):
             "code": Quantity(self.code, "1", "result code of the integration"),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
         }
-        how = "agrees with" if self.agrees else "departs from" if self.applies else "has no"
+        how = "agrees with" if self.agrees else "deviates from" if self.applies else "has no"
         settled = (
             f"settled at {float(self.settling_time):.6g} s" if math.isfinite(self.settling_time) else "not settled"
         )
@@ -140,10 +140,11 @@ def judge_loop(
     rtol: float = 1e-10,
     atol: float = 1e-12,
 ) -> LoopVerdict:
-    """The assessment of a closed loop; `law` to `actuator`, `rtol` and `atol` are the arguments of its simulation.
+    """Assess a simulated closed loop.
 
-    `settled` [rad] is the angle below which the loop counts as settled. Only the instants of `history` are used, so
-    they should be dense and include both sides of each jump of the program, as from `judging_times`.
+    `law`, `disturbance`, `sensor`, `actuator`, `rtol` and `atol` are the arguments of the simulation. `settled` [rad]
+    is the angle below which the loop counts as settled. Only the instants of `history` are used, so these instants
+    should be dense and include both sides of each jump of the program, as the instants of `judging_times` do.
     """
     solution, times = history.solution, history.times
     lengths, angle = np.asarray(solution.norm), np.asarray(solution.angle)
@@ -188,7 +189,7 @@ def _reason(
     sensor: AbstractSensor | None,
     actuator: Actuator | None,
 ) -> str:
-    """The reason why the closed form does not apply; an empty string if it applies."""
+    """Return the reason why the closed form does not apply, or an empty string if the closed form applies."""
     if history.closed_form is None:
         return "the closed loop of this law is not linear"
     if disturbance is not None:
@@ -204,7 +205,7 @@ def _reason(
 
 
 def _first_limited(history: LoopHistory, actuator: Actuator | None) -> float | None:
-    """The first instant with a limited command [s]; None if there is none."""
+    """Return the first instant [s] at which the command is limited, or None if the command is never limited."""
     if actuator is None or actuator.limit is None:
         return None
     limit, command = np.asarray(actuator.limit), np.asarray(history.solution.physical_command)
@@ -215,7 +216,7 @@ def _first_limited(history: LoopHistory, actuator: Actuator | None) -> float | N
 
 
 def _deviation(history: LoopHistory, rtol: float, atol: float) -> tuple[float, float]:
-    """The deviation from the closed form, relative to the largest error (at least 1), and its bound."""
+    """Return the `deviation` from the closed form and the `bound` of a `LoopVerdict`."""
     if history.closed_form is None:
         return math.nan, math.nan
     expected = np.asarray(history.closed_form.error)
@@ -224,7 +225,7 @@ def _deviation(history: LoopHistory, rtol: float, atol: float) -> tuple[float, f
 
 
 def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[float, bool]:
-    """The minimum of |μ|, and whether it is the minimum over continuous time, from the closed form."""
+    """Return the minimum of |μ|, and whether it is the minimum over continuous time instead of over the instants."""
     solution, lengths = history.solution, np.asarray(history.solution.norm)
     if not isinstance(law, AccelerationLaw | RateLaw) or np.isnan(lengths).all():
         return math.nan, False
@@ -239,7 +240,10 @@ def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[f
 
 
 def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
-    """The largest relative difference of |λ| from its exact value, a constant or the closed form."""
+    """Return the largest relative difference of |λ| from its closed form, or from |λ(0)| if the law has no closed form.
+
+    The result is NaN if the law has a closed form that does not apply to the loop.
+    """
     if history.closed_form is None:
         return _largest((lengths - lengths[0]) / lengths[0])
     if reason:
@@ -249,5 +253,5 @@ def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
 
 
 def _largest(x: np.ndarray) -> float:
-    """The largest norm of a row, or the largest absolute value of a number; NaN if any value is NaN."""
+    """Return the largest norm of the rows, or the largest absolute value of a vector; NaN if a value is NaN."""
     return float(np.max(np.linalg.norm(x, axis=1) if x.ndim > 1 else np.abs(x)))

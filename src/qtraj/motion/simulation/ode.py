@@ -1,14 +1,15 @@
-"""Integration with diffrax from instant to instant; failures are reported as a result code.
+"""Integrate a differential equation with diffrax from instant to instant of a grid.
 
-Each interval between two instants of a grid is one adaptive solve, in the unit time u of the interval, inside a scan.
-Steps end exactly at the instants. Events at the instants (a new command, a jump of the field) and derivatives with
-respect to the instants are therefore exact. This is the only module of motion.simulation that calls diffrax.
+Each interval between two instants is one adaptive solve, in the unit time u of the interval, inside a scan. Steps end
+exactly at the instants. Events at the instants (a new command, a jump of the field) and derivatives with respect to the
+instants are therefore exact. Failures are reported as a result code. This is the only module of motion.simulation that
+calls diffrax.
 
-Dopri8 is the default solver. On the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
-Dopri8 takes 62 steps with an error of 5e-14, Dopri5 283 with 6e-12, and Tsit5 273 with 5e-12. Dense output, instead of
-steps that end at the instants, would save a third of Dopri8's steps, but the error would be 7e-10. A scan over
-intervals is also more robust than steps clipped to the instants: if a step ended just before an instant, the next step
-would be as small as round-off.
+Dopri8 is the default solver. For the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
+Dopri8 needs 62 steps with an error of 5e-14, Dopri5 needs 283 steps with 6e-12, and Tsit5 needs 273 steps with 5e-12.
+Dense output, instead of steps that end at the instants, would save a third of the steps of Dopri8, but the error would
+be 7e-10. A scan over intervals is also more robust than steps clipped to the instants: if a step ended just before an
+instant, the next step would be as small as round-off.
 """
 
 import functools
@@ -25,15 +26,15 @@ from qtraj.foundation.types import Scalar
 
 MAX_STEPS = 16**3  # a power of 16, the base of the loop used in reverse differentiation
 FIRST_STEP = 0.01
-"""The first step as a fraction of the time span, unless the first interval is shorter."""
+"""The first step, as a fraction of the time span, unless the first interval is shorter."""
 STEP_GROWTH = 2.0
 """The first step of an interval, as a multiple of the mean step of the previous interval."""
 WHOLE_INTERVAL = 0.75
-"""A first step of at least this fraction of an interval is extended to its end, to avoid a tiny last step."""
+"""A first step of at least this fraction of an interval spans the whole interval, to avoid a tiny last step."""
 MIN_STEP = 16
-"""The minimum step, in units of round-off of an interval; the integration fails if a smaller one is needed."""
+"""The minimum step, in units of round-off of an interval; the integration fails if a smaller step is needed."""
 SIDE = 4
-"""Minimum distance of a field evaluation from an instant, in units of round-off, to stay on one side of a jump."""
+"""Minimum distance of a field evaluation from an instant, in units of round-off, to remain on one side of a jump."""
 
 State = Float[Array, " d"]
 Memory = PyTree[Array]
@@ -41,14 +42,14 @@ Memory = PyTree[Array]
 
 
 class Tolerances(eqx.Module):
-    """Tolerances of a step: `rtol` times the magnitude of each component plus `atol`, as root mean square."""
+    """The tolerances of a step; the root mean square of error/(`atol` + `rtol`·|component|) must be at most 1."""
 
     rtol: Scalar
     atol: Scalar
 
 
 class Method(eqx.Module):
-    """Solver and adjoint of diffrax, or None for the defaults; `max_steps` applies to each interval."""
+    """The solver and the adjoint of diffrax, None for the defaults, and the maximum number of steps per interval."""
 
     solver: Any = None
     adjoint: Any = None
@@ -56,7 +57,10 @@ class Method(eqx.Module):
 
 
 class Grid(eqx.Module):
-    """Non-decreasing instants `times` (n,) [s] after `start` [s]; `renews`: whether the discrete state is updated."""
+    """The non-decreasing instants of an integration, `times` (n,) [s] measured from `start` [s].
+
+    `renews` (n,): whether the discrete state is updated at each instant.
+    """
 
     start: Scalar
     times: Float[Array, " n"]
@@ -68,18 +72,18 @@ Renew = Callable[[Int[Array, ""], Scalar, State, Memory], Memory]
 
 
 def keep(index: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
-    """An update that leaves the discrete state unchanged."""
+    """Return the discrete state unchanged; used as `renew` if there is no discrete state."""
     return memory
 
 
 def march(
     field: Field, renew: Renew, state: State, memory: Memory, grid: Grid, tolerances: Tolerances, method: Method
 ) -> tuple[Float[Array, "n d"], Memory, Int[Array, ""]]:
-    """States and discrete states at the instants of the grid, after their updates, and the result code.
+    """Integrate a state y and a discrete state `memory`; return both at the instants of the grid, and a result code.
 
-    ẏ = field(t, y, memory), and memory ← renew(index, t, y, memory) at an instant with an update. Rows that were not
-    reached are NaN. Without an `adjoint` in the method, forward and reverse differentiation are supported, at no cost
-    if they are not used.
+    The equation is ẏ = field(t, y, memory). At an instant with an update, memory ← renew(index, t, y, memory), and the
+    new discrete state is returned. Rows for instants that were not reached are NaN. If the method has no `adjoint`,
+    forward and reverse differentiation are supported, at no cost if they are not used.
     """
     # Captured values become arguments, so that they can be differentiated and batched.
     field = eqx.filter_closure_convert(field, grid.start, state, memory)
@@ -124,7 +128,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
         output = jnp.where(code == ResultCode.successful, state, jnp.nan)
         return (now, state, memory, jax.lax.stop_gradient(step), code), (output, memory)
 
-    # An element that is not finite from the start must not delay the rest of the batch.
+    # A batch element whose initial values are not finite must not slow down the other elements.
     finite = jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(grid.times))
     code = jnp.where(finite, ResultCode.successful, ResultCode.not_finite).astype(jnp.int32)
     state = jnp.where(finite, state, 0.0)
@@ -135,7 +139,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
 
 
 class _IntervalField(eqx.Module):
-    """The field of one interval in unit time: dy/du = h f(t_a + uh, y)."""
+    """The field of one interval in its unit time u, dy/du = h f(t_a + uh, y) with start t_a and length h [s]."""
 
     field: Field
     memory: Memory
@@ -149,13 +153,13 @@ class _IntervalField(eqx.Module):
         inside = jnp.clip(t, self.before + self.nudge, self.before + self.interval - self.nudge)
         t = t + jax.lax.stop_gradient(inside - t)
         slope = self.interval * self.field(self.start + t, state, self.memory)
-        return jnp.where(self.interval > 0, slope, 0.0)  # a failed element must not slow down the batch
+        return jnp.where(self.interval > 0, slope, 0.0)  # a failed batch element must not slow down the others
 
 
 def _solve(
     interval_field: _IntervalField, state: State, step: Scalar, tolerances: Tolerances, method: Method
 ) -> tuple[State, Int[Array, ""], Scalar]:
-    """The state at the end of an interval, the result code and the number of steps."""
+    """Return the state at the end of an interval, the result code and the number of steps."""
     import diffrax
 
     dtype = state.dtype

@@ -1,8 +1,8 @@
-"""Open-loop control: the acceleration ε⁰ of a program without feedback (paper C, (1.5), (1.6), (3.14), (3.15)).
+"""Simulate open-loop control by the acceleration ε⁰ of a program (paper C, (1.5), (1.6), (3.14), (3.15)).
 
 If the body starts with the attitude and rate of the program, it follows the program. Errors are not corrected: an
-attitude error remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice.
-`simulate` closes the loop.
+attitude error remains, a rate error increases the attitude error with time, and a disturbance is integrated twice. For
+control with feedback, use `simulate`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, rotate
-from qtraj.foundation.arrays import concrete, real_vector
+from qtraj.foundation.arrays import real_vector
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.checks import output_times, require_axes
@@ -26,6 +25,7 @@ from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_qua
 from qtraj.motion.simulation.kinematics import integrate
 from qtraj.motion.simulation.ode import MAX_STEPS
 from qtraj.motion.simulation.solution import Solution
+from qtraj.motion.simulation.task import switches_of
 
 
 def open_loop(
@@ -45,25 +45,27 @@ def open_loop(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """The motion of a body under ω̇ = ε⁰(t), the acceleration of `program`, without feedback.
+    """Simulate a body under ω̇ = ε⁰(t), the acceleration of `program`, without feedback.
 
-    `times` (n,) [s]: increasing instants, measured from the start of the program; the initial state is at the first.
-    `quaternion` (4,) and `rate` (4,) [rad/s]: the initial state; None for the state of the program. `axes`, "body" or
-    "inertial": the axes in which the components of ε⁰ are applied, and the axes of the initial and the resulting rate.
-    The two choices differ if the attitude differs from the program. `disturbance` (in body axes) and `sign` are as in
-    `simulate`. `jumps`: None for the `switches` of the program, if it has any. All other arguments are as in
-    `integrate`.
+    `times` (n,) [s]: increasing instants, measured from the start of the program. `quaternion` (4,) and `rate` (4,)
+    [rad/s]: the state at times[0]; None for the state of the program. `axes`, "body" or "inertial": the axes in which
+    the components of ε⁰ are applied, and the axes of the initial and the resulting rate. The motion depends on `axes`
+    if the attitude of the body differs from the attitude of the program. `disturbance` (in body axes) and `sign` are as
+    in `simulate`. `jumps`: None for the `switches` of the program, if it has this property. All other arguments are as
+    in `integrate`.
 
-    In the solution `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between body and
-    program.
+    In the solution, `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between body
+    and program.
 
-    **Raises:** ValueError in the same cases as `integrate`, and for another type of program or another sign.
-    RuntimeError if `throw` is true and an instant was not reached.
+    **Raises:** ValueError in the same cases as `integrate`, for a `program` of another type, and for a `sign` other
+    than "nearer" or "as given". RuntimeError if `throw` is true and an instant was not reached.
     """
     require_axes(axes)
     require_sign(sign)
     if not isinstance(program, AbstractProgram):
-        raise ValueError(f"a program such as FrameProgram(path) was expected, but {program!r} was given")
+        raise ValueError(
+            f"the program must be an attitude program such as FrameProgram(path), but {program!r} was given"
+        )
     if disturbance is not None and not isinstance(disturbance, AbstractDisturbance):
         disturbance = DisturbanceAcceleration(disturbance)
     times = output_times(times)
@@ -73,7 +75,7 @@ def open_loop(
     rate = pure(first.rate) if rate is None else rate
     source = ProgramAcceleration(program, disturbance, axes)
     if jumps is None:
-        jumps = _switches(program)
+        jumps = switches_of(program)
     solution = integrate(
         source, start, rate, times, axes, solver, rtol, atol, jumps=jumps, adjoint=adjoint, max_steps=max_steps
     )
@@ -89,7 +91,7 @@ class ProgramAcceleration(eqx.Module):
     axes: str = eqx.field(static=True)
 
     def __call__(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
-        """ε (4,) [rad/s²], including the disturbance, in `axes`."""
+        """Return ε (4,) [rad/s²], including the disturbance, in `axes`."""
         epsilon = self._acceleration(t, quaternion)
         if self.disturbance is None:
             return pure(epsilon)
@@ -97,7 +99,7 @@ class ProgramAcceleration(eqx.Module):
         return pure(epsilon + (disturbance if self.axes == "body" else rotate(quaternion, disturbance)))
 
     def command(self, t: Scalar, quaternion: Quat) -> Quat:
-        """ε⁰ (4,) [rad/s²] in body axes."""
+        """Return ε⁰ (4,) [rad/s²] in body axes."""
         epsilon = self._acceleration(t, quaternion)
         return pure(epsilon if self.axes == "body" else rotate(conjugate(quaternion), epsilon))
 
@@ -107,7 +109,7 @@ class ProgramAcceleration(eqx.Module):
 
 @eqx.filter_jit
 def _with_errors(source: ProgramAcceleration, solution: Solution) -> Solution:
-    """The solution with commands, errors and angles."""
+    """Return the solution with commands, errors and angles."""
 
     def at(t: Scalar, quaternion: Quat) -> tuple[Quat, Quat, Scalar]:
         reference = jax.tree.map(lambda x: x.astype(t.dtype), source.program(t))
@@ -121,9 +123,3 @@ def _with_errors(source: ProgramAcceleration, solution: Solution) -> Solution:
     commands, errors, angles = jax.vmap(at)(s.times, s.quaternion)
     commands = jnp.where(jnp.isfinite(s.quaternion[:, :1]), commands, jnp.nan)
     return Solution(s.times, s.quaternion, s.rate, s.code, commands, errors, angles, s.axes)
-
-
-def _switches(program: AbstractProgram) -> Float[Array, " m"] | None:
-    """The instants at which the program's acceleration jumps; None if they are unknown or traced."""
-    switches = getattr(program, "switches", None)
-    return None if switches is None or concrete(switches) is None else switches

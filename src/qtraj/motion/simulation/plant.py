@@ -1,4 +1,4 @@
-"""The body of a closed loop: the differential equation of λ, ω and the wheel momenta under a command."""
+"""Model the body of a closed loop by the differential equation of λ, ω and the wheel momenta under a command."""
 
 import equinox as eqx
 import jax
@@ -13,18 +13,18 @@ from qtraj.motion.simulation.ode import State
 from qtraj.motion.simulation.task import Scale
 
 RIGID = 8
-"""Number of state components of λ and ω; the wheel momenta follow."""
+"""Number of components of λ and ω in the state vector; the wheel momenta follow."""
 
 
 class Held(eqx.Module):
-    """The current command (4,) of the law and, for a body with inertia, the commanded torques of its motors."""
+    """The current command (4,) of the law and, for a `RigidBody`, the commanded torques (m,) of motors or thrusters."""
 
     command: Quat
     torques: Float[Array, " m"]
 
 
 class States(eqx.Module):
-    """λ, ω, the wheels' momenta and the commands at the output instants."""
+    """The values of λ, ω, the wheel momenta and the commands at the n output instants."""
 
     quaternion: Float[Array, "n 4"]
     rate: Float[Array, "n 4"]
@@ -33,20 +33,24 @@ class States(eqx.Module):
 
 
 class Plant(eqx.Module):
-    """The body under a command. Its state is in R⁸, plus wheel momenta, for accelerations, and in R⁴ for rates."""
+    """The body under a command.
+
+    The state vector consists of λ and ω, and the wheel momenta of a `RigidBody`; under a rate law, it consists of λ
+    only.
+    """
 
     loop: Loop
     scale: Scale
 
     def pack(self, quaternion: Quat, rate: Quat) -> State:
-        """The state vector of λ, ω and the initial wheel momenta."""
+        """Return the state vector of λ, ω and the initial wheel momenta."""
         if self.loop.commands_rate:
             return quaternion / self.scale.quaternion
         state = self.scale.pack(quaternion, rate)
         return state if self.loop.body is None else jnp.concatenate([state, self.momentum / self.momentum_scale])
 
     def unpack(self, state: State, command: Quat) -> tuple[Quat, Quat]:
-        """λ and ω of a state vector; under a rate law, ω is the command."""
+        """Return λ and ω of a state vector; under a rate law, ω is the command."""
         if self.loop.commands_rate:
             return state * self.scale.quaternion, command
         return self.scale.unpack(state[:RIGID])
@@ -59,34 +63,34 @@ class Plant(eqx.Module):
 
     @property
     def momentum_scale(self) -> Scalar:
-        """A scale by which momenta are divided to be of order one [N m s]."""
+        """The scale [N m s] by which momenta are divided, so that they are of order one."""
         if self.loop.body is None:
             return self.scale.rate
         size = jnp.max(jnp.abs(self.loop.body.inertia)).astype(self.scale.rate.dtype) * self.scale.rate
         return jax.lax.stop_gradient(size)
 
     def hold(self, state: State, command: Quat, rate: Quat) -> Held:
-        """The command and the torques from this instant on, for the measured `rate`."""
+        """Return the new command with its torques, which are calculated from the measured `rate`."""
         if self.loop.body is None:
             return Held(command, jnp.zeros_like(command, shape=(0,)))
         momentum = state[RIGID:] * self.momentum_scale
         return Held(command, self.loop.body.commanded_torques(command[1:], rate[1:], momentum))
 
     def states(self, states: Float[Array, "n d"], held: Held, signs: Float[Array, " n"] | None) -> States:
-        """λ, ω, momenta and commands for a batch of state vectors."""
+        """Return λ, ω, momenta and commands for n state vectors; the signs ±1 of a hysteretic law are applied to λ."""
         quaternions, rates = jax.vmap(self.unpack)(states, held.command)
         quaternions = quaternions if signs is None else signs[:, None] * quaternions
         return States(quaternions, rates, states[:, RIGID:] * self.momentum_scale, held)
 
     def acceleration(self, t: Scalar, rate: Quat, momentum: Float[Array, " m"], held: Held) -> Quat:
-        """ε (4,) [rad/s²] of the body under the current command, without a disturbance."""
+        """Return ε (4,) [rad/s²] of the body under the current command, without a disturbance."""
         if self.loop.body is None:
             return held.command
         physical = self.loop.body.acceleration(t, rate[1:], momentum, held.torques)
         return jnp.concatenate([held.command[:1], physical])
 
     def slope(self, t: Scalar, state: State, held: Held) -> State:
-        """The time derivative of the state vector [1/s]."""
+        """Return the time derivative of the state vector [1/s]."""
         command = held.command.astype(state.dtype)
         if self.loop.commands_rate:
             return derivative(state, command)
@@ -99,7 +103,7 @@ class Plant(eqx.Module):
         return jnp.concatenate([slope, self.loop.body.momentum_rate(held.torques, momentum) / self.momentum_scale])
 
     def disturbed(self, t: Scalar, epsilon: Quat) -> Quat:
-        """ε with the disturbance."""
+        """Return the sum of `epsilon` (4,) and the disturbance [rad/s²]."""
         if self.loop.disturbance is None:
             return epsilon
         return epsilon + pure(self.loop.disturbance.acceleration(t).astype(epsilon.dtype))

@@ -1,6 +1,6 @@
-"""Sensors of the on-board computer: measured attitude and rate, or gyros alone.
+"""Model the sensors of the on-board computer, which measure attitude and rate, or only the rate (gyros).
 
-|λ| and ω0 are variables of the computer and known exactly; errors affect the attitude and the physical rate only. A
+|λ| and ω0 are variables of the on-board computer, so sensor errors affect only the attitude and the physical rate. A
 sensor may have a discrete state that changes at the samples.
 """
 
@@ -24,29 +24,32 @@ Memory = PyTree[Array]
 
 
 class AbstractSensor(eqx.Module):
-    """A sensor: it computes the measured state, which the law uses, from the true state."""
+    """A sensor, which computes the measured state (the input of the law) from the true state."""
 
     sampling: eqx.AbstractVar[Sampling | None]
 
     @abc.abstractmethod
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """The sensor's state before the first sample, from the true initial state."""
+        """Return the discrete state of the sensor before the first sample, from the true initial state."""
 
     @abc.abstractmethod
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The measured λ and ω (4,) of sample `k`, `elapsed` [s] after the previous one, and the sensor's new state."""
+        """Return the measured λ and ω (4,) of sample `k`, and the new discrete state of the sensor.
+
+        `elapsed` [s] is the time from the previous sample; `quaternion`, `rate` are the true state.
+        """
 
 
 @storable
 class Sensor(AbstractSensor):
-    """Measures attitude and rate, each with a constant bias and white noise.
+    """A sensor of attitude and rate, each with a constant bias and white noise.
 
     `rate_bias` (3,) and `rate_noise` (standard deviation of each sample) [rad/s]; `attitude_bias` (3,) and
     `attitude_noise` [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling`
     [s]: a period or instants, as for an `Actuator`; each sample updates the command, which is held between the samples.
-    None is a continuous sensor, which cannot have noise, because continuous white noise does not have a finite
+    With None, the sensor is continuous and cannot have noise, because continuous white noise does not have a finite
     variance.
 
     **Raises:** ValueError for noise without a key or without sampling, or for negative noise.
@@ -75,7 +78,9 @@ class Sensor(AbstractSensor):
         if self.key is None and (_noisy(self.rate_noise) or _noisy(self.attitude_noise)):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
-            raise ValueError("noise needs sampling: pass the period [s]. A continuous sensor can only have a bias.")
+            raise ValueError(
+                "noise needs sampling, because a continuous sensor can only have a bias: pass sampling, a period [s]"
+            )
 
     def __repr__(self) -> str:
         return shown(
@@ -83,13 +88,13 @@ class Sensor(AbstractSensor):
         )
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """None: the sensor has no state."""
+        """Return None, because the sensor has no discrete state."""
         return None
 
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The measured λ and ω (4,) of sample `k`: the true values with bias and noise."""
+        """Return the measured λ and ω (4,) of sample `k`, which are the true values with bias and noise."""
         dtype = quaternion.dtype
         rotation, rate_error = self.attitude_bias.astype(dtype), self.rate_bias.astype(dtype)
         if self.key is not None:
@@ -101,12 +106,13 @@ class Sensor(AbstractSensor):
 
 @storable
 class Gyros(AbstractSensor):
-    """Gyros alone: the on-board computer propagates λ from sampled rates (paper C, section 2 and remark 1).
+    """Gyros without an attitude sensor: the on-board computer propagates λ from sampled rates (paper C, section 2).
 
     `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key` as
     for `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
-    computer interpolates the rate linearly between samples. If the acceleration is held, this interpolation is exact,
-    and only the propagation error remains, O(h⁵) per step.
+    computer interpolates the rate linearly between samples. If the acceleration is constant between samples, this
+    interpolation is exact. Only the propagation error then remains, which is O(h⁵) for a step of length h. See remark 1
+    of paper C.
 
     **Raises:** ValueError for noise without a key, or negative noise.
     """
@@ -127,7 +133,7 @@ class Gyros(AbstractSensor):
     ):
         instants = sampling_instants(sampling)
         if instants is None:
-            raise ValueError("Gyros must be sampled, but sampling is None: pass the period [s]")
+            raise ValueError("Gyros must be sampled, but sampling=None was given: pass a period [s]")
         self.sampling = instants
         self.bias, self.attitude_error = _three(bias, "bias"), _three(attitude_error, "attitude_error")
         self.noise = _noise(noise)
@@ -139,14 +145,14 @@ class Gyros(AbstractSensor):
         return shown(self, sampling="s", bias="rad/s", noise="rad/s", attitude_error="rad")
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """The initial state of the on-board computer: its estimate of λ and the first gyro reading."""
+        """Return the initial state of the on-board computer, its estimate of λ and the first gyro reading."""
         estimate = product(quaternion, exp(0.5 * self.attitude_error.astype(quaternion.dtype)))
         return estimate, self._gyro(jnp.asarray(0), rate)
 
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The computer's λ and the gyro reading (4,) at sample `k`, `elapsed` [s] after the previous one."""
+        """Return the computer's estimate of λ and the gyro reading (4,) at sample `k`, and the new discrete state."""
         estimate, before = memory
         now = self._gyro(k, rate)
         estimate = propagate_linear_rate(estimate, before, now, elapsed)
@@ -161,7 +167,10 @@ class Gyros(AbstractSensor):
 
 
 def propagate_linear_rate(quaternion: Quat, before: Quat, now: Quat, elapsed: Scalar) -> Quat:
-    """λ after `elapsed` [s] for a body rate (4,) linear from `before` to `now`, by a Magnus expansion of order 4."""
+    """Return λ after `elapsed` [s], by a Magnus expansion of order 4.
+
+    The body rate (4,) is linear in time, from `before` to `now`.
+    """
     increment = 0.5 * elapsed * (before + now)
     vector = increment[1:] + elapsed * elapsed / 12 * jnp.cross(before[1:], now[1:])
     return jnp.exp(0.5 * increment[0]) * product(quaternion, exp(0.5 * vector))
@@ -170,7 +179,7 @@ def propagate_linear_rate(quaternion: Quat, before: Quat, now: Quat, elapsed: Sc
 def _three(x: ArrayInput, name: str) -> Vec3:
     vector = as_float(x)
     if vector.shape != (3,):
-        raise ValueError(f"{name} must have shape (3,), but an array of shape {vector.shape} was given")
+        raise ValueError(f"{name} must have shape (3,), but shape {vector.shape} was given")
     require_finite(vector, name)
     return vector
 
@@ -179,7 +188,7 @@ def _noise(x: ArrayInput) -> Scalar:
     x = as_float(x)
     value = concrete(x)
     if x.ndim or (value is not None and not value >= 0):
-        raise ValueError(f"a standard deviation must be one number, zero or positive, but {x} was given")
+        raise ValueError(f"the standard deviation of noise must be a scalar and not negative, but {x} was given")
     return x
 
 
@@ -189,7 +198,7 @@ def _noisy(noise: Scalar) -> bool:
 
 
 def _key(key: ArrayInput | jax.Array | None) -> Key | None:
-    """The raw data of a key, two words, which can be stored, unlike a typed key."""
+    """Return the raw data of a key, two integers, because a typed key cannot be stored."""
     if key is None:
         return None
     if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

@@ -1,4 +1,4 @@
-"""Simulation of the closed loop: program, law, body, disturbance, sensor and actuator."""
+"""Simulate a closed loop of program, law, body, disturbance, sensor and actuator."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -31,7 +31,7 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 
 NEAR = 0.1
-"""If |μ| falls below this multiple of the smaller of its initial value and 1, the result mentions it."""
+"""Fraction of the smaller of |μ(0)| and 1 below which |μ| counts as near zero."""
 
 
 def simulate(
@@ -54,30 +54,31 @@ def simulate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """The motion of a body under `law`, which tracks `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
+    """Simulate a body that follows `program` under `law`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
 
-    `times` (n,) [s]: increasing instants, measured from the start of the program; the initial state is at the first.
-    `sign`: λ and −λ are the same attitude; "nearer" starts with the one nearer to the program, and with the other one
-    the body takes the long way round. "as given" keeps the sign of `quaternion`: use it after `control.place` or
-    `control.choose_sign`, which also consider the rate, or to study the long way. Later changes of sign need a
-    `HystereticLaw`. `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²]
-    in body axes. `sensor`: `Sensor` or `Gyros`; None measures the exact state. `actuator`: limits and hold of the
-    command. With a sampled sensor or actuator, the command changes at the samples only. `jumps`: instants at which the
-    program or the disturbance jumps, such as a slew's `profile.switches`. `jumps`, the tolerances, `solver`, `adjoint`,
-    `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate: `rate` then determines the dtype only,
-    and a disturbance is not possible.
+    `times` (n,) [s]: increasing instants, measured from the start of the program; `quaternion` and `rate` are the state
+    at times[0]. `sign`: λ and −λ represent the same attitude. "nearer" starts with the quaternion nearer to the
+    program; with the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
+    `quaternion`: use it after `control.place` or `control.choose_sign`, which also consider the rate, or to study such
+    rotations. Only a `HystereticLaw` changes the sign later. `disturbance`: a `DisturbanceTorque`, a
+    `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes. `sensor`: `Sensor` or `Gyros`; None for
+    exact measurements. `actuator`: an `Actuator`, which can limit the command and hold it between samples; None for no
+    limit and no hold. With a sampled sensor or actuator, the command changes at the samples only. `jumps` [s]: instants
+    at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the tolerances,
+    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate: `rate` then
+    determines the dtype only, and a disturbance is not possible.
 
     `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
     assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and
-    `result` report the deviation. With None, the body follows the commanded acceleration exactly, and `dynamics.torque`
+    `result` report the deviation. With None, the body has exactly the commanded acceleration, and `dynamics.torque`
     computes the required torque.
 
-    `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
+    The `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
 
-    **Raises:** ValueError in the same cases as `integrate`; for another `sign`; for parts of another type, or a
-    disturbance that is not a function of the time alone; for a disturbance, `Gyros` or a `body` with a rate law; if
-    sensor, actuator and hysteretic law have different sampling; for a period that is traced or too short. RuntimeError
-    if `throw` is true and an instant was not reached.
+    **Raises:** ValueError in the same cases as `integrate`; for a `sign` other than "nearer" or "as given"; for
+    arguments of another type, or a disturbance that is not a function of the time alone; if a disturbance, `Gyros` or a
+    `body` is combined with a rate law; if sensor, actuator and hysteretic law have different sampling; for a period
+    that is traced or too short. RuntimeError if `throw` is true and an instant was not reached.
     """
     require_sign(sign)
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
@@ -102,7 +103,7 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign:
 
 
 def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -> BodyMotion | None:
-    """The torques and the deviations from the exact error equation of a `RigidBody`; None without one."""
+    """Return torques and deviations from the exact error equation of a `RigidBody`; None without a `RigidBody`."""
     if loop.body is None:
         return None
     plant = Plant(loop, Scale(task))
@@ -127,7 +128,7 @@ def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -
 def _refined_code(
     law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
 ) -> Int[Array, ""]:
-    """The result code, refined for laws with a pole at μ = 0."""
+    """Return the result code, with the codes `near_zero_error` and `wrong_sign` for laws with a pole at μ = 0."""
     if not isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
         return code
     lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))

@@ -1,4 +1,4 @@
-"""The solution of an integration or a simulation: the motion, and its result in words."""
+"""Store the solution of an integration or a simulation: the motion, and its result in words."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 @reads_older(_from_older)
 @storable
 class Solution(AbstractOutcome):
-    """Attitude and rate at the instants `times` (n,) [s].
+    """The attitude and rate of a body at the instants `times` (n,) [s].
 
-    `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: ω0 = d/dt ln|λ|² first. Only from `simulate` and
-    `open_loop`: `command` (n, 4), the limited command in body axes, [rad/s²] or [rad/s] for a rate law; `error` (n, 4),
-    the law's error quaternion; `angle` (n,) [rad], the angle between body and program, from 0 to π. Values at instants
-    that were not reached are NaN. `code` is a `ResultCode` and `result` its text. Under `vmap` all fields have the
-    batch dimensions in front. `axes`: "body" or "inertial", the axes of the rate. `commands`: "acceleration", or "rate"
-    for a rate law. `body`: a `BodyMotion` with torques, wheel momenta and the deviation from the exact error equation,
-    only for a simulated `RigidBody`.
+    `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: the virtual rate ω0 = d/dt ln|λ|² first, then the
+    physical rate. Solutions of `simulate` and `open_loop` also contain `command` (n, 4), the limited command in body
+    axes, in rad/s² or in rad/s for a rate law; `error` (n, 4), the error quaternion of the law; and `angle` (n,) [rad],
+    the angle between body and program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
+    `ResultCode`. `result`: the result in words. Under `vmap` all fields have leading batch axes. `axes`: "body" or
+    "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
+    torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
 
-    **Raises:** ValueError for other `axes` or `commands`.
+    **Raises:** ValueError for unknown `axes` or `commands`.
     """
 
     times: Float[Array, "*batch n"]
@@ -88,7 +88,7 @@ class Solution(AbstractOutcome):
         self.axes, self.commands, self.body = axes, commands, body
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one motion in words, with advice and the last instant that was reached."""
+        """Return the result of one motion in words, with advice and the last instant that was reached."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
         if self.body is not None:
@@ -104,7 +104,7 @@ class Solution(AbstractOutcome):
         return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
 
     def record(self) -> Record:
-        """The motion and its result over `time`, or over `sample` if the elements of a batch have different times."""
+        """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
         axes, commanded = (along, "component"), f"commanded {self.commands}, body axes, virtual part first"
@@ -127,15 +127,15 @@ class Solution(AbstractOutcome):
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the solution exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
+        """Write the solution without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 
-        **Raises:** ValueError for another suffix.
+        **Raises:** ValueError for a suffix other than .toml or .json.
         """
         document.save(self, file)
 
     @property
     def norm(self) -> Float[Array, "*batch n"]:
-        """|λ| at the instants; if ω0 = 0, its drift measures the accuracy."""
+        """The norm |λ| at the instants; for ω0 = 0, the drift of |λ| is a measure of the accuracy."""
         return _lengths(self.quaternion)
 
     @property
@@ -149,21 +149,24 @@ class Solution(AbstractOutcome):
         return _required(self.command)[..., 1:]
 
     def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
-        """The time [s] after which the angle stays within `within` [rad], interpolated linearly between instants.
+        """Return the time [s] after which the angle is at most `within` [rad], interpolated between instants.
 
-        NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
+        The result is NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
         """
         find = jnp.vectorize(_settled, signature="(n),(n),()->()")
         return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
 
     @property
     def peak_command(self) -> Float[Array, "*batch"]:
-        """The largest magnitude of the physical command at the instants; NaN if an instant was not reached."""
+        """The largest magnitude of the physical command at the instants [rad/s²; rad/s for a rate law].
+
+        The value is NaN if an instant was not reached.
+        """
         return jnp.max(_lengths(self.physical_command), axis=-1)
 
 
 def _brief(text: str) -> str:
-    """A result up to its first colon, comma or full stop."""
+    """Return the text of a result up to its first colon, comma or full stop."""
     return re.split("[:,.]", text, maxsplit=1)[0]
 
 
@@ -186,5 +189,5 @@ def _settled(times: Array, angle: Array, within: Array) -> Array:
 
 def _required(column: Array | None) -> Array:
     if column is None:
-        raise ValueError("a solution of integrate has neither a command nor an error. Use simulate for a closed loop.")
+        raise ValueError("a solution of integrate has neither a command nor an error: use simulate for a closed loop")
     return column

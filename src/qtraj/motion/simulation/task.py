@@ -1,4 +1,6 @@
-"""The checked arguments of an integration: initial state, instants, tolerances and method."""
+"""Check the arguments of an integration: initial state, instants, tolerances and method."""
+
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,16 +13,18 @@ from qtraj.foundation.arrays import as_float, concrete, real_vector, require_fin
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
 from qtraj.motion.simulation.ode import Grid, Method, Tolerances
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.route import Route
 
 RESOLUTION = 1000
-"""The smallest allowed difference of two instants, in units of round-off of the first instant."""
+"""Minimum difference of two instants, in units of round-off of the first instant."""
 
 
 class Task(eqx.Module):
-    """The checked arguments that `integrate` and `simulate` share, in one float dtype.
+    """The checked arguments that are common to `integrate` and `simulate`, in one float dtype.
 
-    `quaternion` and `rate` [rad/s] at the first of `times` [s]; `jumps` [s]: the instants at which the right-hand side
-    jumps.
+    `quaternion` and `rate` [rad/s] are the state at times[0]; `jumps` [s] are the instants at which the right-hand side
+    is discontinuous.
     """
 
     quaternion: Quat
@@ -31,28 +35,35 @@ class Task(eqx.Module):
     method: Method
 
     def grid(self, renewals: Float[Array, " m"] | None = None) -> tuple[Grid, Int[Array, " n"]]:
-        """All instants in ascending order, including `renewals` [s], and the indices of the outputs.
+        """Return the grid of all instants, including `renewals` [s] and jumps, and the indices of the output instants.
 
-        At equal instants, an update precedes an output. Instants before the time span are moved to its start, where
-        updates still have an effect; instants after it are moved to its end and have no effect.
+        At equal instants, an update precedes an output. Instants before the time span are moved to the start of the
+        span, where updates still have an effect; instants after the span are moved to its end and have no effect.
         """
-        start = self.times[0]
-        elapsed = self.times - start  # small numbers, even if the times are far from zero
-        empty = jnp.zeros((0,), elapsed.dtype)
-        renewals, jumps = (empty if x is None else x - start for x in (renewals, self.jumps))
-        points = jnp.concatenate([jnp.clip(renewals, 0.0, elapsed[-1]), jnp.clip(jumps, 0.0, elapsed[-1]), elapsed])
-        others = points.shape[0] - elapsed.shape[0]
-        if others == 0:
-            return Grid(start, elapsed, jnp.zeros(elapsed.shape, bool)), jnp.arange(elapsed.shape[0])
-        renews = jnp.concatenate([renewals <= elapsed[-1], jnp.zeros(jumps.shape[0] + elapsed.shape[0], bool)])
-        order = jnp.argsort(points, stable=True)
-        return Grid(start, points[order], renews[order]), jnp.argsort(order, stable=True)[others:]
+        return merged_grid(self.times, self.jumps, renewals)
+
+
+def merged_grid(
+    times: Float[Array, " n"], jumps: Float[Array, " k"] | None, renewals: Float[Array, " m"] | None = None
+) -> tuple[Grid, Int[Array, " n"]]:
+    """Return the grid of output instants, jumps and renewals [s], and the indices of the outputs (see `Task.grid`)."""
+    start = times[0]
+    elapsed = times - start  # small numbers, even if the times are far from zero
+    empty = jnp.zeros((0,), elapsed.dtype)
+    renewals, jumps = (empty if x is None else x - start for x in (renewals, jumps))
+    points = jnp.concatenate([jnp.clip(renewals, 0.0, elapsed[-1]), jnp.clip(jumps, 0.0, elapsed[-1]), elapsed])
+    others = points.shape[0] - elapsed.shape[0]
+    if others == 0:
+        return Grid(start, elapsed, jnp.zeros(elapsed.shape, bool)), jnp.arange(elapsed.shape[0])
+    renews = jnp.concatenate([renewals <= elapsed[-1], jnp.zeros(jumps.shape[0] + elapsed.shape[0], bool)])
+    order = jnp.argsort(points, stable=True)
+    return Grid(start, points[order], renews[order]), jnp.argsort(order, stable=True)[others:]
 
 
 class Scale(eqx.Module):
-    """Scales by which both halves of the state are divided to be of order one; they are not differentiated.
+    """The scales by which λ and ω are divided, so that the state is of order one; they are not differentiated.
 
-    `quaternion`: |λ(0)|. `rate` [rad/s]: one radian per time span or |ω(0)|, whichever is larger.
+    `quaternion` is |λ(0)|. `rate` [rad/s] is the larger of |ω(0)| and one radian per time span.
     """
 
     quaternion: Scalar
@@ -65,11 +76,11 @@ class Scale(eqx.Module):
         self.rate = jax.lax.stop_gradient(jnp.maximum(norm(task.rate), min_rate))
 
     def pack(self, quaternion: Quat, rate: Quat) -> Float[Array, "8"]:
-        """The state vector of λ and ω."""
+        """Return the state vector of λ and ω."""
         return jnp.concatenate([quaternion / self.quaternion, rate / self.rate])
 
     def unpack(self, state: Float[Array, "... 8"]) -> tuple[Float[Array, "... 4"], Float[Array, "... 4"]]:
-        """λ and ω of a state vector."""
+        """Return λ and ω of a state vector."""
         return state[..., :4] * self.quaternion, state[..., 4:] * self.rate
 
 
@@ -82,7 +93,7 @@ def checked(
     atol: ArrayInput,
     method: Method,
 ) -> Task:
-    """The task with these arguments; ValueError for invalid concrete values."""
+    """Return the arguments as a `Task` in one float dtype; raise a ValueError for invalid concrete values."""
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         quaternion, times = initial_quaternion(quaternion), output_times(times)
         rate = real_vector(rate, "the initial rate", 4)
@@ -92,22 +103,54 @@ def checked(
             quaternion.astype(dtype),
             rate.astype(dtype),
             times.astype(dtype),
-            None if jumps is None else _jumps(jumps).astype(dtype),
-            _tolerances(rtol, atol, dtype),
+            None if jumps is None else checked_jumps(jumps).astype(dtype),
+            checked_tolerances(rtol, atol, dtype),
             method,
         )
 
 
-def _jumps(jumps: ArrayInput) -> Float[Array, " k"]:
+def switches_of(*parts: Any) -> Float[Array, " m"] | None:
+    """Return the instants [s] at which the accelerations of programs jump, and the knots of routes.
+
+    The result is None if there are no concrete instants. Traced instants are omitted, because there may be many of
+    them; the step control of the solver finds these jumps.
+    """
+    instants = [getattr(part, "switches", None) for part in parts]
+    paths = [part for part in parts if isinstance(part, AbstractHodograph)]
+    instants += [path.times if isinstance(path, Route) else path.nodes() for path in paths]
+    known = [np.ravel(x) for x in map(_concrete_or_none, instants) if x is not None]
+    return jnp.asarray(np.unique(np.concatenate(known))) if known else None
+
+
+def _concrete_or_none(x: Any) -> np.ndarray | None:
+    return None if x is None else concrete(x)
+
+
+def within(times: Float[Array, " n"], jumps: Float[Array, " k"] | None) -> Float[Array, " m"] | None:
+    """Return the jumps inside the time span; return all jumps if `times` or `jumps` are traced.
+
+    A jump outside the time span would only add an empty interval.
+    """
+    span, values = concrete(times), _concrete_or_none(jumps)
+    if jumps is None or span is None or values is None:
+        return jumps
+    return jnp.asarray(values[(values > span[0]) & (values < span[-1])])
+
+
+def checked_jumps(jumps: ArrayInput) -> Float[Array, " k"]:
+    """Return the instants of jumps as a vector [s].
+
+    **Raises:** ValueError for another shape, or values that are not finite.
+    """
     jumps = as_float(jumps)
     if jumps.ndim != 1:
-        raise ValueError(f"jumps must be a vector of instants [s], but the shape is {jumps.shape}")
+        raise ValueError(f"jumps must be a vector of instants [s], but shape {jumps.shape} was given")
     require_finite(jumps, "jumps")
     return jumps
 
 
-def _tolerances(rtol: ArrayInput, atol: ArrayInput, dtype: jnp.dtype) -> Tolerances:
-    """Tolerances of at least a few units of round-off of the dtype."""
+def checked_tolerances(rtol: ArrayInput, atol: ArrayInput, dtype: jnp.dtype) -> Tolerances:
+    """Return the tolerances, increased to at least a few units of round-off of the dtype."""
     epsilon = 4 * float(jnp.finfo(dtype).eps)
     for value, name in ((rtol, "rtol"), (atol, "atol")):
         values = concrete(value)
@@ -125,6 +168,6 @@ def _require_resolved(times: Float[Array, " n"]) -> None:
     step = np.diff(values).min()
     if step < RESOLUTION * np.spacing(np.abs(values[0])):
         raise ValueError(
-            f"{values.dtype} does not resolve steps of {step:.3g} s at t = {values[0]:.9g} s. Measure time from "
-            "the start of the motion, or call jax.config.update('jax_enable_x64', True) first."
+            f"{values.dtype} does not resolve the smallest step of times, {step:.3g} s, at t = {values[0]:.9g} s. "
+            "Measure time from the start of the motion, or call jax.config.update('jax_enable_x64', True) first."
         )

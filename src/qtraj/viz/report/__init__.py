@@ -1,4 +1,4 @@
-"""Interactive reports: one HTML file that works offline (plotly)."""
+"""Create interactive reports, each a single HTML file that works offline (plotly)."""
 
 from qtraj.viz.report.page import report_page
 

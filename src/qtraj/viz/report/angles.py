@@ -1,16 +1,17 @@
-"""Heading, pitch and roll of upright frames."""
+"""Compute heading, pitch and roll of upright frames."""
 
 import numpy as np
 
 MIN_HORIZONTAL = 1e-6
-"""If the horizontal component of the forward axis is smaller, heading and roll are not defined."""
+"""Length of the horizontal component of the forward axis below which heading and roll are not defined."""
 
 
 def heading_pitch_roll(axes: np.ndarray) -> np.ndarray:
-    """Heading, pitch and roll (n, 3) [°] from direction cosines (n, 3, 3) with rows forward, left, up; world z up.
+    """Return heading, pitch and roll (n, 3) [°] from direction cosines (n, 3, 3) with rows forward, left, up.
 
-    Heading is measured from x towards y, without jumps by 360°. Pitch is positive with the nose up, and roll with the
-    left side up. All are NaN if an axis is NaN; heading and roll are NaN if the forward axis is vertical.
+    World z is up. Heading is measured from x towards y, without jumps by 360°. Pitch is positive if the nose is up, and
+    roll is positive if the left side is up. All are NaN if an axis is NaN; heading and roll are NaN if the forward axis
+    is vertical.
     """
     forward, left, up = np.moveaxis(axes, 1, 0)
     level = np.hypot(forward[:, 0], forward[:, 1]) > MIN_HORIZONTAL

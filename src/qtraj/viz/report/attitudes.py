@@ -1,4 +1,4 @@
-"""The report on attitudes over time: a slew, a closed loop, or any dataset with a quaternion over `time`."""
+"""Create the report on attitudes over time: a slew, a closed loop, or any dataset with a quaternion over `time`."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -38,7 +38,7 @@ ORDER = (
     "quaternion",
     "norm",
 )
-"""The order of the first panels; other variables over time follow."""
+"""Order of the first panels; other variables over time follow."""
 
 TITLES = {
     "error": "error quaternion",
@@ -49,19 +49,19 @@ TITLES = {
     "norm": "norm of the quaternion",
 }
 APPLIES = "applies"
-"""The value of the attribute `closed_form` if the closed form applies; otherwise it is the reason."""
+"""Value of the attribute `closed_form` if the closed form applies; otherwise the attribute states the reason."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
 
 
 def is_of_attitudes(dataset: xarray.Dataset) -> bool:
-    """Whether a dataset has quaternions over `time`."""
+    """Return whether a dataset contains quaternions over `time`."""
     if not {"quaternion", "time"} <= set(map(str, dataset.variables)):
         return False
     return dataset["quaternion"].dims[:1] == ("time",) and dataset["quaternion"].shape[1:] == (4,)
 
 
 def attitude_report(dataset: xarray.Dataset) -> Report:
-    """The report on `quaternion` over `time`, with `program_quaternion` drawn pale for comparison."""
+    """Create the report on `quaternion` over `time`; `program_quaternion` is drawn pale for comparison."""
     time = dataset["time"].values
     bodies = [Body("body", time, None, cosines(dataset["quaternion"].values), PLAIN)]
     if "program_quaternion" in dataset:
@@ -80,13 +80,13 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
 
 
 def _facts(notes: Mapping[str, Any]) -> list[str]:
-    """The result of the computation, and the reason if the closed form is not drawn."""
+    """Return the result of the computation, and the reason if the closed form is not drawn."""
     reason, facts = notes.get("closed_form", APPLIES), [words(str(notes["result"]))] if "result" in notes else []
     return facts if reason == APPLIES else [*facts, f"The closed form is not drawn, because it {reason}."]
 
 
 def _shown(dataset: xarray.Dataset) -> list[str]:
-    """The variables that have their own panel."""
+    """Return the names of the variables that have their own panel."""
     references = {name for name, _ in BESIDE.values()}
     names = [str(name) for name, variable in dataset.data_vars.items() if variable.dims[:1] == ("time",)]
     names = [name for name in names if name not in references and dataset[name].ndim <= 2]
@@ -123,17 +123,17 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
 
 
 def _applies(dataset: xarray.Dataset, beside: str) -> bool:
-    """Whether a reference applies to this motion. The closed form does not apply with a disturbance, for example."""
+    """Return whether the comparison with the variable `beside` applies; the closed form may not apply to the motion."""
     return not beside.startswith("closed_form") or dataset.attrs.get("closed_form", APPLIES) == APPLIES
 
 
 def _of_each_axis(dataset: xarray.Dataset) -> bool:
-    """Whether the limit of the command applies to each component instead of the norm."""
+    """Return whether the limit of the command applies to each component instead of the norm."""
     return dataset.attrs.get("saturation") == "axis"
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
-    """The signs with which a limit is drawn: positive, and also negative if there are negative values."""
+    """Return the signs with which a limit is drawn: positive, and also negative if there are negative values."""
     low = np.nanmin(values, initial=0.0)
     return (1.0, -1.0) if low < -1e-9 * max(np.nanmax(values, initial=0.0), 1e-300) else (1.0,)
 
@@ -150,14 +150,14 @@ def _index(label: str) -> str:
 
 
 def _in_degrees(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """Values (n, m) and their unit, with degrees instead of radians."""
+    """Return the values (n, m) and their unit, with angles in degrees instead of radians."""
     values = dataset[name].values.astype(float)
     symbol = unit(dataset[name].attrs.get("units", ""))
     return _scale(dataset, name) * values.reshape(len(values), -1), symbol.replace("rad", "°")
 
 
 def _limits(dataset: xarray.Dataset, name: str) -> list[float]:
-    """The different limits of a variable, in degrees instead of radians."""
+    """Return the distinct limits of a variable, with angles in degrees instead of radians."""
     limits = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
     return np.unique(_scale(dataset, name) * limits).tolist()
 
@@ -167,7 +167,7 @@ def _scale(dataset: xarray.Dataset, name: str) -> float:
 
 
 def _peaks(dataset: xarray.Dataset) -> Table:
-    """The largest norm or absolute value of each quantity, and its time."""
+    """Tabulate the largest norm or absolute value of each quantity, and when it occurs; quaternions are omitted."""
     rows = []
     for name in _shown(dataset):
         values, symbol = _in_degrees(dataset, name)
@@ -184,12 +184,12 @@ def _peaks(dataset: xarray.Dataset) -> Table:
             largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Norms of vectors, or components if each axis has its own limit; only at the instants of the table."
+    note = "Norms of vectors, or components if each axis has its own limit, at the instants of the table only."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 
 def _ends(dataset: xarray.Dataset) -> Table:
-    """Attitude and rate at the first and the last instant."""
+    """Tabulate the attitude and the rate at the first and the last instant."""
     rows = []
     for text, end in (("start", 0), ("end", -1)):
         row = [text, number(float(dataset["time"].values[end]))]

@@ -1,10 +1,10 @@
-"""Body axes from quaternions, for drawing."""
+"""Compute body axes from quaternions, for drawing."""
 
 import numpy as np
 
 
 def cosines(quaternions: np.ndarray) -> np.ndarray:
-    """Direction cosines (n, 3, 3) of quaternions (n, 4): row k is body axis k in inertial components.
+    """Return the direction cosines (n, 3, 3) of quaternions (n, 4); row k is body axis k in inertial components.
 
     The quaternions need not be normalised. The result is NaN if a quaternion is zero or not finite.
     """

@@ -1,4 +1,4 @@
-"""The parts of a report as plain data: moving bodies, panels over time, tables."""
+"""Represent a report as plain data: moving bodies, panels over time, tables."""
 
 import math
 import re
@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation import units
+from qtraj.path.quantity import QUANTITIES
 from qtraj.viz.map_colours import MapColours
 
 MAX_INSTANTS = 2001
-"""Maximum number of instants drawn for one body; longer series are thinned evenly, keeping both ends."""
+"""Maximum number of instants drawn for one body; longer series are thinned evenly, and both ends are kept."""
 
-NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|normal|max)_(?=(acceleration|rate|jerk|force|load)\b)")
-"""The first word of limit names that consist of two words."""
+NAMES = re.compile(rf"\b(?:{'|'.join(QUANTITIES)}|max_(?:rate|acceleration|jerk))\b")
+"""The names of limits on paths and on slews."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Body:
-    """A moving body: instants (n,) [s], positions (n, 3) or None, axes (n, 3 axes, 3 components).
+    """A moving body: instants (n,) [s], positions (n, 3) [m] or None, and three axes at each instant (n, 3, 3).
 
     Missing positions and axes are NaN. A ghost is drawn pale, for comparison with the selected body.
     """
@@ -44,11 +45,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Series:
-    """One line of a panel: values (n,) over the instants of body number `body`.
+    """One line of a panel, with values (n,) over the instants of body number `body`.
 
-    `offset` was subtracted from the values, which would otherwise look like a flat line near it. A series with
-    `follows` is shown only while its body is selected. A `reference` is drawn as a thin line, for comparison; only the
-    first reference is in the legend.
+    `offset` was subtracted from the values, because the lines would otherwise look flat. If `follows` is true, the line
+    is shown only while its body is selected. A `reference` is drawn as a thin line, for comparison. If several
+    references in a panel have the same name, only the first is in the legend.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """Lines over time with a common unit, and limits as (value, label)."""
+    """Lines over time with a common unit, and limits as pairs (value, label)."""
 
     title: str
     unit: str
@@ -74,7 +75,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of strings. Columns from index `numbers` on are aligned as numbers. A row may end with a status."""
+    """Rows of strings. Columns from index `numbers` on are aligned as numbers; the last column may be a status."""
 
     title: str
     header: list[str]
@@ -85,10 +86,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Report:
-    """A complete report; `kind` is "path" or "attitude"; `recorded` (m, 3) are recorded points.
+    """A complete report; `kind` is "path" or "attitude".
 
-    `colours` are those of the map of a single path, at its instants.
-    `warnings` are shown in red above the `notes`.
+    `recorded` (m, 3) are recorded points. `colours` are the map colours of a single path at its instants. `warnings`
+    are shown in red above the `notes`.
     """
 
     title: str
@@ -104,7 +105,7 @@ class Report:
     warnings: list[str] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
-        """The content as plain data: title, kind, findings, bodies, panels, tables, notes, warnings."""
+        """Return a summary as plain data: title, kind, findings, bodies, panels, tables, notes, warnings."""
         bodies = [{"name": x.name, "instants": len(x.time), "duration": float(x.time[-1])} for x in self.bodies]
         return {
             "title": self.title,
@@ -119,27 +120,27 @@ class Report:
 
 
 def unit(text: str) -> str:
-    """A unit in the usual notation: "m s-2" becomes "m/s²"."""
+    """Return a unit in display form, for example "m/s²" for "m s-2"."""
     return units.symbol(text) or "–" if text else ""
 
 
 def words(text: str) -> str:
-    """The text with names of limits as words: "lateral_acceleration" becomes "lateral acceleration"."""
-    return NAMES.sub(r"\1 ", text)
+    """Replace names of limits in a text by words, for example "lateral_acceleration" by "lateral acceleration"."""
+    return NAMES.sub(lambda name: name[0].replace("_", " "), text)
 
 
 def number(value: float, digits: int = 6) -> str:
-    """A number, or a dash if it is not finite."""
+    """Format a number, or return a dash if it is not finite."""
     return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else "–"
 
 
 def thinned(count: int) -> np.ndarray:
-    """The indices, out of `count`, of the instants that are drawn."""
+    """Return the indices of the instants that are drawn, of `count` instants in total."""
     return np.unique(np.linspace(0, count - 1, min(count, MAX_INSTANTS)).round().astype(int))
 
 
 def plain(values: np.ndarray) -> list[Any]:
-    """Values rounded to nine digits, as nested lists, with None for values that are not finite."""
+    """Convert values, rounded to nine significant digits, to nested lists, with None for values that are not finite."""
     if values.ndim > 1:
         return [plain(row) for row in values]
     return [float(f"{v:.9g}") if math.isfinite(v) else None for v in values.tolist()]

@@ -1,7 +1,7 @@
-"""A report as one HTML file that contains script, style, plotly and data, and works offline.
+"""Create a report as one HTML file that contains scripts, styles, plotly and data, and works offline.
 
 All input is escaped: in HTML by `html.escape`, in the data by JSON without `<`, `>` and `&`. In addition, a content
-security policy allows only the two scripts of the page, identified by their hashes, and forbids loading from servers.
+security policy allows only the two scripts of the page, identified by their hashes, and forbids requests to servers.
 """
 
 import base64
@@ -19,7 +19,7 @@ from qtraj.viz.report.paths import is_of_paths, path_report
 from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
-"""The dimensions that are moved to the front and to the back, in this order."""
+"""Dimensions that are moved to the front and to the back, in this order."""
 SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
 VERDICTS = {
     "proved": "good",
@@ -30,40 +30,40 @@ VERDICTS = {
     "undecided": "fair",
     "undefined": "bad",
 }
-"""The colour class of each status in a table; the text contains the same information."""
+"""Colour class of each status in a table; the text of the status contains the same information."""
 
 
 def report_page(dataset: Any, tuned: Tuned | None = None) -> str:
-    """The HTML of a report on paths, a slew, or a closed loop (extras `io` and `viz`).
+    """Create the HTML of a report on paths, a slew, or a closed loop (extras `io` and `viz`).
 
     `dataset` is a dataset written by a command or returned by `qtraj.io.dataset.path_dataset`, a table, a solution, a
-    path, a result of `tune` or `fit`, or the `to_xarray()` of one of these. `tuned` adds the certificate of the path
+    path, a result of `tune` or `fit`, or the `to_xarray()` of one of these. `tuned` adds its certificate to the path
     named "after".
 
-    **Raises:** ValueError for an input without a path, positions or a quaternion over time; ModuleNotFoundError if
+    **Raises:** ValueError if the input contains neither positions nor a quaternion over time; ModuleNotFoundError if
     plotly is missing.
     """
     return html(report_of(dataset, tuned))
 
 
 def report_of(source: Any, tuned: Tuned | None = None) -> Report:
-    """The report on a dataset or a result, as data."""
+    """Create the report on a dataset or a result, as plain data."""
     tuned, dataset = source if isinstance(source, Tuned) else tuned, drawable(source)
     if any(size == 0 for size in dataset.sizes.values()):
-        raise ValueError("there is nothing to report: a dimension of the dataset is empty")
+        raise ValueError("a report needs data, but a dimension of the dataset is empty")
     ordered = dataset.transpose(*FIRST, ..., *LAST, missing_dims="ignore")
     if is_of_paths(ordered):
         return path_report(ordered, tuned)
     if is_of_attitudes(ordered):
         return attitude_report(ordered)
     raise ValueError(
-        "a report needs position or quaternion over time, but the dataset has "
+        "a report needs position or quaternion over time, but the dataset contains "
         f"{', '.join(sorted(map(str, dataset.data_vars))) or 'no variables'}"
     )
 
 
 def html(report: Report) -> str:
-    """The whole page.
+    """Return the complete page.
 
     **Raises:** ModuleNotFoundError if plotly is missing.
     """
@@ -112,13 +112,13 @@ def _class(column: int, text: str, table: Table) -> str:
 
 
 def _json(value: Any) -> str:
-    """JSON that is safe inside a script element."""
+    """Encode `value` as JSON that is safe inside a script element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _plotly() -> str:
-    """The code of plotly.js, from the Python package plotly."""
+    """Return the code of plotly.js, which is part of the Python package plotly."""
     try:
         from plotly.offline import get_plotlyjs
     except ModuleNotFoundError as error:
@@ -127,7 +127,7 @@ def _plotly() -> str:
 
 
 def _script() -> str:
-    """The scripts of the report, joined in one function scope."""
+    """Return the scripts of the report, joined in one function scope."""
     return "\n".join(['"use strict";', "(() => {", *map(_beside, SCRIPTS), "})();"])
 
 
@@ -136,7 +136,7 @@ def _beside(name: str) -> str:
 
 
 def _inline(code: str) -> str:
-    """The code exactly as a browser reads it from the page, so that the hashes agree."""
+    """Return the code exactly as a browser reads it from the page, so that the hashes agree."""
     return code.replace("\r\n", "\n").replace("</script", "<\\/script")
 
 

@@ -1,4 +1,4 @@
-"""The tables of a report on paths: limits, boundary states, provenance."""
+"""Create the tables of a report on paths: limits, boundary states, provenance."""
 
 from collections.abc import Mapping
 
@@ -8,33 +8,43 @@ import xarray
 from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
 from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
 from qtraj.path.quantity import CORRIDOR
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.vehicle_data import PREFIX
 from qtraj.viz.report.model import Table, number, unit
 from qtraj.viz.report.provenance import provenance_table
 
 PROOFS = {
     "proved": "proved on the whole path",
-    "sampled": "satisfied on a refined grid with refined maxima; evidence, not a proof",
+    "sampled": "satisfied on a refined grid with refined maxima, which is evidence but not a proof",
     "broken": "the limit is violated at the time shown",
     "undecided": "too close to the limit to be decided in float64",
     "undefined": "the quantity is not defined at the time shown",
 }
-"""The meaning of each status of a certificate."""
+"""Meaning of each status of a certificate."""
 
 
 def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> list[Table]:
-    """All tables that have rows."""
+    """Return all tables that are not empty."""
     velocities, provenance = _cylindrical(paths, tuned), provenance_table(dataset)
-    tables = [_fit(dataset), _limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
+    tables = [
+        _fit(dataset),
+        _limits(paths, tuned),
+        _vehicle(dataset),
+        _reached(dataset),
+        _boundary(paths),
+        velocities,
+        _extent(paths),
+        provenance,
+    ]
     return [table for table in tables if table.rows]
 
 
 def _fit(dataset: xarray.Dataset) -> Table:
-    """The comparison of the fitted path with its recording, as printed by the command; empty if there was no fit."""
+    """Tabulate the comparison of the fitted path with its recording, or return an empty table if there is no fit."""
     if "fit_axis" not in dataset:
         return Table(TITLE, ["", ""], [], 2)
     numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
@@ -42,8 +52,18 @@ def _fit(dataset: xarray.Dataset) -> Table:
     return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, str(dataset.attrs.get("fit_result", "")))
 
 
+def _vehicle(dataset: xarray.Dataset) -> Table:
+    """Tabulate the parameters of the vehicle; the table is empty without a vehicle."""
+    rows = []
+    for name in (str(name) for name in dataset.data_vars if str(name).startswith(PREFIX)):
+        values, about = dataset[name], dataset[name].attrs
+        text = ", ".join(number(float(x)) for x in values.values.ravel())
+        rows.append([f"{about['long_name']} [{unit(about.get('units', ''))}]", text])
+    return Table("Vehicle", ["parameter", "value"], rows)
+
+
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """The largest value of each limited quantity, from the certificate or, without one, at the sampled instants."""
+    """Tabulate the largest value of each limited quantity, from the certificate or at the sampled instants."""
     rows = []
     for limit_name, name in LIMIT_VARIABLES.items():
         for label, path in paths.items():
@@ -74,7 +94,7 @@ def _certified(tuned: Tuned, name: str) -> list[str]:
 
 
 def _stored(path: xarray.Dataset, name: str) -> list[str]:
-    """The status stored in the dataset or, without one, the status at the sampled instants."""
+    """Return the cells of a row from the finding that the dataset contains, or from the samples if there is none."""
     finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
     if finding not in PROOFS:
         return _sampled(path, name)
@@ -86,7 +106,7 @@ def _stored(path: xarray.Dataset, name: str) -> list[str]:
 
 
 def _sampled(path: xarray.Dataset, name: str) -> list[str]:
-    values, limit = np.abs(path[name].values), float(path[name].attrs["limit"])
+    values, limit = bounded_values(name, path[name].values), float(path[name].attrs["limit"])
     if not np.isfinite(values).any():
         return ["–", number(limit), "–", "–", "undefined"]
     worst = int(np.nanargmax(values))
@@ -95,8 +115,23 @@ def _sampled(path: xarray.Dataset, name: str) -> list[str]:
     return [number(value), number(limit), number(limit - value, 3), number(time, 4), verdict]
 
 
+def _reached(dataset: xarray.Dataset) -> Table:
+    """Return the table of the limits that bound the speed of a retimed path; it is empty for other paths."""
+    title, header = "Limits that bound the speed", ["limit", "reached on"]
+    if "reached_share" not in dataset:
+        return Table(title, header, [])
+    share = dataset["reached_share"]
+    names = [str(name).replace("_", " ") for name in share["limit"].values]
+    rows = [[name, f"{100 * value:.1f} %"] for name, value in zip(names, share.values.tolist(), strict=True)]
+    note = (
+        "fraction of the distance on which a quantity is within 1 % of its limit; several quantities may reach their "
+        "limits at the same position."
+    )
+    return Table(title, header, rows, 1, note)
+
+
 def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
-    """Position and velocity at the ends A and B of each path, in world axes."""
+    """Tabulate position and velocity at the ends A and B of each path, in world axes."""
     rows = []
     for label, path in paths.items():
         if "velocity" not in path:
@@ -110,7 +145,7 @@ def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
 
 
 def _cylindrical(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Boundary velocities about the axis of the tuned path, and of the original path if the dataset contains it."""
+    """Tabulate the boundary velocities of both paths in cylindrical coordinates about the axis of the tuned path."""
     rows = []
     if tuned is not None and isinstance(tuned.path, SpiralHelix):
         states = {"after A": tuned.start, "after B": tuned.end}
@@ -127,7 +162,7 @@ def _cylindrical(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Ta
 
 
 def _extent(paths: Mapping[str, xarray.Dataset]) -> Table:
-    """Duration, length, and largest distance of each path from the first one."""
+    """Tabulate the duration and the length of each path, and its largest distance from the first path."""
     rows, (first, line) = [], next(iter(paths.items()))
     for label, path in paths.items():
         time = path["time"].values

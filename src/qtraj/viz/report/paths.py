@@ -1,4 +1,4 @@
-"""The report on paths: trihedra, limited quantities, rates, attitude."""
+"""Create the report on paths: trihedra, limited quantities, rates, attitude."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.path.frame_axes import AXES, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.angles import heading_pitch_roll
@@ -17,14 +17,14 @@ from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
-"""Panels of every report on paths, if the dataset contains the variable."""
+"""Variables that have a panel in every report on paths, if the dataset contains them."""
 MAX_PATHS = 8
-"""Maximum number of paths that are drawn; more could not be distinguished."""
+"""Maximum number of paths that are drawn, because more paths could not be distinguished."""
 ONLY, ALONE = "path", "#0072B2"
 """Name and colour of a single path."""
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 AXIS_DASHES = ("solid", "dash", "dashdot")
-"""For the body axes x, y, z."""
+"""Line styles of the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
 ANGLES = ("heading", "pitch", "roll")
 TITLES = {
@@ -35,7 +35,7 @@ TITLES = {
 
 
 def is_of_paths(dataset: xarray.Dataset) -> bool:
-    """Whether a dataset has positions over time, like the results of `path_dataset` and `evaluate`."""
+    """Return whether a dataset contains positions over time, like the results of `path_dataset` and `evaluate`."""
     if not {"position", "time"} <= set(map(str, dataset.variables)):
         return False
     sizes = [
@@ -45,12 +45,14 @@ def is_of_paths(dataset: xarray.Dataset) -> bool:
 
 
 def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
-    """The report on the paths of a dataset, with the last one selected; `tuned` adds its certificate.
+    """Create the report on the paths of a dataset, with the last path selected; `tuned` adds its certificate.
 
     **Raises:** ValueError if the attitude is missing.
     """
     if not {"dcm", "quaternion"} & set(dataset.data_vars):
-        raise ValueError("a report needs the attitude along the path: the variable quaternion, or dcm, is missing")
+        raise ValueError(
+            "a report needs the attitude along the path, but the dataset contains neither quaternion nor dcm"
+        )
     paths, frame = separate(dataset), body_axes(dataset)
     drawn = dict(list(paths.items())[:MAX_PATHS])
     notes = [str(dataset.attrs["tuning_warning"])] if "tuning_warning" in dataset.attrs else []
@@ -73,7 +75,7 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
 
 
 def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
-    """Each path by its name, as a dataset over its own instants."""
+    """Return the dataset of each path, by the name of the path."""
     if "path" not in dataset.dims:
         return {ONLY: dataset}
     labels = dataset["path"].values if "path" in dataset.coords else np.arange(dataset.sizes["path"]) + 1
@@ -82,7 +84,7 @@ def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
 
 def _facts(dataset: xarray.Dataset) -> list[str]:
     notes = dataset.attrs
-    facts = [words(str(notes[name])) for name in ("tuning_result", "route_result") if name in notes]
+    facts = [words(str(notes[name])) for name in ("retiming_result", "tuning_result", "route_result") if name in notes]
     if "tuning_objective" in notes:
         facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
     return facts
@@ -98,7 +100,7 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
 
 
 def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
-    """Limited quantities and those in `ALWAYS` for every path; then components for the selected path."""
+    """Create the panels: limited quantities and `ALWAYS` show every path, components show only the selected path."""
     first = paths[0]
     limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
     others = [name for name in ALWAYS if name in first and name not in limited]
@@ -116,7 +118,7 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
 
 
 def _angles(bodies: list[Body]) -> list[Panel]:
-    """Heading, pitch and roll of the selected upright or thrust-aligned frame."""
+    """Create the panels of heading, pitch and roll of the selected path, for an upright or thrust-aligned frame."""
     angles_of_bodies = [heading_pitch_roll(body.axes) for body in bodies]
 
     def lines(columns: Sequence[int]) -> list[Series]:
@@ -135,7 +137,7 @@ def _angles(bodies: list[Body]) -> list[Panel]:
 def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Panel:
     notes = paths[0][name].attrs
     series = [
-        Series(body.name, k, np.abs(path[name].values.astype(float)), body.colour, body.dash)
+        Series(body.name, k, bounded_values(name, path[name].values), body.colour, body.dash)
         for k, (body, path) in enumerate(zip(bodies, paths, strict=True))
     ]
     limits = [(float(notes["limit"]), f"limit {notes['limit']:.4g}")] if "limit" in notes else []
@@ -143,7 +145,7 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
 
 
 def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray.Dataset]) -> Panel:
-    """Components of one variable, for the selected path."""
+    """Create a panel with the components of one variable, for the selected path."""
     series = []
     for k, path in enumerate(paths):
         here = _where_defined(path, path[name].values)

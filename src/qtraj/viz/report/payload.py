@@ -1,4 +1,4 @@
-"""The data of a report for its script: JSON types, thinned, with positions relative to a common origin."""
+"""Convert a report to JSON types for the script of its page, with fewer samples and with shifted positions."""
 
 from typing import Any
 
@@ -9,18 +9,18 @@ from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
 from qtraj.viz.report.ranges import HEADROOM, spike
 
 ARROW = 0.17
-"""Length of the arrows of a trihedral, relative to the largest extent of the paths."""
+"""Length of the arrows of a trihedral, divided by the largest extent of the paths."""
 THICK, THIN = 2.0, 1.3
 LABEL = 1.15
-"""Distance of an arrow's label from its origin, in lengths of the arrow."""
+"""Distance of an arrow's label from the origin of the arrow, divided by the length of the arrow."""
 MIN_EXTENT = 0.2
-"""Minimum range of a coordinate, relative to the largest extent."""
+"""Minimum range of a coordinate, divided by the largest extent."""
 MARGIN = 0.04
-"""Space on both sides of the paths and arrows, relative to the largest extent."""
+"""Margin on both sides of the paths and arrows, divided by the largest extent."""
 
 
 def payload(report: Report) -> dict[str, Any]:
-    """All data that the script of the page needs."""
+    """Return all data that the script of the page needs."""
     drawn = [thinned(len(body.time)) for body in report.bodies]
     space = _paths_space(report) if report.kind == "path" else {"length": 1.0, "range": [[-1.2, 1.2]] * 3}
     centre = np.array(space.get("centre", [0.0, 0.0, 0.0]))
@@ -36,7 +36,7 @@ def payload(report: Report) -> dict[str, Any]:
 
 
 def _paths_space(report: Report) -> dict[str, Any]:
-    """The common centre in whole metres, the axis ranges relative to it, and the length of the arrows."""
+    """Return the common centre in whole metres, the axis ranges relative to it, and the length of the arrows."""
     paths = [body.position for body in report.bodies if body.position is not None]
     if report.recorded is not None:
         paths.append(report.recorded)
@@ -53,7 +53,7 @@ def _paths_space(report: Report) -> dict[str, Any]:
 
 
 def _box(points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest and largest coordinates of all finite points (…, 3); zeros if there are none."""
+    """Return the smallest and largest coordinates of all finite points (..., 3); zeros if there are none."""
     rows = np.concatenate([x.reshape(-1, 3) for x in points]) if points else np.zeros((0, 3))
     rows = rows[np.isfinite(rows).all(axis=1)]
     return (rows.min(axis=0), rows.max(axis=0)) if len(rows) else (np.zeros(3), np.zeros(3))
@@ -84,7 +84,7 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
         "unit": panel.unit,
         "logarithmic": panel.logarithmic,
         "range": None if cut is None else _shown(panel, cut[0]),
-        "note": "" if cut is None else f"values up to {cut[1]:.3g} are not shown",
+        "note": "" if cut is None else f"larger values, up to {cut[1]:.3g}, are not shown",
         "limits": [
             {"value": value, "text": text, "drawn": abs(value) <= HEADROOM * peak} for value, text in panel.limits
         ],
@@ -107,6 +107,6 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
 
 
 def _shown(panel: Panel, top: float) -> list[float]:
-    """The range of an axis that shows everything except the spikes."""
+    """Return an axis range that shows all values except the spikes."""
     negative = any(float(np.nanmin(line.values, initial=0.0)) < 0 for line in panel.series)
     return [-top if negative else 0.0, top]

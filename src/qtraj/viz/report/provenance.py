@@ -1,4 +1,4 @@
-"""The table with the provenance and the conventions of a report."""
+"""Create the table with the provenance and the conventions of a report."""
 
 import numpy as np
 import xarray
@@ -6,11 +6,11 @@ import xarray
 from qtraj._version import __version__
 from qtraj.viz.report.model import Table, words
 
-SHOWN_ELSEWHERE = ("title", "tuning_result", "tuning_warning", "result", "closed_form")
+SHOWN_ELSEWHERE = ("title", "tuning_result", "retiming_result", "tuning_warning", "result", "closed_form")
 
 
 def provenance_table(dataset: xarray.Dataset) -> Table:
-    """The attributes of a dataset, including its conventions, and the version of qtraj that wrote the report."""
+    """Tabulate the attributes of a dataset, with its conventions, and the version of qtraj that wrote the report."""
     rows = [
         [str(name).replace("_", " "), words(_text(value)) if str(name).endswith("_convention") else _text(value)]
         for name, value in dataset.attrs.items()

@@ -1,21 +1,23 @@
-"""The range of a panel's axis, and offsets of components that stay near 1."""
+"""Choose the axis range of a panel, and offsets for components that stay near 1."""
 
 import numpy as np
 
 QUANTILE = 0.95
 """Quantile of the values with which a peak is compared."""
 SPIKE = 10.0
-"""A peak counts as a spike if it exceeds the quantile by this factor."""
+"""Factor by which a peak must exceed the quantile to count as a spike."""
 HEADROOM = 3.0
-"""Top of the axis relative to the quantile, if there is a spike; largest limit drawn, relative to the peak."""
+"""If there is a spike, the axis ends at this multiple of the quantile, and limits above the end are not drawn.
+Otherwise, limits above this multiple of the peak are not drawn."""
 NEAR_ONE = 0.9
-"""If a component of a unit quaternion exceeds this, the others are below 0.44 and would look like flat lines."""
+"""If a component of a unit quaternion is at least this large in magnitude, all others are below 0.44 in magnitude, and
+would look flat on a common axis."""
 
 
 def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
-    """The top of the axis and the actual peak, if a few values are much larger than all others; otherwise None.
+    """Return the top of the axis and the actual peak if a few values are much larger than all others, otherwise None.
 
-    At a single stop, the rate of a trihedral can reach 1e7; the axis then shows the rest of the path.
+    For example, the rate of a trihedral can reach 1e7 rad/s near a stop; the axis then shows all other values.
     """
     sizes = np.abs(np.concatenate([np.ravel(x) for x in values])) if values else np.zeros(0)
     sizes = sizes[np.isfinite(sizes)]
@@ -26,7 +28,7 @@ def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
 
 
 def offsets(values: np.ndarray) -> list[float]:
-    """For each column of the quaternions (n, m), 1 or −1 if the column stays near this value, otherwise 0."""
+    """Return 1 or −1 for each column of `values` (n, m) that stays near this value, and 0 for all other columns."""
     result = []
     for column in values.T:
         finite = column[np.isfinite(column)]
@@ -36,5 +38,5 @@ def offsets(values: np.ndarray) -> list[float]:
 
 
 def shifted(symbol: str, offset: float) -> str:
-    """The label of a component minus its offset: "λ₀ − 1"."""
+    """Return the label of a component minus its offset, for example "λ₀ − 1"."""
     return symbol if offset == 0 else f"{symbol} {'−' if offset > 0 else '+'} 1"

@@ -1,10 +1,11 @@
-"""Loads the dataset of a report from a result of a command, which is a folder or a file."""
+"""Load the dataset of a report from the result of a command, which is a folder or a file."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import xarray
 
+from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset_file import SUFFIXES, load_dataset
 from qtraj.io.stored import load
@@ -15,14 +16,14 @@ from qtraj.path.trihedral import Upright
 from qtraj.viz.drawable import drawable
 
 DATASETS = ("paths.nc", "table.nc")
-"""Files of datasets that the commands write to their output folders."""
+"""Names of the dataset files that the commands write to their output folders."""
 TUNED = "tuning.toml"
 DOCUMENTS = (".toml", ".json")
 
 
 @dataclass(frozen=True)
 class Source:
-    """The file of a report, its dataset, and the corresponding tuned result, or None."""
+    """The file from which a report is made, its dataset, and the corresponding tuned result or None."""
 
     file: Path
     dataset: xarray.Dataset
@@ -30,10 +31,10 @@ class Source:
 
 
 def find(result: Path, frame: Frame | None = None) -> Source:
-    """The dataset of a result: a folder, the file of a dataset, or a saved path.
+    """Load the dataset of a result, which is a folder, a dataset file, or a saved path.
 
-    **Raises:** OSError if the file does not exist or cannot be read; ValueError, which names the file, if it is not a
-    result.
+    **Raises:** OSError if the file does not exist or cannot be read; ValueError with the name of the file if the file
+    is not a result.
     """
     if not result.exists():
         raise FileNotFoundError(
@@ -49,12 +50,12 @@ def find(result: Path, frame: Frame | None = None) -> Source:
 
 
 def is_folder(result: Path) -> bool:
-    """Whether a result is a folder of files and not a Zarr store."""
+    """Return whether a result is a folder of files, and not a Zarr store."""
     return result.is_dir() and result.suffix not in SUFFIXES
 
 
 def _within(folder: Path) -> Path:
-    """The file of the only dataset in a folder."""
+    """Return the file of the only dataset in a folder."""
     files = [folder / name for name in DATASETS if (folder / name).is_file()]
     if not files:
         names = ", ".join(DATASETS)
@@ -67,38 +68,37 @@ def _within(folder: Path) -> Path:
 
 
 def _require_frame(file: Path, dataset: xarray.Dataset, frame: Frame) -> None:
-    """Raise a ValueError if the attitudes of a dataset belong to another frame."""
+    """Raise a ValueError if the attitudes in a dataset refer to another frame."""
     if "position" not in dataset:
         raise ValueError(f"{file}: --frame needs a path, but this result contains only attitudes")
     actual, requested = dataset.attrs.get("frame", NATURAL), name_of(frame)
     if actual != requested:
         raise ValueError(
-            f"{file}: the attitudes in this dataset belong to the {actual} frame. Pass the saved path in the same "
+            f"{file}: the attitudes in this dataset refer to the {actual} frame. Pass the saved path in the same "
             f"folder (path.toml, tuning.toml), or rerun the command that wrote the dataset with --frame {requested}"
         )
 
 
 def _saved(file: Path, frame: Frame) -> Source:
-    """The dataset of a saved path, or of a saved tuned result."""
+    """Evaluate a saved path, or the path of a saved result of a tuning or retiming."""
     stored = load(file)
     tuned = stored if isinstance(stored, Tuned) else None
-    path = stored if tuned is None else tuned.path
-    if not isinstance(path, AbstractHodograph):
+    if not isinstance(stored, AbstractHodograph | Tuned | Retimed):
         raise ValueError(
-            f"{file}: a saved path or tuning was expected, but the file contains type {type(stored).__name__}. Pass "
-            "the table.nc in the same folder."
+            f"{file}: a saved path, tuning or retiming was expected, but the file contains an object of type "
+            f"{type(stored).__name__}. Pass the table.nc in the same folder."
         )
-    dataset = drawable(path if tuned is None else tuned, frame)
+    dataset = drawable(stored, frame)
     return Source(file, dataset.assign_attrs(title=file.name), tuned)
 
 
 def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:
-    """The tuned result in the folder of a dataset, if its path is the path "after" of the dataset; otherwise None."""
+    """Return the tuned result in the folder of a dataset if the tuned path is the path "after", otherwise None."""
     if not file.is_file() or "path" not in dataset.dims or "after" not in dataset["path"].values.tolist():
         return None
     try:
         tuned = load(file)
-    except ValueError:  # another file with this name
+    except ValueError:  # a file that has this name, but was not written by qtraj
         return None
     duration = float(dataset["duration"].sel(path="after")) if "duration" in dataset else None
     return tuned if isinstance(tuned, Tuned) and float(tuned.path.duration) == duration else None

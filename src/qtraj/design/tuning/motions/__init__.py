@@ -1,1 +1,1 @@
-"""Motions of a tuned path: which velocities are variables, and the path that they define."""
+"""Motions of a tuned path; a motion determines the variables, and how the angle depends on time."""

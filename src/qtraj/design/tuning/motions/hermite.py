@@ -1,4 +1,4 @@
-"""The motion "hermite": a polynomial angle that meets all velocities at both ends."""
+"""The motion "hermite", with a cubic angle and arbitrary velocities at both ends."""
 
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ from qtraj.path.boundary import Cylindrical
 
 
 class Hermite(AbstractMotion):
-    """All six velocity components are variables; ρ, φ and h are cubics."""
+    """The motion with cubic ρ, φ and h; all six velocity components at the ends are variables."""
 
     name: ClassVar[str] = "hermite"
     velocities: ClassVar[tuple[str, ...]] = VELOCITIES
@@ -19,9 +19,9 @@ class Hermite(AbstractMotion):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
-        """The initial velocities plus the changes."""
+        """Return the initial velocities plus the changes."""
         return a.velocity + changes[:3], b.velocity + changes[3:]
 
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
-        """The turn divided by the mean of V_φ/ρ at both ends."""
+        """Return the turn divided by the mean of V_φ/ρ at both ends."""
         return 2 * turn / (a.rate + b.rate)

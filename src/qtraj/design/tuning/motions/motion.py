@@ -14,16 +14,17 @@ ENDS = ("start", "end")
 VELOCITIES = tuple(f"{end}.{component}" for end in ENDS for component in COMPONENTS)
 
 HEADINGS = tuple(f"{end}.heading" for end in ENDS)
-"""Directions of the horizontal velocity, which may be fixed like the variables."""
+"""Names of the directions of the horizontal velocities at both ends; the directions can be fixed like variables."""
 
 
 class AbstractMotion(eqx.Module):
-    """A family of paths between two boundary states.
+    """A family of paths between two positions.
 
     `velocities` names the cylindrical velocity components that are variables. The logarithm of the duration is another
-    variable, unless the objective fixes it. `is_uniform` says whether the angular rate is constant. ρ, φ and h are
-    cubics, defined by their values and velocities at the ends. The velocities must be linear in the changes; their
-    other terms must be constant or inversely proportional to the duration.
+    variable, unless the objective fixes the duration. `is_uniform` is true if the angular rate is constant. ρ, φ and h
+    are polynomials in time of degree 3 or less, determined by their values and velocities at the ends. The boundary
+    velocities must be linear in the changes. The terms of the velocities that do not contain the changes must be
+    constant or inversely proportional to the duration.
     """
 
     name: ClassVar[str]
@@ -34,8 +35,8 @@ class AbstractMotion(eqx.Module):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
-        """The cylindrical velocities [m/s] at both ends, for changes [m/s] of the components in `velocities`."""
+        """Return the cylindrical velocities [m/s] at both ends, for changes [m/s] of the components in `velocities`."""
 
     @abc.abstractmethod
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
-        """The initial duration [s], from the rates of the initial states and the turn [rad]."""
+        """Return the initial duration [s], from the angular rates of the initial states and the turn [rad]."""

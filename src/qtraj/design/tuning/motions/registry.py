@@ -7,7 +7,7 @@ MOTIONS: dict[str, AbstractMotion] = choices.instances("motions", choices.MOTION
 
 
 def get_motion(motion: str | AbstractMotion) -> AbstractMotion:
-    """The motion for a name, or the motion itself.
+    """Return the motion with this name, or the argument if it is a motion.
 
     **Raises:** ValueError for an unknown name.
     """

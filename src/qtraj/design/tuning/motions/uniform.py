@@ -1,4 +1,4 @@
-"""The motion "uniform": rotation at a constant rate, as in paper S."""
+"""The motion "uniform", with rotation at a constant rate, as in paper S."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from qtraj.path.boundary import Cylindrical
 
 
 class Uniform(AbstractMotion):
-    """V_ρ and V_h at both ends are variables; V_φ = ωρ follows from the duration."""
+    """The motion with constant angular rate ω; V_ρ and V_h at both ends are variables, and V_φ = ωρ."""
 
     name: ClassVar[str] = "uniform"
     velocities: ClassVar[tuple[str, ...]] = tuple(v for v in VELOCITIES if not v.endswith("V_phi"))
@@ -21,7 +21,7 @@ class Uniform(AbstractMotion):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
-        """The initial V_ρ and V_h plus the changes, and V_φ of the constant rate."""
+        """Return the initial V_ρ and V_h plus the changes, and V_φ for the constant rate."""
         rate, angular = turn / duration, np.asarray([[False, True, False]])
         changed = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
         radii, initial = jnp.stack([a.radius, b.radius]), jnp.stack([a.velocity, b.velocity])
@@ -29,5 +29,5 @@ class Uniform(AbstractMotion):
         return velocities[0], velocities[1]
 
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
-        """The turn divided by the least-squares rate of both V_φ."""
+        """Return the turn divided by the angular rate that fits V_φ at both ends in the least-squares sense."""
         return turn * (a.radius**2 + b.radius**2) / (a.radius * a.velocity[1] + b.radius * b.velocity[1])

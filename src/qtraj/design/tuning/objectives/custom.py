@@ -12,18 +12,18 @@ from qtraj.foundation.types import Scalar
 
 
 class Custom(AbstractObjective):
-    """Any differentiable function of a path."""
+    """A user-defined objective, which is a differentiable function of a path."""
 
     name: ClassVar[str] = "custom"
     is_smooth: ClassVar[bool] = False
     function: Callable[..., Any] = eqx.field(static=True)
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The user's function of the path for the variables `z`."""
+        """Return the value of the user's function for the path with the variables `z`."""
         return jnp.asarray(self.function(problem.path(z)))
 
     def scale(self, problem: Any) -> Scalar:
-        """The magnitude at the initial path, or 1 where that is zero."""
+        """Return the magnitude of the objective for the initial path, or 1 if it is zero."""
         size = jnp.abs(self.value(problem, jnp.zeros(problem.size, problem.speed.dtype)))
         if size.ndim != 0:
             raise ValueError(f"the objective must be one number, but it is an array of shape {size.shape}")

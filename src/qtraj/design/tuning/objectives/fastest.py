@@ -1,4 +1,4 @@
-"""The objective "fastest": the duration."""
+"""The objective "fastest", which is the duration."""
 
 from typing import Any, ClassVar
 
@@ -9,15 +9,15 @@ from qtraj.foundation.types import Scalar
 
 
 class Fastest(AbstractObjective):
-    """The duration [s]."""
+    """The duration [s] as the objective."""
 
     name: ClassVar[str] = "fastest"
     needs_time_limit: ClassVar[bool] = True
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The duration [s]."""
+        """Return the duration [s]."""
         return problem.time(z)
 
     def scale(self, problem: Any) -> Scalar:
-        """The initial duration [s]."""
+        """Return the initial duration [s]."""
         return problem.duration

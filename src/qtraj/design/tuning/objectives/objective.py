@@ -1,4 +1,4 @@
-"""The abstract objective: a number to minimise."""
+"""The abstract objective, a scalar to minimise."""
 
 import abc
 from typing import Any, ClassVar
@@ -10,10 +10,10 @@ from qtraj.foundation.types import Scalar
 
 
 class AbstractObjective(eqx.Module):
-    """A number to minimise, in its own units.
+    """A scalar to minimise, in its own units.
 
-    `fixes_duration`: the duration is not a variable. `needs_time_limit`: the problem needs a limit that bounds the
-    speed. `is_smooth`: the second derivatives exist; the search "sqp" needs them.
+    `fixes_duration` is true if the duration is not a variable, `needs_time_limit` if the problem needs a limit that
+    bounds the speed, and `is_smooth` if second derivatives exist, which the search "sqp" needs.
     """
 
     name: ClassVar[str]
@@ -23,8 +23,8 @@ class AbstractObjective(eqx.Module):
 
     @abc.abstractmethod
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The objective at the variables `z` of a `Problem`."""
+        """Return the value of the objective for the variables `z` of a `Problem`."""
 
     @abc.abstractmethod
     def scale(self, problem: Any) -> Scalar:
-        """The magnitude of the objective, by which the search divides it."""
+        """Return a typical magnitude of the objective; the search divides the objective by this value."""

@@ -15,7 +15,7 @@ Objective = TypeAliasType("Objective", str | AbstractObjective | Callable[..., A
 
 
 def get_objective(objective: Objective) -> AbstractObjective:
-    """The objective for a name, an objective, or a callable of a path.
+    """Return the objective for a name or for a function of a path, or the argument if it is an objective.
 
     **Raises:** ValueError for an unknown name.
     """

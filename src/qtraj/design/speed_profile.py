@@ -1,0 +1,268 @@
+"""Compute the speed along a retimed path, and the limit that bounds the speed at each place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.timing.constraints import UPPER
+from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.drawing import draw
+from qtraj.foundation.record import Quantity, Record, require_concrete
+from qtraj.foundation.result import AbstractResult
+from qtraj.foundation.types import Scalar
+from qtraj.path.frenet import Invariants
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PER_CELL = 4
+"""Number of samples in each cell of the timing."""
+REACHED = 0.99
+"""A limit is reached in a cell if the quantity is at least this fraction of the limit."""
+STILL = 1e-9
+"""A speed below this fraction of the highest speed is treated as zero."""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
+"""Nodes and weights of the quadrature for the distance between two samples."""
+ORDER = 3
+"""The highest order of a derivative of the path in a limit."""
+
+
+class SpeedProfile(AbstractResult):
+    """The speed along a retimed path against time and distance, with the limits that bound it.
+
+    At n instants, and for the k limits of the retiming in the order of `names`:
+
+    - `times` (n,) [s], `parameter` (n,) [s] on the original path, `distance` (n,) [m] travelled.
+    - `speed` (n,) [m/s] and `tangential` (n,) [m/s²], the signed acceleration along the path.
+    - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration and
+      rates of rotation are satisfied at constant speed; infinite where none of them bounds it. The other limits reduce
+      the speed further.
+    - `values` (k, n): the limited quantities, in the units of their limits.
+
+    For the m cells of the timing:
+
+    - `cell_distance` (m + 1,) [m]: the distances of their ends.
+    - `usage` (k, m): the largest ratio of each quantity to its limit.
+    - `active` (m,): the index of the limit with the largest usage, if this usage is at least 0.99; otherwise −1.
+
+    For the whole path:
+
+    - `limits` (k,), and `shares` (k,): the fraction of the distance on which each limit is reached to 99 % or more.
+      Several limits may be reached at one place.
+    - `durations` (2,) [s] of the original and of the retimed path.
+    - `stops` (s, 2) [s]: the time intervals at rest; for a start or an end at rest, the interval has zero length.
+    - `stop_distance` (s,) [m]: the distances at which the vehicle is at rest.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    times: Float[Array, " n"]
+    parameter: Float[Array, " n"]
+    distance: Float[Array, " n"]
+    speed: Float[Array, " n"]
+    tangential: Float[Array, " n"]
+    speed_bound: Float[Array, " n"]
+    values: Float[Array, "k n"]
+    cell_distance: Float[Array, " m+1"]
+    usage: Float[Array, "k m"]
+    active: Int[Array, " m"]
+    limits: Float[Array, " k"]
+    shares: Float[Array, " k"]
+    durations: Float[Array, " 2"]
+    stops: Float[Array, "s 2"]
+    stop_distance: Float[Array, " s"]
+
+    def share(self, name: str) -> float:
+        """Return the fraction of the distance on which the limit with this name is reached."""
+        return float(self.shares[self.names.index(name)])
+
+    def record(self) -> Record:
+        """Return the samples, cells, limits and stops with the dimensions `time`, `cell`, `limit` and `stop`."""
+        time, limit = ("time",), ("limit",)
+        variables = {
+            "parameter": Quantity(self.parameter, "s", "parameter of the original path", time),
+            "distance": Quantity(self.distance, "m", "distance travelled", time),
+            "speed": Quantity(self.speed, "m s-1", "speed", time),
+            "tangential_acceleration": Quantity(
+                self.tangential, "m s-2", "acceleration along the path, negative when braking", time
+            ),
+            "speed_bound": Quantity(
+                self.speed_bound, "m s-1", "highest speed that the limits allow at constant speed", time
+            ),
+            **{
+                quantity(name).variable: Quantity(values, quantity(name).unit, quantity(name).meaning, time)
+                for name, values in zip(self.names, self.values, strict=True)
+                if name != "speed"
+            },
+            "cell_distance": Quantity(self.cell_distance, "m", "distances of the ends of the cells", ("knot",)),
+            "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
+            "active_limit": Quantity(self.active, "1", "index of the limit that is reached, or -1", ("cell",)),
+            "bound": Quantity(self.limits, "", "the limit, in limit_unit", limit),
+            "share": Quantity(self.shares, "1", "fraction of the distance on which the limit is reached", limit),
+            "duration": Quantity(self.durations, "s", "duration", ("path",)),
+            "stop_time": Quantity(self.stops, "s", "time interval at rest", ("stop", "end")),
+            "stop_distance": Quantity(self.stop_distance, "m", "distance at which the vehicle is at rest", ("stop",)),
+        }
+        units = np.array([quantity(name).unit for name in self.names], dtype=str)
+        coordinates = {
+            "time": Quantity(self.times, "s", "time from the start of the path", time),
+            "limit": Quantity(np.array(self.names, dtype=str), "", "limited quantity", limit),
+            "limit_unit": Quantity(units, "", "its unit", limit),
+        }
+        labels = {"path": ["before", "after"], "end": ["start", "end"]}
+        return Record(self._summary(), variables, coordinates, {"frame": "natural"}, labels)
+
+    def _summary(self) -> str:
+        before, after = np.asarray(self.durations).tolist()
+        reached = (f"{name} {100 * share:.3g} %" for name, share in zip(self.names, self.shares.tolist(), strict=True))
+        return f"{float(self.distance[-1]):.6g} m in {after:.6g} s instead of {before:.6g} s; {', '.join(reached)}"
+
+    def plot(self, title: str = "") -> Figure:
+        """Plot the speed against the distance, coloured by the active limit, and each limited acceleration and jerk.
+
+        The method needs the extra `viz`.
+
+        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing.
+        """
+        return draw("speed_profile_plot", self, title)
+
+
+def speed_profile(timed: Retimed) -> SpeedProfile:
+    """Compute the speed along a retimed path, and the limits that bound it, at four points of each cell of its timing.
+
+    **Raises:** ValueError for a batch of results, or inside a trace.
+    """
+    require_concrete(timed)
+    if timed.code.ndim:
+        raise ValueError(f"the result for one path was expected, but a batch of shape {timed.code.shape} was given")
+    names, timing = timed.certificate.names, timed.timing
+    knots, rest = np.asarray(timing.knots), timing.rest
+    parameter = _places(knots, rest)
+    distance = _distances(timed.path.path, parameter)
+    found = jax.tree.map(np.array, _sampled(timed.path, jnp.asarray(parameter), names))
+    limits = np.asarray(timed.certificate.limits)
+    still = found.speed <= STILL * found.speed.max()
+    standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
+    values = np.stack([_mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
+    ends = distance[::PER_CELL]
+    usage = np.asarray(timed.usage)
+    largest = usage.argmax(axis=0)
+    active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
+    shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
+    stops, places = _stops(found.times, distance, still)
+    return SpeedProfile(
+        names,
+        times=as_float(found.times),
+        parameter=as_float(parameter),
+        distance=as_float(distance),
+        speed=as_float(np.where(still, 0.0, found.speed)),
+        tangential=as_float(_mended(found.tangential, still, standing, False)),
+        speed_bound=as_float(_bound(found, names, limits)),
+        values=as_float(values),
+        cell_distance=as_float(ends),
+        usage=as_float(usage),
+        active=jnp.asarray(active, jnp.int32),
+        limits=as_float(limits),
+        shares=as_float(shares),
+        durations=jnp.stack([jnp.asarray(timed.path.path.duration), jnp.asarray(timing.duration)]),
+        stops=as_float(stops),
+        stop_distance=as_float(places),
+    )
+
+
+class _Samples(NamedTuple):
+    """Samples of a retimed path; `unit_values` and `unit_speed` are those of the original path."""
+
+    times: Any
+    speed: Any
+    tangential: Any
+    values: Any
+    unit_values: Any
+    unit_speed: Any
+
+
+def _places(knots: Float[np.ndarray, " m+1"], rest: tuple[bool, bool]) -> Float[np.ndarray, " n"]:
+    """Return the parameters of the samples, which are denser towards an end at rest."""
+    z = np.tile(np.arange(PER_CELL) / PER_CELL, (len(knots) - 1, 1))
+    if rest[0]:
+        z[0] = z[0] ** 2
+    if rest[1]:
+        z[-1] = z[-1] * (2 - z[-1])
+    return np.append((knots[:-1, None] + np.diff(knots)[:, None] * z).ravel(), knots[-1])
+
+
+def _distances(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the distances [m] travelled up to the parameters `u`."""
+    half = np.diff(u)[:, None] / 2
+    at = u[:-1, None] + half * (NODES + 1)
+    paces = np.asarray(_paces(path, jnp.asarray(at.ravel()))).reshape(at.shape)
+    return np.append(0.0, np.cumsum(np.sum(half * WEIGHTS * paces, axis=1)))
+
+
+@eqx.filter_jit
+def _paces(path: AbstractHodograph, u: Float[Array, " n"]) -> Float[Array, " n"]:
+    return jax.vmap(lambda x: jnp.linalg.norm(path.velocity(x)))(u)
+
+
+@eqx.filter_jit
+def _sampled(path: RetimedPath, u: Float[Array, " n"], names: tuple[str, ...]) -> _Samples:
+    def sample(u: Scalar) -> _Samples:
+        t = path.timing.time(u)
+        i, own = (_invariants(x, at) for x, at in ((path, t), (path.path, u)))
+        of_unit = jnp.stack([jnp.asarray(quantity(name).value(own)) for name in _bounding(names)])
+        values = jnp.stack([jnp.asarray(quantity(name).value(i)) for name in names])
+        speed = jnp.sqrt(i.S)
+        return _Samples(t, speed, i.B / speed, values, of_unit, jnp.sqrt(own.S))
+
+    found = jax.vmap(sample)(u)
+    return found._replace(values=found.values.T, unit_values=found.unit_values.T)
+
+
+def _invariants(path: AbstractHodograph, t: Scalar) -> Invariants:
+    return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, ORDER)])
+
+
+def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the quantities whose limits bound the speed; at constant speed the whole acceleration is lateral."""
+    return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if quantity(n).bounds_speed)
+
+
+def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
+    """Return the lowest constant speed at which a limit is reached; quantities are proportional to powers of speed."""
+    own = [limit for name, limit in zip(names, limits, strict=True) if quantity(name).bounds_speed]
+    lowest = np.full(found.times.shape, np.inf)
+    for name, limit, value in zip(_bounding(names), own, found.unit_values, strict=True):
+        if name == "speed":
+            lowest = np.minimum(lowest, limit)
+            continue
+        known = np.isfinite(value) & (value > 0) & (found.unit_speed > 0)
+        bound = (limit / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
+        lowest = np.minimum(lowest, np.where(known, bound, np.inf))
+    return lowest
+
+
+def _mended(values: np.ndarray, still: np.ndarray, standing: np.ndarray, vanishes: bool) -> np.ndarray:
+    """Replace values that are undefined at rest: by 0 during a stop, otherwise by the nearest defined value."""
+    values = np.where(standing | (still & vanishes), 0.0, values)
+    known = np.flatnonzero(np.isfinite(values) & ~(still & ~standing & (not vanishes)))
+    if not known.size:
+        return values
+    missing = np.setdiff1d(np.arange(values.size), known)
+    nearest = known[np.abs(known[None] - missing[:, None]).argmin(axis=1)] if missing.size else missing
+    values[missing] = values[nearest]
+    return values
+
+
+def _stops(times: np.ndarray, distance: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time intervals at rest (s, 2), and their distances (s,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
+    return np.stack([times[edges[:, 0]], times[edges[:, 1] - 1]], axis=1), distance[edges[:, 0]]

@@ -1,0 +1,143 @@
+"""Compute the arrays of `RouteProblem` that depend smoothly on a route, its limits and the tube.
+
+The functions accept NumPy arrays and, inside a trace, JAX arrays. `moving` (n,) is 0 for segments that do not change
+and for the padding, and 1 for all others; a route has `count` ≤ n segments.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.tuning_route import basis
+from qtraj.path import pieces
+
+TIME_SCALE = 1.0
+"""The objective "nearest" multiplies changes of velocity by this time [s], changes of acceleration by its square."""
+
+X, Z = np.eye(3)[:1], np.eye(3)[2:]
+
+STRAIGHT = np.zeros((6, 3))
+STRAIGHT[[1, 3, 4], 0] = 1.0
+"""The end data of a straight line of length 1, which replaces segments that do not change."""
+
+
+def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
+    """Return the states of the joints (count + 1, 3, 3); `still` (count,) is whether a segment does not change.
+
+    Where the route jumps, the state of a joint is the mean of both sides. Next to a segment that does not change, it is
+    the state of that segment, so that the tuned route does not jump there. If the route is `closed`, the last segment
+    is followed by the first one.
+    """
+    xp = pieces.arithmetic(c, h)
+    first = xp.stack(pieces.values(c, xp.zeros_like(h), 2), axis=1)
+    last = xp.stack(pieces.values(c, h, 2), axis=1)
+    weight = 0.5 * (1.0 + still - xp.roll(still, 1))[:, None, None]
+    states = weight * first + (1.0 - weight) * xp.roll(last, 1, axis=0)
+    ends = (states[:1], states[:1]) if closed else (first[:1], last[-1:])
+    return xp.concatenate([ends[0], states[1:], ends[1]])
+
+
+def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
+    """Pad two arrays of coefficients (n, terms, 3) with zeros to the same number of terms."""
+    terms = max(one.shape[1], other.shape[1])
+    xp = pieces.arithmetic(one, other)
+    first, second = (xp.pad(c, [(0, 0), (0, terms - c.shape[1]), (0, 0)]) for c in (one, other))
+    return first, second
+
+
+def filled(x: Any, n: int, value: float) -> Any:
+    """Return the array with `value` appended up to the length `n`."""
+    xp = pieces.arithmetic(x)
+    return xp.concatenate([x, xp.full((n - len(x), *x.shape[1:]), value)])
+
+
+def smooth_fields(c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any) -> dict[str, Any]:
+    """Return the fields of a `RouteProblem` that depend smoothly on the data, apart from those of the objective."""
+    n = len(moving)
+    durations = pieces.arithmetic(h).where(moving > 0, filled(h, n, 1.0), 1.0)
+    return {
+        "ends": ends(states, h, moving),
+        "durations": durations,
+        "offset": offsets(c, h, states, moving, basis.NODES),
+        "squares": bounds**2,
+        "tube": tube_squares(tube, n, basis.NODES),
+        "axes": axes(states, n),
+    }
+
+
+def ends(states: Any, h: Any, moving: Any) -> Any:
+    """Return the end data (6, 3, n); segments that do not change become straight lines of length 1."""
+    xp, n = pieces.arithmetic(states, h), len(moving)
+    start, end = states[:-1], states[1:]
+    known = xp.concatenate([xp.zeros_like(start[:, :1]), start[:, 1:], end[:, :1] - start[:, :1], end[:, 1:]], axis=1)
+    known = known * (h[:, None] ** np.array([basis.POWERS], float))[:, :, None]
+    chosen = xp.where(moving[: len(h), None, None] > 0, known, STRAIGHT[None])
+    padding = xp.asarray(np.broadcast_to(STRAIGHT, (n - len(h), 6, 3)))
+    return xp.moveaxis(xp.concatenate([chosen, padding]), 0, -1)
+
+
+def nearest(end_data: Any, durations: Any, moving: Any, length: Any) -> tuple[Any, Any]:
+    """Return the weights `near` (6, 6, n) and `pace` (n,) of the objective "nearest", in units of `length` [m]."""
+    xp = pieces.arithmetic(end_data, durations)
+    own, near = durations * moving, 0.0
+    for k in range(3):
+        weight = TIME_SCALE ** (2 * k) * own * durations ** (-2.0 * k) / length**2
+        near = near + basis.gram(k)[:, :, None] * weight[None, None]
+    speed = speeds(end_data, durations)
+    return near, own * TIME_SCALE**2 * xp.maximum(speed, 1e-3 * xp.max(speed)) ** 2 / length**2
+
+
+def speeds(end_data: Any, durations: Any) -> Any:
+    """Return the RMS speeds (n,) [m/s]."""
+    xp = pieces.arithmetic(end_data, durations)
+    return xp.sqrt(xp.einsum("lm,lcn,mcn->n", basis.gram(1), end_data, end_data)) / durations
+
+
+def axes(states: Any, n: int) -> Any:
+    """Return unit vectors along, to the left of and above the path at both ends of the segments (2, 3, 3, n)."""
+    xp = pieces.arithmetic(states)
+    v = filled(states[:, 1], n + 1, 0.0)
+    v = xp.where(xp.sum(v * v, axis=1)[:, None] == 0, X, v)
+    along = v / xp.linalg.norm(v, axis=1)[:, None]
+    steep = xp.abs(along[:, 2]) > 0.9
+    left = xp.cross(xp.where(steep[:, None], X, Z), along)
+    left = left / xp.linalg.norm(left, axis=1)[:, None]
+    rows = xp.moveaxis(xp.stack([along, left, xp.cross(along, left)]), 1, 2)
+    return xp.stack([rows[:, :, :-1], rows[:, :, 1:]])
+
+
+def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
+    """Return the quintics through the states minus the original path (3, nodes, n)."""
+    own, c = same_terms(pieces.hermite(h, states), c)
+    xp, count = pieces.arithmetic(own, c), len(h)
+    exponents = np.arange(own.shape[1], dtype=float)[None]
+    # Separate powers: the derivative of 0⁰ with respect to its basis would be NaN.
+    rows = xp.einsum("fk,nk,nkc->cfn", nodes[:, None] ** exponents, h[:, None] ** exponents, own - c)
+    rows = rows * moving[None, None, :count]
+    return xp.pad(rows, [(0, 0), (0, 0), (0, len(moving) - count)])
+
+
+def tube_squares(tube: Any, n: int, nodes: np.ndarray) -> Any:
+    """Return the squared half-widths (2, nodes, n), linear between the joints."""
+    xp = pieces.arithmetic(tube)
+    widths = filled(tube, n + 1, 1.0)
+    nodes = nodes[None, None]
+    return xp.moveaxis((widths[:-1, :, None] * (1 - nodes) + widths[1:, :, None] * nodes) ** 2, 0, -1)
+
+
+def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
+    """Return the states of the joints (count + 1, 3, 3) and the durations (count,) for the variables `z`."""
+    xp, count = pieces.arithmetic(z, states, h, problem.axes), len(h)
+    scale, both, moving = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.moving))
+    move = (z * scale[:, None])[:, : count + 1]
+    both = xp.concatenate([both[0, ..., :count], both[1, ..., count - 1 : count]], axis=-1)
+    shifts = xp.einsum("kan,acn->nkc", move[:9].reshape(3, 3, -1), both)
+    return states + shifts, h + moving[:count] * xp.diff(move[9])
+
+
+def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any]:
+    """Return coefficients and durations for the variables `z`; some segments keep their coefficients exactly."""
+    new_states, new_h = moved_states(problem, states, h, z)
+    new, old = same_terms(pieces.hermite(new_h, new_states), c)
+    xp = pieces.arithmetic(new, old)
+    return xp.where(xp.asarray(problem.moving)[: len(h), None, None] > 0, new, old), new_h

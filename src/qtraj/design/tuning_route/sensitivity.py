@@ -1,0 +1,286 @@
+"""Differentiate a tuned route with respect to the route, its limits and the tube (implicit function theorem).
+
+The variables z of the last search, the slacks s and the multipliers λ of its constraints g(z) + s = 0 satisfy
+
+    ∇f + Σ λ ∇g = 0,   s λ = μ.
+
+These conditions depend smoothly on the data θ. With μ → 0 and constant margins, their derivative is a linear system for
+dz/dθ with the matrix of the interior-point method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. It is block tridiagonal and
+symmetric, so `chain.solve` is used in forward and reverse mode. The search itself is not differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from qtraj.design.limits import Limits
+from qtraj.design.tuning_route import chain, circuit, geometry, interior
+from qtraj.design.tuning_route.constraints import Names
+from qtraj.design.tuning_route.newton import Iterate, excess_of, linearise, newton, used
+from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, objective, segments
+from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
+from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.path.route import Route, from_segments
+
+STEPS = 60
+"""Maximum number of Newton steps with which the last search is continued."""
+
+BARRIERS, LEAST, TOLERANCE = (1e-3, 1e-5, 1e-7), 1e-7, 1e-11
+"""The first barrier parameters, of which the largest that leads to convergence is used, the last one, and the largest
+residual at the last one, where the conditions are differentiated. A smaller last parameter would increase the rounding
+errors of the derivatives noticeably."""
+
+REFINEMENTS = 2
+"""Number of refinements of the solution of the linear system, which is ill-conditioned."""
+
+DECREASE, KEEP = 0.2, 0.995
+"""The barrier parameter decreases by this factor in each step; slacks decrease by at most this fraction."""
+
+
+class Data(NamedTuple):
+    """The data θ: the padded segments of the route, the bounds of the limits, and the half-widths of the tube."""
+
+    starts: Float[Array, " rows"]
+    coefficients: Float[Array, "rows terms 3"]
+    duration: Float[Array, ""]
+    bounds: Float[Array, " limits"]
+    tube: tuple[Array, Array]
+
+
+class Solution(NamedTuple):
+    """The result of a search, its problem, variables, and last iterate (None if the route did not change)."""
+
+    result: TunedRoute
+    problem: RouteProblem
+    z: Any
+    at: Iterate | None
+
+
+Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
+
+
+def is_traced(*trees: Any) -> bool:
+    """Return whether any leaf is traced."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: str, solve: Solve) -> TunedRoute:
+    """Return the result of `solve` as a differentiable function of its arguments; `kind` is the objective.
+
+    **Raises:** ValueError if the arguments have no concrete values (inside jit or vmap).
+    """
+    pair = tube if isinstance(tube, tuple) else (tube, tube)
+    bounds = jnp.stack([jnp.asarray(limits.given()[name], float) for name in names]) if names else jnp.zeros(0)
+    data = Data(
+        route.starts,
+        route.coefficients,
+        route.duration,
+        bounds,
+        (jnp.asarray(pair[0], float), jnp.asarray(pair[1], float)),
+    )
+    origin = jax.lax.stop_gradient(route.origin)
+    solutions: list[Solution] = []
+
+    @jax.custom_jvp
+    def variables(data: Data) -> Array:
+        if is_traced(data, origin):
+            raise ValueError(
+                "tune_route needs concrete values: differentiate it with grad, jvp, jacfwd or jacrev, but call these "
+                "outside jit and vmap, once for each route"
+            )
+        count = int(np.isfinite(np.asarray(data.starts)).sum())
+        plain = from_segments(
+            np.asarray(data.starts)[:count],
+            np.asarray(data.coefficients)[:count],
+            np.asarray(data.duration),
+            np.asarray(origin),
+        )
+        values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
+        solutions.append(solve(plain, Limits(**values), (np.asarray(data.tube[0]), np.asarray(data.tube[1]))))
+        return jnp.asarray(solutions[-1].z)
+
+    @variables.defjvp
+    def _(primals: tuple[Data], tangents: tuple[Data]) -> tuple[Array, Array]:
+        z = variables(*primals)
+        found = solutions[-1]
+        return z, _change(names, kind, found, primals[0], tangents[0])
+
+    z = variables(data)
+    found = solutions[-1]
+    count = found.result.within.shape[0]
+    path, attained, displacement, delay = _assembled(found.problem, data, z, route.origin, count, kind)
+    result = found.result
+    return TunedRoute(
+        path,
+        result.certificate,
+        attained,
+        result.distance,
+        result.within,
+        displacement,
+        delay,
+        result.kept,
+        result.code,
+        result.iterations,
+    )
+
+
+def _change(names: Names, kind: str, found: Solution, data: Data, change: Data) -> Array:
+    """Return the change of the variables for a change of the data."""
+    if found.at is None:
+        return jnp.zeros_like(found.problem.free)
+    problem, count = found.problem, found.result.within.shape[0]
+    at, hessian, done = polished(names, problem, found.at)
+    right = _right(names, kind, problem, at, data, change, count)
+    dz = jax.lax.custom_linear_solve(
+        lambda x: chain.product(hessian, x), right, lambda _, b: _refined(hessian, b), symmetric=True
+    )
+    return circuit.repeated(problem, dz.T) * jnp.where(done, 1.0, jnp.nan)  # NaN in reverse mode, too
+
+
+def _refined(matrix: chain.Chain, right: Array) -> Array:
+    found = chain.solve(matrix, right)[0]
+    for _ in range(REFINEMENTS):
+        found = found + chain.solve(matrix, right - chain.product(matrix, found))[0]
+    return found
+
+
+class _Newton(NamedTuple):
+    at: Iterate
+    hessian: chain.Chain
+    mu: Array
+    steps: Array
+    done: Array
+
+
+def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate, chain.Chain, Array]:
+    """Refine an iterate until it satisfies the optimality conditions; return it, the matrix, and whether it converged.
+
+    The slacks and multipliers start from a larger barrier parameter: with tiny slacks, steps would be too short.
+    """
+    found = _polished(names, problem, at, np.asarray(BARRIERS[0]))
+    for barrier in BARRIERS[1:]:
+        if not bool(found[2]):
+            found = _polished(names, problem, at, np.asarray(barrier))
+    return found
+
+
+@eqx.filter_jit
+def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
+    """Refine an iterate by full Newton steps from a barrier parameter on.
+
+    There is no merit function, because its rounding errors would stop a line search this close to the optimum.
+    """
+    at = _centred(names, problem, at, barrier)
+    zero = jnp.zeros_like(problem.durations[0])
+    blocks = jnp.zeros((problem.free.shape[1], BLOCK, BLOCK))
+    border = None if problem.seam is None else chain.Border(blocks[0], blocks)
+    start = _Newton(at, chain.Chain(blocks, blocks[1:], border), zero + barrier, jnp.zeros((), int), zero > 0)
+
+    def step(state: _Newton) -> _Newton:
+        at, linear = state.at, linearise(names, problem, state.at)
+        done = (state.mu <= LEAST) & (interior.residual(problem, at, linear, state.mu) <= TOLERANCE)
+        move = newton(names, problem, at, linear, state.mu, zero)
+        primal, dual = (
+            interior.longest(x, d, KEEP) for x, d in ((at.slacks, move.slacks), (at.multipliers, move.multipliers))
+        )
+        following = Iterate(
+            at.z + primal * move.z,
+            jax.tree.map(lambda x, d: x + primal * d, at.slacks, move.slacks),
+            jax.tree.map(lambda x, d: x + dual * d, at.multipliers, move.multipliers),
+            at.margins,
+        )
+        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), at, following)
+        return _Newton(kept, linear.hessian, jnp.maximum(LEAST, DECREASE * state.mu), state.steps + 1, done)
+
+    state = jax.lax.while_loop(lambda state: ~state.done & (state.steps < STEPS), step, start)
+    return state.at, state.hessian, state.done
+
+
+def _centred(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> Iterate:
+    """Return the iterate with slacks and multipliers for a barrier parameter."""
+    excess = excess_of(names, problem, segments(problem, at.z), at.margins)
+    count = used(problem)
+    slacks = jax.tree.map(
+        lambda g, m, u: jnp.where(u > 0, jnp.maximum(-g, barrier / jnp.maximum(m, 1e-3)), 1.0),
+        excess,
+        at.multipliers,
+        count,
+    )
+    return Iterate(at.z, slacks, jax.tree.map(lambda s, u: u * barrier / s, slacks, count), at.margins)
+
+
+@eqx.filter_jit
+def _right(
+    names: Names, kind: str, problem: RouteProblem, at: Iterate, data: Data, change: Data, count: int
+) -> Float[Array, "joints 10"]:
+    """Return the right-hand side of the linear system."""
+    z, multipliers, margins = at.z, at.multipliers, at.margins
+    length = _length(problem, data, count, kind)
+
+    def excess(problem: RouteProblem, z: Array) -> Any:
+        return excess_of(names, problem, segments(problem, z), margins)
+
+    def conditions(data: Data) -> tuple[Array, Any]:
+        moved = _with_data(problem, data, count, kind, length)
+
+        def lagrangian(z: Array) -> Array:
+            terms = jax.tree.map(lambda m, g: jnp.sum(m * g), multipliers, excess(moved, z))
+            return objective(moved, z) + sum(terms)
+
+        return jax.grad(lagrangian)(z), excess(moved, z)
+
+    _, (gradient, gaps) = jax.jvp(conditions, (data,), (change,))
+    stiff = jax.tree.map(lambda m, s, g: m / s * g, multipliers, at.slacks, gaps)
+    _, pull = jax.vjp(lambda z: excess(problem, z), z)
+    return -circuit.gathered(problem, gradient + pull(stiff)[0]).T
+
+
+def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array, Array]:
+    """Return the coefficients, the durations, and the states of the joints."""
+    c, starts = data.coefficients[:count], data.starts[:count]
+    h = jnp.diff(jnp.append(starts, data.duration))
+    return c, h, geometry.joint_states(c, h, 1.0 - problem.moving[:count], problem.seam is not None)
+
+
+def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
+    """Return the unit of length of the objective "nearest", which does not influence its minimum."""
+    unit = problem.unit * data.duration if kind == "nearest" else jnp.ones_like(data.duration)
+    return jax.lax.stop_gradient(jnp.sqrt(unit))
+
+
+def _with_data(problem: RouteProblem, data: Data, count: int, kind: str, length: Array) -> RouteProblem:
+    """Return the problem for other data; only the fields that occur in the optimality conditions change."""
+    c, h, states = _parts(data, problem, count)
+    widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
+    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving)
+    durations = fields["durations"]
+    fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
+    if kind == "nearest":
+        near, pace = geometry.nearest(fields["ends"], durations, problem.moving, length)
+        fields |= {"near": near, "pace": pace}
+    return problem._replace(**fields)
+
+
+@eqx.filter_jit
+def _assembled(
+    problem: RouteProblem, data: Data, z: Array, origin: Array, count: int, kind: str
+) -> tuple[Route, Array, Array, Array]:
+    """Return the route, the objective, the displacements of the joints, and the change of the duration."""
+    length = _length(problem, data, count, kind)
+    moved = _with_data(problem, data, count, kind, length)
+    c, h, states = _parts(data, problem, count)
+    new_states, new_h = geometry.moved_states(moved, states, h, z)
+    new_c, _ = geometry.changed(moved, c, h, states, z)
+    times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_h))
+    path = from_segments(times[:-1], new_c, times[-1], origin)
+    unit = length**2 / jnp.sum(h) if kind == "nearest" else problem.unit
+    value = times[-1] if kind == "fastest" else objective(moved, z) * unit
+    return path, value, new_states[:, 0] - states[:, 0], jnp.sum(new_h - h)

@@ -1,0 +1,56 @@
+"""Create labelled datasets of a retimed path and the original path (extra `io`)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.speed_profile import SpeedProfile, speed_profile
+from qtraj.design.timing.outcome import Retimed
+from qtraj.foundation.record import variable_attributes
+from qtraj.io.dataset import path_dataset
+from qtraj.motion.programs.rotation_minimizing import Frame
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.track import Track
+
+SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 2, 513, 20_001
+"""Number of instants of the dataset for each cell of the timing, and bounds on the total number of instants."""
+
+
+def retimed_dataset(
+    timed: Retimed,
+    limits: Limits | None = None,
+    certificate: Certificate | None = None,
+    profile: SpeedProfile | None = None,
+    track: Track | None = None,
+    fitted: Fitted | None = None,
+    frame: Frame | None = None,
+    attributes: Mapping[str, str] | None = None,
+) -> xarray.Dataset:
+    """Create a `path_dataset` of the original path, named "before", and the retimed path, named "after".
+
+    `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to within 1 %.
+    `limits` and `certificate` may contain additional limits on the shape. By default, `certificate` is the certificate
+    of the retiming, and `limits` are its limits that need no vehicle.
+    """
+    own = timed.certificate
+    given = {name: limit for name, (_, _, limit) in own.worst.items() if not QUANTITIES[name].needs_vehicle}
+    profile = speed_profile(timed) if profile is None else profile
+    cells = np.shape(timed.timing.coefficients)[0]
+    dataset = path_dataset(
+        {"before": timed.path.path, "after": timed.path},
+        Limits(**given) if limits is None else limits,
+        track,
+        samples=int(np.clip(SAMPLES_PER_CELL * cells + 1, MIN_SAMPLES, MAX_SAMPLES)),
+        attributes={"retiming_result": timed.result, **(attributes or {})},
+        fitted=fitted,
+        frame=frame,
+        findings={"after": own if certificate is None else certificate},
+    )
+    share = variable_attributes("1", "fraction of the distance on which the quantity is within 1 % of its limit")
+    variables: dict[str, Any] = {"reached_share": ("limit", np.asarray(profile.shares), share)}
+    return dataset.assign(variables).assign_coords(limit=("limit", list(profile.names), {"long_name": "limit"}))

@@ -1,0 +1,173 @@
+"""Compare recorded angular rates with the program of a path, after removing the constant mounting of the gyro."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.motion.attitude_residual import require_covered
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.path import headings
+from qtraj.path.driving import segments_of
+from qtraj.path.route import Route
+from qtraj.path.track import Track, elapsed_times, to_float64
+
+MIN_SPEED = 3.0
+"""Default speed [m/s] above which rates are compared; at low speeds, noise determines the direction of travel."""
+
+MIN_SAMPLES = 3
+"""Minimum number of samples for a correlation."""
+
+ONE_AXIS = 1e-9
+"""Rates count as rates about one axis if the second singular value of Σpωᵀ is at most this fraction of the first.
+
+p are the rates of the program, ω the recorded rates.
+"""
+
+
+@storable
+class RateResidual(AbstractResult):
+    """The residual of recorded angular rates relative to a program, at all samples with a speed above a minimum.
+
+    `mounting` (4,): the constant unit quaternion from the axes of the gyro to the axes of the program, or None if only
+    the yaw rate was recorded. `rms` [rad/s]: the root mean square of the difference between the recorded rates and
+    the rates of the program. `correlation`: the correlation between these rates. Both refer to the rates about each
+    axis of the program (3,), or about its z axis (1,) if only the yaw rate was recorded. The correlation is 0
+    where one of the rates is constant. `samples`: the number of samples that were compared.
+    """
+
+    rms: Float[Array, " axes"]
+    correlation: Float[Array, " axes"]
+    samples: Int[Array, ""]
+    mounting: Quat | None
+
+    def __init__(
+        self, rms: ArrayInput, correlation: ArrayInput, samples: ArrayInput, mounting: ArrayInput | None = None
+    ):
+        self.rms, self.correlation = as_float(rms), as_float(correlation)
+        self.samples = as_array(samples, int)
+        self.mounting = None if mounting is None else as_float(mounting)
+
+    def record(self) -> Record:
+        """Return the fields with units and meanings."""
+        along = "body" if self.mounting is not None else "vertical"
+        variables = {
+            "rms": Quantity(
+                self.rms, "rad s-1", "root mean square of the difference between recorded and program's rate", (along,)
+            ),
+            "correlation": Quantity(self.correlation, "1", "correlation of recorded and program's rate", (along,)),
+            "samples": Quantity(self.samples, "1", "number of samples compared"),
+        }
+        if self.mounting is not None:
+            meaning = "constant attitude of the gyro relative to the program's axes, scalar first"
+            variables["mounting"] = Quantity(self.mounting, "1", meaning, ("component",))
+        summary = f"RMS {extent(self.rms, 'rad s-1')}, {extent(self.samples)} samples"
+        return Record(summary, variables, attributes={"frame": "body"})
+
+
+def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = MIN_SPEED) -> RateResidual:
+    """Compare the recorded angular rates of `track` with `program`, which starts at the first sample of the track.
+
+    Samples are compared if the speed of the path exceeds `min_speed` [m/s] and the rate of the program is finite. With
+    rates (n, 3), the mounting of the gyro is estimated: it minimises the sum of squared differences between the rotated
+    recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of vectors",
+    Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and the
+    mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates (n,
+    1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does not
+    change the correlation.
+
+    Not differentiable.
+
+    **Raises:** ValueError for a track without rates, a track that lasts longer than the program, fewer than three
+    samples above `min_speed`, and inside a trace.
+    """
+    if track.rates is None:
+        raise ValueError(
+            "this track has no angular rates to compare: read them with qtraj.read_track, "
+            'columns={"rate": ["wx", "wy", "wz"]} or columns={"rate": "wz"}'
+        )
+    found = compare_fast(program, track, min_speed)
+    if found is None:
+        raise ValueError(
+            f"the path is faster than min_speed = {float(min_speed):g} m/s at fewer than {MIN_SAMPLES} samples of the "
+            "track, so there is nothing to compare: pass a smaller min_speed"
+        )
+    return found
+
+
+def compare_fast(program: FrameProgram, track: Track, min_speed: float | int = MIN_SPEED) -> RateResidual | None:
+    """Return the result of `compare_rates`, or None if the track has no rates or too few samples above `min_speed`."""
+    if track.rates is None:
+        return None
+    times = elapsed_times(track)
+    require_covered(program, float(times[-1]))
+    expected, speeds = map(to_float64, _rates(program, as_array(times, jnp.result_type(program.duration, float))))
+    return _compared(to_float64(track.rates), expected, speeds, min_speed)
+
+
+def compare_upright(path: Route, track: Track) -> RateResidual | None:
+    """Return the result of `compare_rates` for the default program of a route, without compiled code.
+
+    Return None if the track has no rates, or too few samples above `MIN_SPEED`.
+    """
+    if track.rates is None:
+        return None
+    times, segments, up = elapsed_times(track), segments_of(path), np.array([0.0, 0.0, 1.0])
+    _, velocity, acceleration = segments.rows(times, 2)
+    speeds = np.sqrt(np.einsum("nk,nk->n", velocity, velocity))
+    expected = headings.body_rates(headings.along(segments, up), up, times, velocity, acceleration)
+    return _compared(to_float64(track.rates), expected, speeds, MIN_SPEED)
+
+
+def _compared(
+    rates: np.ndarray, expected: np.ndarray, speeds: np.ndarray, min_speed: float | int
+) -> RateResidual | None:
+    """Compare rates of a program (n, 3) with the recorded rates, at samples with `speeds` (n,) above `min_speed`."""
+    fast = (speeds > min_speed) & np.isfinite(expected).all(axis=1)
+    if fast.sum() < MIN_SAMPLES:
+        return None
+    recorded, expected, mounting = rates[fast], expected[fast], None
+    if recorded.shape[1] == 1:
+        expected = expected[:, 2:]
+    else:
+        recorded, mounting = _mounted(recorded, expected)
+    rms = np.sqrt(np.mean((recorded - expected) ** 2, axis=0))
+    return RateResidual(rms, _correlations(recorded, expected), int(fast.sum()), mounting)
+
+
+@eqx.filter_jit
+def _rates(program: FrameProgram, times: Float[Array, " n"]) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+    """Return the rate of the program [rad/s] and the speed of its path [m/s] at each time."""
+
+    def at(t: Scalar) -> tuple[Array, Array]:
+        return program(t).rate, jnp.linalg.norm(program.path.velocity(t))
+
+    return jax.vmap(at)(times)
+
+
+def _mounted(recorded: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the recorded rates in the axes of the program, and the quaternion of the mounting."""
+    from scipy.spatial.transform import Rotation
+
+    left, sizes, right = np.linalg.svd(expected.T @ recorded)
+    if sizes[1] <= ONE_AXIS * sizes[0]:
+        found = Rotation.align_vectors(left[:, :1].T, right[:1])[0]
+    else:
+        found = Rotation.align_vectors(expected, recorded)[0]
+    x, y, z, w = found.as_quat(canonical=True)
+    return found.apply(recorded), np.array([w, x, y, z])
+
+
+def _correlations(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the correlation between each column of `a` and the same column of `b`; 0 if one of them is constant."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    scales = np.sqrt(np.sum(a**2, axis=0) * np.sum(b**2, axis=0))
+    return np.where(scales > 0, np.sum(a * b, axis=0) / np.where(scales > 0, scales, 1.0), 0.0)

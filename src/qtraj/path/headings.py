@@ -1,0 +1,198 @@
+"""Compute heading and pitch of a vehicle on a route, at many instants, with NumPy.
+
+At a stop and in reverse the direction of the velocity is not the direction of the vehicle. A row is a time interval in
+which the forward axis of the vehicle is along the velocity, opposite to it, or held: see `qtraj.path.driving`.
+"""
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.path import pieces
+from qtraj.path.stops import Segments, stops
+
+STOP_SPEED = 0.01
+"""Default speed threshold of a stop, divided by the largest speed."""
+
+SETTLING = 1.0
+"""Duration [s] of the change of heading and pitch at the start of a long stop, and of the change at its end."""
+
+
+class Rows(NamedTuple):
+    """The time intervals of a frame: start times [s], signs and the angles [rad] of stops, as in `Driving`."""
+
+    starts: Float[np.ndarray, " rows"]
+    signs: Float[np.ndarray, " rows"]
+    angles: Float[np.ndarray, "rows 2 6"]
+
+
+class _Row(NamedTuple):
+    """One interval of the frame; the heading and pitch of a stop connect the states (2, 3) at its two ends."""
+
+    start: float
+    sign: float
+    states: tuple[float, np.ndarray, np.ndarray] | None = None
+
+
+def along(segments: Segments, up: Float[np.ndarray, "3"], threshold: float | None = None) -> Rows:
+    """Return the rows of a vehicle that starts forwards; below the speed `threshold` [m/s] it is at a stop.
+
+    The default threshold is 1 % of the largest speed.
+    """
+    end = float(segments.starts[-1] + segments.durations[-1])
+    intervals = stops(segments, STOP_SPEED, relative=True) if threshold is None else stops(segments, threshold)
+    rows = _rows(segments, intervals, end, basis(up))
+    coefficients = np.zeros((len(rows), 2, 6))
+    connected = {i: row.states for i, row in enumerate(rows) if row.states is not None}
+    if connected:
+        coefficients[list(connected)] = _quintics([*connected.values()])
+    return Rows(np.array([row.start for row in rows]), np.array([row.sign for row in rows]), coefficients)
+
+
+def body_rates(
+    rows: Rows,
+    up: Float[np.ndarray, "3"],
+    t: Float[np.ndarray, " m"],
+    velocity: Float[np.ndarray, "m 3"],
+    acceleration: Float[np.ndarray, "m 3"],
+) -> Float[np.ndarray, "m 3"]:
+    """Return the angular rates [rad/s] of the frame with these rows at the times `t` [s], in the axes of the frame.
+
+    The rate of an upright frame consists of the rate of the heading, about `up`, and the rate of the pitch, about −y.
+    """
+    i = np.maximum(np.searchsorted(rows.starts, t, side="right") - 1, 0)
+    signs = rows.signs[i]
+    held = np.flatnonzero(signs == 0)
+    v, a = (signs * (basis(up) @ x.T) for x in (velocity, acceleration))
+    level = _Level.of(v, a)
+    yaw_rate, pitch_rate, inv_speed = level.yaw_rate, level.pitch_rate(v, a), np.sqrt(level.inv_speed_sq)
+    sine, cosine = v[2] * inv_speed, level.speed * inv_speed
+    value, rate = pieces.values(np.swapaxes(rows.angles, 1, 2)[i[held]], t[held] - rows.starts[i[held]], 1)
+    yaw_rate[held], pitch_rate[held], sine[held], cosine[held] = *rate.T, np.sin(value[:, 1]), np.cos(value[:, 1])
+    return np.stack([yaw_rate * sine, -pitch_rate, yaw_rate * cosine], axis=1)
+
+
+class _Level(NamedTuple):
+    """The horizontal motion at m instants: speed, its derivative, and inverses, which are 0 instead of infinite."""
+
+    speed: np.ndarray
+    speed1: np.ndarray
+    yaw_rate: np.ndarray
+    inv_level_sq: np.ndarray
+    inv_speed_sq: np.ndarray
+
+    @classmethod
+    def of(cls, v: np.ndarray, a: np.ndarray) -> "_Level":
+        """Return the horizontal motion of velocities and accelerations (3, m) along the rows of `basis`."""
+        level_sq = v[0] * v[0] + v[1] * v[1]
+        vertical = level_sq == 0
+        safe_sq = np.where(vertical, 1.0, level_sq)
+        inv_level_sq = np.where(vertical, 0.0, 1 / safe_sq)
+        inv_speed_sq = np.where(vertical, 0.0, 1 / (safe_sq + v[2] * v[2]))
+        yaw_rate = (v[0] * a[1] - v[1] * a[0]) * inv_level_sq
+        speed1 = (v[0] * a[0] + v[1] * a[1]) * np.sqrt(inv_level_sq)
+        return cls(np.sqrt(level_sq), speed1, yaw_rate, inv_level_sq, inv_speed_sq)
+
+    def pitch_rate(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the derivative of the pitch [rad/s]."""
+        return (self.speed * a[2] - v[2] * self.speed1) * self.inv_speed_sq
+
+
+def _angles(v: np.ndarray, a: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Return heading and pitch [rad] of the velocities `v` (3, m) with their first two derivatives, (m, 2, 3).
+
+    The components are along the rows of `basis`. Where the velocity is vertical, the heading and all derivatives are
+    zero.
+    """
+    level = _Level.of(v, a)
+    speed, speed1, yaw_rate, inv_level_sq, inv_speed_sq = level
+    pitch_rate, inv_speed = level.pitch_rate(v, a), np.sqrt(inv_level_sq)
+    speed2 = (a[0] ** 2 + a[1] ** 2 + v[0] * j[0] + v[1] * j[1] - speed1**2) * inv_speed
+    yaw_acceleration = (v[0] * j[1] - v[1] * j[0] - 2 * yaw_rate * speed * speed1) * inv_level_sq
+    product = 2 * pitch_rate * (speed * speed1 + v[2] * a[2])
+    pitch_acceleration = (speed * j[2] - v[2] * speed2 - product) * inv_speed_sq
+    heading = np.where(speed == 0, 0.0, np.arctan2(v[1], v[0]))
+    rows = [heading, yaw_rate, yaw_acceleration, np.arctan2(v[2], speed), pitch_rate, pitch_acceleration]
+    return np.stack(rows, axis=1).reshape(-1, 2, 3)
+
+
+def basis(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return a matrix whose rows are the horizontal direction of zero heading, the direction to its left, and up."""
+    up = up / np.linalg.norm(up)
+    horizontal = level(up)
+    return np.stack([horizontal, np.cross(up, horizontal), up])
+
+
+def level(up: Any) -> Any:
+    """Return the horizontal direction of zero heading, a projection of the x axis, or of y if x is nearly vertical."""
+    np_ = pieces.arithmetic(up)
+    x, y = (np_.asarray(axis, up.dtype) for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    reference = np_.where(np_.abs(up[0]) > 0.9, y, x)
+    horizontal = reference - up * (up @ reference)
+    return horizontal / np_.sqrt(horizontal @ horizontal)
+
+
+def _rows(segments: Segments, intervals: list[tuple[float, float]], end: float, axes: np.ndarray) -> list[_Row]:
+    """Return the rows of a frame with stops in these `intervals` (start, end) [s]."""
+    ends = np.reshape(np.asarray(intervals, float), (-1, 2)).T
+    sides = [segments.rows(t, 3, side)[1:] for t, side in zip(ends, ("left", "right"), strict=True)]
+    at_ends = {sign: [_angles(*(sign * (axes @ row.T) for row in side)) for side in sides] for sign in (1.0, -1.0)}
+    sign = 1.0
+    rows = [] if intervals and intervals[0][0] <= 0 else [_Row(0.0, sign)]
+    for k, (a, b) in enumerate(intervals):
+        before = None if a <= 0 else at_ends[sign][0][k]
+        after = None if b >= end else at_ends[sign][1][k]
+        if before is not None and after is not None:
+            change = _wrapped(after[0, 0] - before[0, 0])
+            if abs(change) > np.pi / 2:
+                sign = -sign
+                after = at_ends[sign][1][k]
+                change = _wrapped(after[0, 0] - before[0, 0])
+            after = after.copy()
+            after[0, 0] = before[0, 0] + change
+        rows += _held_rows(a, b, before, after)
+        if after is not None:
+            rows.append(_Row(b, sign))
+    return rows
+
+
+def _wrapped(angle: float) -> float:
+    """Reduce an angle to [−π, π)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray | None) -> list[_Row]:
+    """Return the rows of a stop from `a` to `b` [s]; heading and pitch are quintics, constants, and quintics again.
+
+    If `before` or `after` is None, the route starts or ends with the stop, and there are no quintics on this side.
+    """
+    if before is None and after is None:
+        return [_Row(a, 0.0)]
+    settling = min((b - a) / 3, SETTLING)
+    first = None if before is None else _at_rest(before, 0.5 * settling)
+    last = first if after is None else _at_rest(after, -0.5 * settling)
+    first = last if first is None else first
+    states = [(a, first), (b, first)] if after is None else [(a, first), (b - settling, last), (b, after)]
+    if before is not None:
+        states = [(a, before), (a + settling, first), *states[1:]]
+    return [_Row(t0, 0.0, (t1 - t0, p, q)) for (t0, p), (t1, q) in pairwise(states) if p is not None and q is not None]
+
+
+def _at_rest(state: np.ndarray, time: float) -> np.ndarray:
+    """Return the constant angles at the end of a linear decrease of the rates to zero over 2·`time` [s].
+
+    If `time` is negative, return the angles at the start of a linear increase of the rates from zero.
+    """
+    zero = np.zeros_like(state[:, 0])
+    return np.stack([state[:, 0] + time * state[:, 1], zero, zero], axis=1)
+
+
+def _quintics(ends: list[tuple[float, np.ndarray, np.ndarray]]) -> Float[np.ndarray, "m 2 6"]:
+    """Return the coefficients of angles from the durations [s] and the states (2, 3) at both ends."""
+    # Every second segment of this chain connects the two ends of a row; the durations of the others have no effect.
+    states = np.array([state.T for _, *pair in ends for state in pair])
+    h = np.ones(len(states) - 1)
+    h[::2] = [duration for duration, *_ in ends]
+    return np.swapaxes(pieces.hermite(h, states)[::2], 1, 2)

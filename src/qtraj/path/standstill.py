@@ -1,0 +1,65 @@
+"""Compute the direction of motion of a vehicle at rest, on which the forces on the vehicle depend.
+
+A path has no tangent at an instant at which its velocity is zero. Let the derivative of order m + 1 be the first
+derivative that is not zero at this instant, and s the time from this instant. Near this instant the velocity is, to
+leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this direction,
+the forces at the stop are the limits of the forces during the motion.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from qtraj.path.components import Triple, dot, scaled, select
+from qtraj.path.frame_components import filled
+from qtraj.path.frenet import Invariants, safe_root
+from qtraj.path.regularity import DEFINED_TOLERANCE, has_tangent, is_significant
+
+ORDER = 4
+"""Highest order of the derivatives used; if the derivatives of orders 1 to 4 are zero, a stop has no direction."""
+
+
+def driven_invariants(
+    rows: list[Triple],
+    up: Triple | None,
+    vehicle: Any,
+    t: Array,
+    duration: Array,
+    root: Callable[[Any], Any] = safe_root,
+) -> Invariants:
+    """Return the invariants of the derivatives `rows` up to `ORDER`; they are also defined where the speed is zero.
+
+    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop, or
+    at the end of the path by a vector in the direction of the motion before the stop. If all derivatives are zero, as
+    for a parked vehicle, the vector is horizontal.
+    """
+    zero = jnp.zeros_like(rows[0][0])
+    rows = [filled(row, zero) for row in rows]
+    moving = has_tangent(Invariants(rows, up), duration)
+    direction, pace = _direction(rows, up, t, duration), jnp.where(moving, 1.0, 0.0).astype(zero.dtype)
+    rows = [rows[0], select(moving, rows[1], direction), *rows[2:]]
+    return Invariants(rows, up, vehicle, root, pace)
+
+
+def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array) -> Triple:
+    """Return the first higher derivative that is not zero to within rounding, or else a horizontal vector."""
+    at_end = t >= duration * (1 - DEFINED_TOLERANCE * float(jnp.finfo(rows[0][0].dtype).eps))
+    backwards = jnp.where(at_end, -1.0, 1.0).astype(rows[0][0].dtype)
+    squares = [dot(row, row) for row in rows[2:]]
+    found, reference = _horizontal(rows[0][0], up), jnp.zeros_like(squares[0])
+    for k in reversed(range(len(squares))):
+        reference = squares[k] + duration**2 * reference
+        # Before a stop, the direction of motion is opposite to a derivative of even order.
+        derivative = scaled(rows[k + 2], backwards) if k % 2 == 0 else rows[k + 2]
+        found = select(is_significant(squares[k], reference), derivative, found)
+    return found
+
+
+def _horizontal(like: Array, up: Triple | None) -> Triple:
+    """Return a horizontal vector; `up` is the vertical, by default the third axis."""
+    zero, one = jnp.zeros_like(like), jnp.ones_like(like)
+    if up is None:
+        return one, zero, zero
+    return select(up[0] ** 2 + up[1] ** 2 > 0.5, (-up[1], up[0], zero), (up[2] + zero, zero, -up[0] + zero))

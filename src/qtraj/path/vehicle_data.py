@@ -1,0 +1,57 @@
+"""Convert vehicles to labelled quantities of a dataset and back, and add batch axes to vehicles."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from qtraj.foundation.record import Quantity
+from qtraj.path.vehicle import Vehicle
+
+PREFIX = "vehicle_"
+
+_FIELDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "mass": ("kg", "mass of the vehicle", ()),
+    "inertia": ("kg m2", "inertia tensor of the vehicle, body axes", ("body", "body_column")),
+    "drag_area": ("m2", "drag coefficient of the vehicle times its frontal area", ()),
+    "rolling_resistance": ("1", "coefficient of rolling resistance", ()),
+    "friction": ("1", "coefficients of friction, along and across the vehicle", ("friction_axis",)),
+    "bank": ("rad", "bank angle of the road, positive if the left side is lower", ()),
+    "air_density": ("kg m-3", "density of the air", ()),
+    "gravity": ("m s-2", "gravity, along -z", ()),
+}
+"""Unit, meaning and axes of each parameter of a vehicle."""
+
+
+def vehicle_quantities(vehicle: Vehicle | None) -> dict[str, Quantity]:
+    """Return the parameters of a vehicle as labelled quantities, whose names begin with `PREFIX`; empty for None."""
+    values = {name: getattr(vehicle, name, None) for name in _FIELDS}
+    return {PREFIX + name: Quantity(x, *_FIELDS[name]) for name, x in values.items() if x is not None}
+
+
+def vehicle_from(variables: Mapping[Any, Any]) -> Vehicle | None:
+    """Return the vehicle whose quantities a dataset contains, or None if the dataset contains no mass of a vehicle."""
+    values = {name: np.asarray(variables[PREFIX + name]) for name in _FIELDS if PREFIX + name in variables}
+    return Vehicle(**values) if "mass" in values else None
+
+
+def batch_of(vehicle: Vehicle | None) -> tuple[int, ...]:
+    """Return the batch shape of a vehicle; () for a single vehicle or None."""
+    if vehicle is None:
+        return ()
+    values = {name: getattr(vehicle, name) for name in _FIELDS}
+    shapes = [np.shape(x)[: np.ndim(x) - len(_FIELDS[name][2])] for name, x in values.items() if x is not None]
+    return max(shapes, key=len)
+
+
+def with_batch(vehicle: Vehicle | None, count: int) -> Vehicle | None:
+    """Return the vehicle with a batch axis of length `count` on every parameter; None if `vehicle` is None."""
+    if vehicle is None:
+        return None
+    names = [name for name in _FIELDS if getattr(vehicle, name) is not None]
+    values = [getattr(vehicle, name) for name in names]
+    core = [len(_FIELDS[name][2]) for name in names]
+    new = [jnp.broadcast_to(x, (count, *x.shape[x.ndim - n :])) for x, n in zip(values, core, strict=True)]
+    return eqx.tree_at(lambda v: [getattr(v, name) for name in names], vehicle, new)

@@ -1,0 +1,164 @@
+"""Read the scenarios of `qtraj retime`: scenarios of `qtraj tune` and `qtraj route`, with a table [retime]."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.naming import naming
+from qtraj.foundation.outcome import AbstractOutcome
+from qtraj.foundation.progress import Progress
+from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
+from qtraj.io.recording import is_recording
+from qtraj.io.saved import is_saved
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.track import Track
+from qtraj.scenario import DATA
+from qtraj.scenario.path import LimitsPart, lay
+from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+from qtraj.scenario.route import RouteScenario, fit_recording, read_route
+
+EMBEDDED = DATA / "retime.toml"
+"""The built-in scenario."""
+SHAPES = {"route": ("route",), "spiral-helix": ("path",)}
+"""The kinds of scenarios for each value of `retime.shape`."""
+
+
+@dataclass(frozen=True)
+class RetimeTask:
+    """The path to retime, its limits, the recording to which the path was fitted, and a function that tunes the path.
+
+    `track` and `fitted` are None without a recording, and `tuning` is None if the path is not tuned.
+    """
+
+    path: AbstractHodograph
+    limits: Limits
+    track: Track | None = None
+    fitted: Fitted | FittedRoute | None = None
+    tuning: Callable[[Callable[[Progress], None]], Any] | None = None
+
+    def limits_of(self, timing: bool) -> Limits:
+        """Return the limits that depend on the timing; if `timing` is false, return the limits on the shape only."""
+        given = self.limits.given().items()
+        chosen = {name: value for name, value in given if (QUANTITIES[name].per_time > 0) == timing}
+        vehicle = self.limits.vehicle if any(QUANTITIES[name].needs_vehicle for name in chosen) else None
+        return Limits(**chosen, vehicle=vehicle)
+
+    def checked(self, timed: Retimed) -> Certificate:
+        """Return the certificate for all limits; limits on the shape are checked on the original path."""
+        shape = self.limits_of(timing=False)
+        own = timed.certificate
+        if not shape.given():
+            return own
+        from qtraj.design.proof.certify import certify  # imported here, because most scenarios do not need it
+        from qtraj.design.proof.route_certificate import RouteCertificate
+
+        found = certify(timed.path.path, shape)
+        found = found.whole if isinstance(found, RouteCertificate) else found
+        times = [float(timed.timing.time(t)) for t in np.asarray(found.times)]
+        columns = zip((own.codes, own.times, own.values, own.limits), _columns(found, times), strict=True)
+        return Certificate((*own.names, *found.names), *(np.concatenate(pair) for pair in columns))
+
+
+def _columns(certificate: Certificate, times: list[float]) -> tuple[Any, ...]:
+    return certificate.codes, np.array(times), certificate.values, certificate.limits
+
+
+def read_retiming(file: Path | None) -> ScenarioFile[Any]:
+    """Read the scenario in a file; a recording is read as a scenario without limits.
+
+    For a saved path, the field `scenario` of the result is None.
+
+    **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not valid.
+    """
+    if file is None:
+        return read_scenario(EMBEDDED, "path")
+    if is_recording(file):
+        return read_route(file)
+    if is_saved(file):
+        return ScenarioFile[Any](file, None, content_hash(read_bytes(file)))
+    first, *others = _kinds(file)
+    try:
+        return read_scenario(file, first)
+    except ValueError:
+        for kind in others:
+            try:
+                return read_scenario(file, kind)
+            except ValueError:
+                continue
+        raise
+
+
+def _kinds(file: Path) -> tuple[str, ...]:
+    """Return the possible kinds of a scenario: two if it has a [track] but no valid `retime.shape`, otherwise one."""
+    try:
+        data = parse_toml(decoded(file, read_bytes(file)))
+    except ValueError:  # `read_scenario` describes the fault
+        return ("path",)
+    if "track" not in data:
+        return ("path",)
+    part = data.get("retime")
+    return SHAPES.get(str(part.get("shape")) if isinstance(part, dict) else "", ("route", "path"))
+
+
+def with_limits(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> ScenarioFile[Any]:
+    """Return the scenario with the additional limits `more`, which replace its own limits with the same names.
+
+    **Raises:** ValueError for a limit that is not positive, or that needs a vehicle that the scenario does not have.
+    """
+    if not more or loaded.scenario is None:
+        return loaded
+    vehicle = loaded.scenario.vehicle
+    Limits(**more, vehicle=None if vehicle is None else vehicle.vehicle())
+    limits = LimitsPart(**loaded.scenario.limits.limits() | dict(more))
+    return replace(loaded, scenario=loaded.scenario.model_copy(update={"limits": limits}))
+
+
+def retiming(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> RetimeTask:
+    """Return the task of a scenario; it includes the tuning of the path if the scenario has a table [tune].
+
+    The limits `more` are added to the limits of the scenario, and replace its limits with the same names.
+
+    **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if the data do not define a
+    path.
+    """
+    if loaded.scenario is None:
+        return RetimeTask(_saved(loaded.file), Limits(**more, vehicle=None))
+    loaded = with_limits(loaded, more)
+    tuned = "tune" in loaded.scenario.model_fields_set
+    if isinstance(loaded.scenario, RouteScenario):
+        route = fit_recording(loaded)
+        limits = route.limits or Limits()
+        tuning = (lambda progress: route.tuned()) if tuned and route.limits else None
+        return RetimeTask(route.fitted.path, limits, route.track, route.fitted, tuning)
+    task = lay(loaded)
+
+    def tune(progress: Callable[[Progress], None]) -> Any:
+        from qtraj.design.tuning.tune import tune
+
+        with naming(f"{loaded.file}: "):
+            return tune(**task.tuning(), progress=progress)
+
+    return RetimeTask(task.path, task.limits, task.track, task.fitted, tune if tuned else None)
+
+
+def _saved(file: Path) -> AbstractHodograph:
+    """Load the path from a saved path or result; for a retimed path, return the original path."""
+    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
+
+    stored = load(file)
+    path = getattr(stored, "path", None) if isinstance(stored, AbstractOutcome | Fitted | FittedRoute) else stored
+    path = path.path if isinstance(path, RetimedPath) else path
+    if not isinstance(path, AbstractHodograph):
+        name = type(stored).__name__
+        raise ValueError(f"{file}: a saved path was expected, but the file contains an object of type {name}")
+    return path

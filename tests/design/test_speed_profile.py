@@ -1,0 +1,132 @@
+"""Speed profiles of timings with known values: constant acceleration, a circle, a stop."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.viz import figures
+
+RADIUS, CELLS = 20.0, 4
+CIRCLE = qt.SpiralHelix([RADIUS], [0.0, 0.1], [0.0], 10.0)  # 2 m/s
+NAMES, LIMITS = ("speed", "lateral_acceleration", "longitudinal_acceleration"), [9.0, 1.25, 0.5]
+
+
+def retimed(path, coefficients, knots, rest, usage, names=NAMES, limits=LIMITS):
+    """The result of a retiming with a given timing, without a search."""
+    k = len(names)
+    certificate = qt.Certificate(names, [0] * k, [0.0] * k, limits, limits)
+    timing = qt.Timing(coefficients, knots, rest)
+    return qt.Retimed(qt.RetimedPath(path, timing), timing.duration, certificate, usage, [0.0, 1.0], 0, 1)
+
+
+@pytest.fixture(scope="module")
+def timed():
+    """u̇² = u/4 on a circle: v² = u from rest, so v̇ = 1/4·2 m/s² and s = 2 u."""
+    knots = np.linspace(0.0, 10.0, CELLS + 1)
+    step = knots[1]
+    coefficients = [[0.25 * u, 0.25 * step, 0.0, 0.0] for u in knots[:-1]]
+    usage = [[0.1] * 4, [0.1, 0.2, 0.995, 1.0], [1.0, 1.0, 0.99, 0.5]]
+    return retimed(CIRCLE, coefficients, knots, (True, False), usage)
+
+
+@pytest.fixture(scope="module")
+def profile(timed):
+    return qt.speed_profile(timed)
+
+
+def test_the_speed_and_the_accelerations_agree_with_the_closed_form(profile):
+    u, v = np.asarray(profile.parameter), np.asarray(profile.speed)
+    assert np.asarray(profile.distance) == pytest.approx(2 * u)
+    assert v == pytest.approx(np.sqrt(u))
+    assert np.asarray(profile.times) == pytest.approx(4 * np.sqrt(u), abs=1e-12)
+    assert np.asarray(profile.tangential) == pytest.approx(0.25, rel=1e-9)
+    values = dict(zip(profile.names, np.asarray(profile.values), strict=True))
+    assert values["lateral_acceleration"] == pytest.approx(v**2 / RADIUS)
+    assert values["speed"] == pytest.approx(v)
+
+
+def test_the_bound_at_constant_speed_is_that_of_the_lateral_acceleration(profile):
+    assert np.asarray(profile.speed_bound) == pytest.approx(np.sqrt(1.25 * RADIUS))
+    assert float(profile.speed_bound[0]) == pytest.approx(5.0)
+
+
+def test_shares_are_parts_of_the_distance(profile):
+    assert np.asarray(profile.shares) == pytest.approx([0.0, 0.5, 0.75])
+    assert profile.share("longitudinal_acceleration") == pytest.approx(0.75)
+    assert profile.active.tolist() == [2, 2, 1, 1]
+    assert profile.durations == pytest.approx([10.0, 4 * 10**0.5])
+    assert "20 m in 12.6491 s instead of 10 s; speed 0 %, lateral_acceleration 50 %" in repr(profile)
+
+
+def test_the_start_at_rest_is_a_stop_of_no_length(profile):
+    assert profile.stops.tolist() == [[0.0, 0.0]]
+    assert profile.stop_distance.tolist() == [0.0]
+
+
+def test_a_limit_on_the_acceleration_bounds_the_speed_in_a_bend(timed):
+    only = retimed(
+        CIRCLE, timed.timing.coefficients, timed.timing.knots, (True, False), [[1.0] * 4], ["acceleration"], [0.8]
+    )
+    assert np.asarray(qt.speed_profile(only).speed_bound) == pytest.approx(4.0)
+
+
+def test_a_stop_of_a_route_is_listed_with_its_duration():
+    """At the stop, nothing is undefined; in the drives beside it, values are those of the nearest moment."""
+    position = [[-12.0, 0, 0], [0, 0, 0], [0, 0, 0], [12, 1, 0.5]]
+    velocity = [[6.0, 0.3, 0], [0, 0, 0], [0, 0, 0], [6, 0.5, 0.2]]
+    route = qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
+    knots = [0.0, 1.5, 3.0, 8.0, 11.0]
+    profile = qt.speed_profile(retimed(route, [[1.0, 0, 0, 0]] * 4, knots, (False, False), np.zeros((3, 4))))
+    assert np.asarray(profile.stops) == pytest.approx(np.array([[3.0, 8.0]]))
+    assert profile.stop_distance[0] == pytest.approx(float(route.window(0.0, 3.0).length()), rel=1e-6)
+    assert profile.active.tolist() == [-1] * 4
+    for values in (profile.values, profile.tangential, profile.speed):
+        assert np.isfinite(values).all()
+    assert np.min(profile.speed_bound) > 0
+
+
+def test_batches_and_traces_are_refused(timed):
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), timed)
+    with pytest.raises(ValueError, match=r"a batch of shape \(2,\) was given"):
+        qt.speed_profile(many)
+    with pytest.raises(ValueError, match="concrete values"):
+        jax.jit(lambda x: qt.speed_profile(x).speed)(timed)
+
+
+def test_the_figure_colours_the_speed_by_its_limits(profile):
+    figure = profile.plot("On a circle")
+    speed, bars, *panels = figure.axes
+    legend = [text.get_text() for text in speed.get_legend().get_texts()]
+    assert legend == [
+        "lateral acceleration",
+        "longitudinal acceleration",
+        "excluded at constant speed",
+        "no limit reached",
+        "at rest",
+    ]
+    [second] = [line for line in speed.lines if line.get_label() == "lateral acceleration"]
+    drawn = np.isfinite(second.get_ydata())
+    assert second.get_xdata()[drawn][0] == pytest.approx(10.0)
+    assert [text.get_text() for text in bars.get_yticklabels()] == [
+        "speed  0 %",
+        "lateral acceleration  50 %",
+        "longitudinal acceleration  75 %",
+    ]
+    assert len(panels) == 2
+    limits = sorted(float(line.get_ydata()[0]) for line in panels[0].lines[-2:])
+    assert limits == [-0.5, 0.5]
+    assert panels[-1].get_xlabel() == "distance travelled [m]"
+    assert figure.get_suptitle() == "On a circle"
+
+
+def test_a_retimed_path_has_a_figure_and_a_dataset_of_both_paths(timed):
+    from qtraj.viz.drawable import drawable
+
+    assert len(timed.plot().axes) == 4
+    dataset = drawable(timed)
+    assert dataset["path"].values.tolist() == ["before", "after"]
+    assert dataset["reached_share"].sel(limit="lateral_acceleration").item() == pytest.approx(0.5)
+    assert dataset["finding_speed"].values.tolist() == ["", "proved"]
+    assert "speed_profile_figure" in figures.__all__

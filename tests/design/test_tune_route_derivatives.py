@@ -1,0 +1,116 @@
+"""Derivatives of tuned routes: against finite differences of the solved problem, forward against reverse mode."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.design.tuning_route import sensitivity
+
+NAMES = ("curvature", "speed", "lateral_acceleration")
+STEP = 1e-5
+"""The relative step of the finite differences."""
+
+
+def position(t):
+    s = 8 * t - 6 * np.sin(0.15 * t)
+    return np.stack([s, 6 * np.sin(0.06 * s), 0.5 * np.cos(0.02 * s)], axis=-1)
+
+
+def states(count=10, start=9.0, h=1e-3):
+    """Joint states of a drive in bends, too fast in one of them."""
+    t = start + np.arange(count + 1.0)
+    before, here, after = position(t - h), position(t), position(t + h)
+    return t - start, np.stack([here, (after - before) / (2 * h), (after - 2 * here + before) / h**2], axis=1)
+
+
+TIMES, STATES = states()
+THETA = (jnp.asarray(1.4), jnp.asarray(0.5), jnp.zeros((3, 3)), jnp.asarray(1.0))
+"""The limit on the lateral acceleration, the half-width of the tube, a change of the state at the end, and a factor of
+the times."""
+
+DIRECTION = (
+    jnp.asarray(1.0),
+    jnp.asarray(0.3),
+    jnp.asarray(np.random.default_rng(0).normal(0, 0.1, (3, 3))),
+    jnp.asarray(0.05),
+)
+
+
+def arguments(theta):
+    lateral, tube, end, slower = theta
+    joints = jnp.asarray(STATES).at[-1].add(end)
+    route = qt.Route(TIMES * slower, joints[:, 0], joints[:, 1], joints[:, 2])
+    return route, qt.Limits(curvature=0.0212, speed=9.5, lateral_acceleration=lateral), tube
+
+
+def tuned(theta):
+    route, limits, tube = arguments(theta)
+    result = qt.tune_route(route, limits, tube=tube)
+    return result.path.coefficients, result.path.duration, result.objective, result.displacement, result.delay
+
+
+@pytest.fixture(scope="module")
+def forward():
+    """Values and derivatives along `DIRECTION`, and the solution behind them."""
+    found = []
+    change = sensitivity._change
+
+    def seen(names, kind, solution, data, direction):
+        found.append((solution, data))
+        return change(names, kind, solution, data, direction)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sensitivity, "_change", seen)
+        values, slopes = jax.jvp(tuned, (THETA,), (DIRECTION,))
+    return values, slopes, *found[0]
+
+
+def test_derivatives_are_finite_differences_of_the_solved_problem(forward):
+    """The problem of the last search, with its margins, is solved again for data on both sides."""
+    _, slopes, found, data = forward
+    count = len(TIMES) - 1
+    length = sensitivity._length(found.problem, data, count, "nearest")
+
+    def solved(sign):
+        theta = jax.tree.map(lambda x, d: x + sign * STEP * d, THETA, DIRECTION)
+        route, limits, tube = jax.tree.map(jnp.asarray, arguments(theta))
+        bounds = jnp.stack([limits.given()[name] for name in NAMES])
+        data = sensitivity.Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube))
+        problem = sensitivity._with_data(found.problem, data, count, "nearest", length)
+        at, _, done = sensitivity.polished(NAMES, problem, found.at)
+        assert done
+        path, *rest = sensitivity._assembled(found.problem, data, at.z, route.origin, count, "nearest")
+        return path.coefficients, path.duration, *rest
+
+    for slope, above, below in zip(slopes, solved(1.0), solved(-1.0), strict=True):
+        known = (above - below) / (2 * STEP)
+        np.testing.assert_allclose(slope, known, rtol=1e-6, atol=1e-6 * np.abs(known).max())
+
+
+def test_reverse_mode_agrees_with_forward_mode(forward):
+    values, slopes, _, _ = forward
+
+    def number(theta):
+        coefficients, duration, objective, displacement, delay = tuned(theta)
+        return jnp.sum(coefficients**2) + duration + objective + jnp.sum(displacement**2) + delay
+
+    gradient = jax.grad(number)(THETA)
+    known = 2 * jnp.sum(values[0] * slopes[0]) + slopes[1] + slopes[2] + 2 * jnp.sum(values[3] * slopes[3]) + slopes[4]
+    found = sum(float(jnp.sum(a * b)) for a, b in zip(gradient, DIRECTION, strict=True))
+    assert found == pytest.approx(float(known), rel=1e-7)
+
+
+def test_values_are_those_without_derivatives(forward):
+    plain = tuned(THETA)
+    for a, b in zip(forward[0], plain, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    assert float(plain[2]) > 1e-4, "the limits change the route"
+
+
+@pytest.mark.parametrize("transform", [jax.jit, lambda f: jax.vmap(f, ((0, None, None, None),))])
+def test_jit_and_vmap_are_refused(transform):
+    theta = (jnp.ones(2), *THETA[1:]) if transform is not jax.jit else THETA
+    with pytest.raises(ValueError, match="needs concrete values"):
+        transform(tuned)(theta)
