@@ -362,7 +362,7 @@ def test_recorded_rates_are_compared_after_the_mounting_is_estimated(tmp_path):
     assert vertical.mounting is None
     np.testing.assert_allclose(vertical.rms, [0.01])
     np.testing.assert_allclose(vertical.correlation, [1.0])
-    with pytest.raises(ValueError, match=r"faster than min_speed = 100 m/s at fewer than 3 samples"):
+    with pytest.raises(ValueError, match=r"exceeds min_speed = 100 m/s at fewer than 3 samples"):
         qt.compare_rates(program, qt.Track(*parts, rates), 100)
     with pytest.raises(ValueError, match="no angular rates"):
         qt.compare_rates(program, track)

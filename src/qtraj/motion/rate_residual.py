@@ -97,8 +97,8 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     found = compare_fast(program, track, min_speed)
     if found is None:
         raise ValueError(
-            f"the path is faster than min_speed = {float(min_speed):g} m/s at fewer than {MIN_SAMPLES} samples of the "
-            "track, so there is nothing to compare: pass a smaller min_speed"
+            f"the path exceeds min_speed = {float(min_speed):g} m/s at fewer than {MIN_SAMPLES} samples of the track, "
+            "too few for a comparison: pass a smaller min_speed"
         )
     return found
 

@@ -177,6 +177,6 @@ def _require_crossing(va: Array, vb: Array) -> None:
         return
     if abs(a[0] * b[1] - a[1] * b[0]) <= PARALLEL_TOLERANCE * np.hypot(*a) * np.hypot(*b):
         raise ValueError(
-            f"the horizontal velocities {a.tolist()} and {b.tolist()} are parallel (or one is zero): their normals "
-            "do not intersect, so there is no axis between them. Pass a placement to SpiralHelix.hermite instead."
+            f"the horizontal velocities {a.tolist()} and {b.tolist()} are parallel, or one of them is zero, so they do "
+            "not determine the axis of the helix. Pass a placement to SpiralHelix.hermite instead."
         )

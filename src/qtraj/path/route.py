@@ -273,8 +273,8 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
     """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
     if c.ndim != 3 or c.shape[2] != 3 or c.shape[0] != starts.shape[0] or c.shape[1] > pieces.TERMS[-1]:
         raise ValueError(
-            f"the coefficients of a route must have shape (segments, terms, 3) with at most {pieces.TERMS[-1]} terms "
-            f"and {starts.shape[0]} segments, but an array of shape {c.shape} was given"
+            f"the coefficients must have shape ({starts.shape[0]}, terms, 3), one row per segment, with at most "
+            f"{pieces.TERMS[-1]} terms, but an array of shape {c.shape} was given"
         )
     route = object.__new__(Route)  # `Route()` requires joint states, but segments may be discontinuous at the joints
     starts, c = pieces.padded(starts, c)

@@ -146,10 +146,10 @@ def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
         smallest = with_unit(min_ratio * limit, quantity(name).unit)
         searched = "1 start" if starts == 1 else f"{starts} starts"
         return (
-            f"{name} was not satisfied even as the only limit (from {searched}); the smallest maximum found is "
-            f"{smallest}."
+            f"{name} was not satisfied, even without the other limits (searched from {searched}); "
+            f"the smallest maximum found is {smallest}."
         )
-    return f"{name} can be satisfied on its own, but was not satisfied together with the other limits."
+    return f"{name} can be satisfied alone; no path was found that satisfies all limits."
 
 
 def _raise_limits(

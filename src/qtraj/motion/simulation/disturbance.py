@@ -141,7 +141,8 @@ def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
         signature.bind(0.0)
     except TypeError as error:
         raise ValueError(
-            f"{name} must be a function of the time alone, t [s] -> (3,), but its signature is {signature}"
+            f"{name} must be a function of time only (it takes t [s] and returns shape (3,)), "
+            f"but its signature is {signature}"
         ) from error
 
 
