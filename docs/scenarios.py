@@ -24,14 +24,15 @@ COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS
 INTRODUCTION = """# Scenarios
 
 A scenario is a TOML file with the input of a command. This page lists all keys. A key is required if its default is
-"required". A dash means that the key has no default, or a default that the second column explains. Unknown keys and
-values of the wrong type are errors; the message names the key and the expected value. File names are relative to the
-scenario. Numbers are in SI units, except that in scenarios of `qtraj slew` and `qtraj simulate` the key `angles` sets
-the unit of all angles, including the angles in rates and accelerations. The folder `examples` contains complete
-scenarios, and `src/qtraj/io/data` contains the built-in scenarios, which the commands run if no scenario is given. The
-old key `[program.turn]` is read as `[program.slew]` until version 1.0, with a warning.
+"required". A dash means that the key has no default, or that the second column explains the default. Unknown keys and
+values of the wrong type are errors. The error message names the key and the expected value. File names are relative to
+the folder of the scenario. Numbers are in SI units, with one exception: in scenarios of `qtraj slew` and
+`qtraj simulate` the key `angles` sets the unit of all angles, including the angles in rates and accelerations. The
+folder `examples` contains complete scenarios. The folder `src/qtraj/io/data` contains the built-in scenarios, which the
+commands run if no scenario is given. Until version 1.0, the old key `[program.turn]` is accepted for `[program.slew]`,
+with a warning.
 
-`docs/scenarios.py` generates this page from the models that read the files: change the models, not this page.
+`docs/scenarios.py` generates this page from the models that read the files. So change the models, not this page.
 """
 
 
