@@ -28,9 +28,9 @@ Limit = ArrayInput | None
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
 
-The divisor is a difference of moments of inertia. The first is a bound on the rounding error, in machine epsilons, for
-a banked road. The second is a negligible number that keeps the divisor positive. The moment about n is not larger than
-the sum.
+The divisor is a difference of moments of inertia. The first term is a bound on the rounding error, in machine epsilons,
+for a banked road. The second term is a negligible number that keeps the divisor positive. The moment about n is not
+larger than the sum.
 """
 
 
@@ -171,7 +171,7 @@ class Limits(eqx.Module):
         return results
 
     def factors(self, dtype: Any = None) -> tuple[Any, ...]:
-        """Return the factors of the quantities whose limits are set, in the order of `given`; 1 if there is none."""
+        """Return the factor of each quantity whose limit is set, in the order of `given`; 1 for no factor."""
         return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:

@@ -25,12 +25,11 @@ OVERHANG = 1e-6
 class AttitudeResidual(AbstractResult):
     """The residual of recorded attitudes relative to a program, at all samples at which the program's frame is defined.
 
-    The recorded attitude is λ⁰(t)∘m∘δ(t) with the attitude λ⁰ of the program, a constant mounting m and a residual
-    rotation δ. `mounting` (4,): the unit quaternion m, which transforms from the axes of the recorder to the axes of
-    the program. `rms` and `maximum` [rad]: root mean
-    square and maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of each component of the rotation
-    vector of δ, in the axes of the recorder. `time` [s]: the time of the largest angle, measured from the first
-    sample. `samples`: the number of samples that were compared.
+    The recorded attitude is λ⁰(t)∘m∘δ(t), where λ⁰ is the attitude of the program, m a constant mounting and δ a
+    residual rotation. `mounting` (4,): the unit quaternion m, which transforms from the axes of the recorder to the
+    axes of the program. `rms` and `maximum` [rad]: the root mean square and the maximum of the angle of δ. `axis_rms`
+    (3,) [rad]: root mean square of each component of the rotation vector of δ, in the axes of the recorder. `time` [s]:
+    the time of the largest angle, measured from the first sample. `samples`: the number of samples that were compared.
     """
 
     mounting: Quat

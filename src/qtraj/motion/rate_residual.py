@@ -1,4 +1,4 @@
-"""Compare recorded angular rates with the program of a path, after removing the constant mounting of the gyro."""
+"""Compare recorded angular rates with an attitude program, after removing the constant mounting of the gyro."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does not
     change the correlation.
 
-    Not differentiable.
+    The result is not differentiable.
 
     **Raises:** ValueError for a track without rates, a track that lasts longer than the program, fewer than three
     samples above `min_speed`, and inside a trace.

@@ -81,7 +81,7 @@ class PathChange(AbstractResult):
 
     @property
     def text(self) -> str:
-        """The changes of heading and height in words."""
+        """A description of the changes of heading and height."""
         start, end = (_in_words(turn) for turn in np.asarray(self.headings).tolist())
         low, high = (round(float(change), 2) + 0.0 for change in (self.lowest, self.highest))
         return (
@@ -123,7 +123,7 @@ def compare_paths(
 ) -> PathChange:
     """Compare the original path `before` with the path `after`, for example a tuned path.
 
-    Each path is sampled at 513 equally spaced instants of its own duration. `given` are the requested boundary states;
+    Each path is sampled at 513 equally spaced instants over its duration. `given` are the requested boundary states;
     the result contains their velocities.
     """
     was, now = sampled(before), sampled(after)
@@ -181,7 +181,7 @@ def _heading_change(before: Vec3, after: Vec3) -> Any:
 
 
 def _in_words(turn: float) -> str:
-    """Describe a change of heading [rad] in words."""
+    """Describe a change of heading [rad]."""
     if math.isnan(turn):
         return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)

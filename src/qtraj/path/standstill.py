@@ -3,7 +3,7 @@
 A path has no tangent at an instant at which its velocity is zero. Let the derivative of order m + 1 be the first
 derivative that is not zero at this instant, and s the time from this instant. Near this instant the velocity is, to
 leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this direction,
-the forces at the stop are the limits of the forces during the motion.
+the forces at the stop are the limiting values of the forces during the motion.
 """
 
 from collections.abc import Callable

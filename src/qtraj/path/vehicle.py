@@ -67,7 +67,8 @@ class Vehicle(eqx.Module):
       that the path requires.
     - `bank` [rad]: the rotation of the road about the direction of motion. It is 0 if the road is level in the lateral
       direction, and positive if the left side is lower, as in a banked left turn. By the right-hand rule this is a
-      negative rotation about the forward axis. In the opposite direction, the same road has the opposite bank.
+      negative rotation about the forward axis. In the opposite direction of travel, the same road has the opposite
+      bank.
     - `air_density` ρ [kg/m³], `gravity` g [m/s²], along −z.
 
     All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
@@ -148,7 +149,7 @@ class Vehicle(eqx.Module):
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if there is none.
 
-    **Raises:** ValueError if `vehicle` is not a Vehicle; the message states that `what` needs one.
+    **Raises:** ValueError if `vehicle` is not a Vehicle; the message says that `what` needs one.
     """
     if not isinstance(vehicle, Vehicle):
         given = "none was given" if vehicle is None else f"{vehicle!r} was given"
@@ -159,7 +160,7 @@ def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia.
 
-    **Raises:** ValueError if there is no vehicle or no inertia; the message states that `what` needs it.
+    **Raises:** ValueError if there is no vehicle or no inertia; the message says that `what` needs it.
     """
     vehicle = require_vehicle(vehicle, what)
     if vehicle.inertia is None:
@@ -170,7 +171,7 @@ def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
 
-    **Raises:** ValueError if there is no such inertia; the message states that `what` needs it.
+    **Raises:** ValueError if there is no such inertia; the message says that `what` needs it.
     """
     vehicle = require_inertia(vehicle, what)
     if has_principal_inertia(vehicle):

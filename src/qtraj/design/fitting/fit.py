@@ -6,9 +6,9 @@ starting points. The unit of length is the mean turning radius R = L/|θ|, where
 which the travel direction turns. The origin is the centre of the window, so that large world coordinates do not reduce
 the precision.
 
-Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about an axis that touches the path,
-fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. The
-augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
+Without bounds the axis would diverge, because polynomials of ρ and φ about a far axis, or about an axis that touches
+the path, fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend.
+The augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -78,7 +78,8 @@ def fit(
 
     **Raises:** ValueError for an unknown motion, for sigmas, bounds or `max_steps` that are not positive, for bounds
     that allow no fit, for too few samples, or if the vehicle stands still, hardly moves, drives nearly straight, or
-    drives through bends that cancel. RuntimeError with `throw` if the search did not converge or the fit is poor.
+    drives through bends that cancel each other. RuntimeError with `throw` if the search did not converge or the fit is
+    poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")

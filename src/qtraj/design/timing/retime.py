@@ -208,7 +208,7 @@ def _judged(
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
     ends = jnp.sqrt(jnp.maximum(squares, 0.0)) * pace
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
-    # Rest at an end changes the structure of the problem, which a traced value cannot do: then report `rest_unknown`.
+    # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))
     unbounded = jnp.max(powers[:, 0]) > 0.5 * LARGEST
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)

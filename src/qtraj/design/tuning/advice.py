@@ -195,7 +195,7 @@ def _move_number(tasks: Task, limits: dict[str, float], result: SearchResult, op
 def _move_until_met(
     tasks: Task, limits: dict[str, float], result: SearchResult, k: int, options: SearchOptions
 ) -> float | None:
-    """Change one boundary value until the limits can be satisfied; return the new value, or None without success."""
+    """Change one boundary value until the limits can be satisfied; return the new value, or None if this fails."""
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MAX_MOVES):

@@ -108,7 +108,7 @@ class Tuned(AbstractOutcome):
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one problem in words, with advice."""
+        """Describe the result of one problem, with advice."""
         code, steps, radius, duration = (
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )

@@ -73,15 +73,15 @@ def tune(
     axis. If the states are far from this axis, pass a placement such as `axis_between(start, end)`. The path turns in
     the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the signed angle `turn` [rad].
 
-    The variables have the names "start.V_rho", "start.V_phi", "start.V_h" [m/s], the same for "end", and "duration"
-    [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the variables that
-    keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the direction of the
-    horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly. `bounds` maps
-    names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of the squared
-    changes in "nearest".
+    The variables have the names "start.V_rho", "start.V_phi", "start.V_h", "end.V_rho", "end.V_phi", "end.V_h" [m/s]
+    and "duration" [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the
+    variables that keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the
+    direction of the horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly.
+    `bounds` maps names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of
+    the squared changes in "nearest".
 
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
-    difference of the azimuths measured along the arc (an upper bound on the straight distance). The corridor is an
+    difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
 
     `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If no

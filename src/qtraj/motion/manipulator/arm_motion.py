@@ -27,7 +27,8 @@ class ArmMotion(AbstractOutcome):
     Jacobian (in rad and m), or, without a path, of the three rows for ω. `angular_acceleration_error` (n,) [rad/s²] and
     `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded acceleration of the
     gripper; without active damping, they are zero up to round-off. Without a path, `distance` and `acceleration_error`
-    are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: the result in words.
+    are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: a description of the
+    result.
     """
 
     times: Float[Array, "*batch n"]
@@ -79,7 +80,7 @@ class ArmMotion(AbstractOutcome):
         document.save(self, file)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words, with the largest deviation of the gripper's acceleration from the command."""
+        """Describe the result, with the largest deviation of the gripper's acceleration from the command."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = "finished: every instant was reached." if code == ResultCode.successful else code.text
         errors = {"rad/s²": self.angular_acceleration_error, "m/s²": self.acceleration_error}
@@ -128,7 +129,7 @@ class ArmMotion(AbstractOutcome):
                 "magnitude of the actual minus the commanded acceleration of the gripper",
                 (along,),
             ),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         summary = (

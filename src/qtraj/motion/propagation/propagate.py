@@ -33,7 +33,7 @@ class Propagation(AbstractOutcome):
 
     `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error of the last attitude and of ln|λ|²,
     including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from the error without
-    round-off. `result`: the result in words.
+    round-off. `result`: a description of the result.
     """
 
     times: Float[Array, " n"]
@@ -49,7 +49,7 @@ class Propagation(AbstractOutcome):
         self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one propagation in words, with the error estimate if the estimate is too large."""
+        """Describe the result of one propagation, with the error estimate if the estimate is too large."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         if code == ResultCode.successful:
             return "the propagation reached its tolerance."
@@ -68,7 +68,7 @@ class Propagation(AbstractOutcome):
             ),
             "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
             "steps": Quantity(self.steps, "1", "number of steps"),
-            "result": Quantity(texts, "", "the result in words"),
+            "result": Quantity(texts, "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"

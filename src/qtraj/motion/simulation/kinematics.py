@@ -52,7 +52,7 @@ def integrate(
     reverse mode in large batches, `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number
     of steps between two instants.
 
-    If the integration fails, `code` and `result` of the solution state the reason for each element of a batch, and
+    If the integration fails, `code` and `result` of the solution give the reason for each element of a batch, and
     values at instants that were not reached are NaN. If `throw` is true, an error is raised instead.
 
     **Raises:** ValueError for times that do not increase strictly, or that are too far from zero to be resolved in

@@ -65,8 +65,8 @@ def simulate(
     exact measurements. `actuator`: an `Actuator`, which can limit the command and hold it between samples; None for no
     limit and no hold. With a sampled sensor or actuator, the command changes at the samples only. `jumps` [s]: instants
     at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the tolerances,
-    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate: `rate` then
-    determines the dtype only, and a disturbance is not possible.
+    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In this case
+    `rate` determines only the dtype, and a disturbance is not possible.
 
     `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
     assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and
