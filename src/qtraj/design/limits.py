@@ -60,8 +60,8 @@ class Limits(eqx.Module):
       that rotates the vehicle with the natural trihedral.
 
     A bank would roll the axes of inertia, so it must be zero, unless the moments of inertia about n and b are equal.
-    With traced values of inertia or bank this is not checked: if the axes are not principal axes, the certificate is
-    "undecided" and its values are NaN.
+    This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the certificate
+    is "undecided" and its values are NaN.
 
     **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
     moment without a vehicle, and for a limit on a moment without such an inertia.

@@ -82,10 +82,10 @@ def compare_attitude(
 
     `mounting` (4,): the attitude of the recorder relative to the program's axes, not necessarily normalised. With None,
     the mounting is estimated as the average of λ̄⁰∘λ, where λ are the recorded attitudes and λ⁰ the attitudes of the
-    program; the average minimises the sum of squared chordal distances (Markley, Cheng, Crassidis and Oshman,
+    program. The average minimises the sum of squared chordal distances (Markley, Cheng, Crassidis and Oshman,
     "Averaging quaternions", JGCD 30, 2007). The signs and norms of the recorded quaternions have no effect. A frame
-    that flips, such as the natural frame at an inflection point, causes a large residual: use `FrameProgram(path,
-    Upright())` for vehicles.
+    that flips, such as the natural frame at an inflection point, causes a large residual. For vehicles use
+    `FrameProgram(path, Upright())`.
 
     Samples at which the frame of the program is not defined, for example at a stop, are not compared.
 

@@ -77,12 +77,12 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     """Compare the recorded angular rates of `track` with `program`, which starts at the first sample of the track.
 
     Samples are compared if the speed of the path exceeds `min_speed` [m/s] and the rate of the program is finite. With
-    rates (n, 3), the mounting of the gyro is estimated: it minimises the sum of squared differences between the rotated
-    recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of vectors",
-    Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and the
-    mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates (n,
-    1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does not
-    change the correlation.
+    rates (n, 3), the mounting of the gyro is estimated. The estimate minimises the sum of squared differences between
+    the rotated recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of
+    vectors", Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and
+    the mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates
+    (n, 1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does
+    not change the correlation.
 
     The result is not differentiable.
 

@@ -25,7 +25,7 @@ PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""Ratio of the lengths or of the durations of the two paths above which `warning` is not None."""
+"""`warning` is not None if the length or the duration of the tuned path exceeds the original by this factor."""
 SLOWER = "takes {:.3g} times as long"
 
 

@@ -31,8 +31,8 @@ def driven_invariants(
 ) -> Invariants:
     """Return the invariants of the derivatives `rows` up to `ORDER`; they are also defined where the speed is zero.
 
-    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop, or
-    at the end of the path by a vector in the direction of the motion before the stop. If all derivatives are zero, as
+    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop. At
+    the end of the path, the direction of the motion before the stop is used instead. If all derivatives are zero, as
     for a parked vehicle, the vector is horizontal.
     """
     zero = jnp.zeros_like(rows[0][0])

@@ -56,9 +56,9 @@ class Vehicle(eqx.Module):
     """A vehicle on a road, modelled as a point mass with tyre friction, resistance and, for moments, an inertia.
 
     - `mass` [kg].
-    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The
-      vehicle's axes are those of the frame, rolled by the bank about the first axis: forward, left, and normal to the
-      road for an upright frame.
+    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The vehicle's
+      axes are the axes of the frame, rolled by the bank about the first axis. For an upright frame they point forward,
+      left, and normal to the road.
     - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag is ½ρC_dA v².
     - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load. It is a moment on
       each wheel, so it contributes to the power, but not to the forces of the road on the tyres.

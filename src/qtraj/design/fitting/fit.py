@@ -63,7 +63,7 @@ def fit(
 
     The fit minimises the sum of (position error / `position_sigma` [m])² over the samples and, if velocities are
     recorded, of (velocity error / `velocity_sigma` [m/s])². Only the ratio of the sigmas changes the path. Windows
-    shorter than 200 `position_sigma` are rejected. `radius_bounds` (low, high) [m] bound ρ on the whole path; the
+    shorter than 200 `position_sigma` are rejected. `radius_bounds` (low, high) [m] bound ρ on the whole path. The
     default is from a quarter of the mean turning radius to twice this radius.
 
     The result contains the fitted `path`, the `residual` of the fit, and a `result` text with advice. A fit is loose if

@@ -52,8 +52,8 @@ def fit_route(
 
     Time 0 of the route is the time of the first sample. `knots` [s] is the knot spacing, or an array of knot times that
     increase from 0 to the duration. `smoothing` [s⁵] is the weight of ∫|r⃛|²dt relative to the sum of squared distances
-    [m²]. By default both are chosen by cross-validation: they minimise the error of the predicted velocities in
-    held-out intervals of 1.5 s (or of the predicted positions, if no velocities are recorded). With a `tolerance` [m],
+    [m²]. By default both are chosen by cross-validation. They minimise the error of the predicted velocities in
+    held-out intervals of 1.5 s, or of the predicted positions if no velocities are recorded. With a `tolerance` [m],
     the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
 
     A stop is an interval of at least one second in which the vehicle stays within 0.1 m and is slower than 0.5 % of its

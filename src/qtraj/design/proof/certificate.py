@@ -57,8 +57,8 @@ WHERE_UNDEFINED = {
 def contradicted(names: Sequence[str], codes: Any, values: Any, bounds: Any) -> Any:
     """Return a mask of the limits with the status "broken" whose values do not exceed the limit.
 
-    This occurs only for quantities with a factor: the limit divided by the factor is rounded down, which is safe for
-    proofs that the limit is satisfied, but not for the status "broken".
+    This occurs only for quantities with a factor, because the limit divided by the factor is rounded down. Rounding
+    down is safe for proofs that the limit is satisfied, but not for the status "broken".
     """
     has_factor = np.broadcast_to([quantity(name).factor is not None for name in names], np.shape(codes))
     return has_factor & (codes == BROKEN) & (values <= bounds)

@@ -51,8 +51,8 @@ SLOWED = 1e-4
 """If the solution of the last search must be slowed down by more than this fraction of a, it has not converged."""
 
 RANGE, RAMP, SMOOTHED = 1e3, 32, 32
-"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest, a grows from 0 to the largest bound
-in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
+"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest bound. The function a grows from 0 to
+the largest bound in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
 
 
 class Problem(NamedTuple):

@@ -4,7 +4,7 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays, which become one loop over the nodes; reductions of stacked arrays
+Sums over short axes are written as sums of arrays, which become one loop over the nodes. Reductions of stacked arrays
 are about 20 times slower.
 """
 

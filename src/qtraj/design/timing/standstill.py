@@ -36,7 +36,7 @@ def with_stops(route: Route, s: Segments, speed: float, distance: float) -> Rout
     """Return the route with stops instead of slow motion.
 
     An interval in which the speed is at most `speed` [m/s] is replaced, unless the vehicle moves more than `distance`
-    [m] in it, or the interval is a stop already: the vehicle is at rest at some instant and never turns back.
+    [m] in it, or the interval is already a stop. In a stop the vehicle is at rest at some instant and never turns back.
     """
     found = [x for x in (_stop(s, *interval, speed, distance) for interval in stops(s, speed)) if x is not None]
     if not found:

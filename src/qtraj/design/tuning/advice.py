@@ -3,7 +3,7 @@
 The minimum violation is a smooth function of the boundary data as long as the active constraints do not change. The
 gradient of this function is the sum of the gradients of the constraints, weighted by their multipliers (envelope
 theorem). With this gradient, Newton's method finds the required change of one boundary value. Every remedy in the
-advice was checked: with the remedy, sequential quadratic programming from the same starts satisfies the limits.
+advice was checked: sequential quadratic programming from the same starts, with the remedy, satisfies the limits.
 """
 
 import dataclasses

@@ -68,7 +68,7 @@ def tune(
     and, for "hermite" motion, of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or
     a differentiable function of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω;
     "hermite" varies all six components and, unless the objective is "smoothest", the duration. `duration` [s] is the
-    initial duration of "hermite", and the fixed duration of "smoothest"; the default is the turn divided by an average
+    initial duration of "hermite", and the fixed duration of "smoothest". The default is the turn divided by an average
     of the angular rates of the initial states. The path turns about the z axis of `placement`, by default the world's z
     axis. If the states are far from this axis, pass a placement such as `axis_between(start, end)`. The path turns in
     the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the signed angle `turn` [rad].

@@ -111,7 +111,7 @@ def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
     own, c = same_terms(pieces.hermite(h, states), c)
     xp, count = pieces.arithmetic(own, c), len(h)
     exponents = np.arange(own.shape[1], dtype=float)[None]
-    # Separate powers: the derivative of 0⁰ with respect to its basis would be NaN.
+    # Separate powers, because the derivative of 0⁰ with respect to its base would be NaN.
     rows = xp.einsum("fk,nk,nkc->cfn", nodes[:, None] ** exponents, h[:, None] ** exponents, own - c)
     rows = rows * moving[None, None, :count]
     return xp.pad(rows, [(0, 0), (0, 0), (0, len(moving) - count)])

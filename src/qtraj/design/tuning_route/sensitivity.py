@@ -39,7 +39,7 @@ for which the conditions are differentiated; and the largest residual accepted t
 noticeably increase the rounding errors of the derivatives."""
 
 REFINEMENTS = 2
-"""Number of refinements of the solution of the linear system, which is ill-conditioned."""
+"""Number of iterative refinements of the solution; the linear system is ill-conditioned."""
 
 DECREASE, KEEP = 0.2, 0.995
 """The barrier parameter decreases by this factor in each step; slacks decrease by at most this fraction."""
@@ -163,7 +163,8 @@ class _Newton(NamedTuple):
 def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate, chain.Chain, Array]:
     """Refine an iterate until it satisfies the optimality conditions; return it, the matrix, and whether it converged.
 
-    The slacks and multipliers start from a larger barrier parameter: with tiny slacks, steps would be too short.
+    The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
+    short.
     """
     found = _polished(names, problem, at, np.asarray(BARRIERS[0]))
     for barrier in BARRIERS[1:]:

@@ -51,7 +51,7 @@ def tune_route(
       original speed, and δh is the change of the duration h of the segment;
     - "smoothest" [m²/s⁵]: ∫|r⃛|²dt; the duration of the route, or of each part between stops, does not change;
     - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
-      search adds a term of the squared jerk, which is about 0.1 % of the duration.
+      search adds a term with the squared jerk; this term is about 0.1 % of the duration.
 
     `fixed`: the states of the joints that do not change, bool (n,), or (n, 3) for position, velocity and acceleration
     separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of the route

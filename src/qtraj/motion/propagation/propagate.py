@@ -97,7 +97,7 @@ def propagate(
     |q0| exp(½∫ω0 dt) to round-off. `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are
     chosen for a total error of `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32. `times` determine
     only the output, and need not resolve the motion. An event in ω that is much shorter than an eighth of the time span
-    can be missed, because ω is evaluated at nodes only: add an output time during the event.
+    can be missed, because ω is evaluated only at nodes. In this case add an output time during the event.
 
     With `steps`, each interval between two output times has this number of equal steps, and no error is estimated.
 

@@ -58,7 +58,7 @@ def simulate(
 
     `times` (n,) [s]: increasing instants, measured from the start of the program; `quaternion` and `rate` are the state
     at times[0]. `sign`: λ and −λ represent the same attitude. "nearer" starts with the quaternion nearer to the
-    program; with the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
+    program. With the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
     `quaternion`: use it after `control.place` or `control.choose_sign`, which also consider the rate, or to study such
     rotations. Only a `HystereticLaw` changes the sign later. `disturbance`: a `DisturbanceTorque`, a
     `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes. `sensor`: `Sensor` or `Gyros`; None for
