@@ -45,7 +45,7 @@ class Limits(eqx.Module):
     - `jerk` |r⃛| [m/s³].
     - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis.
 
-    With a `vehicle`, on a road that is level across or has the vehicle's bank angle:
+    With a `vehicle`, on a road that is level in the lateral direction or has the vehicle's bank angle:
 
     - `friction`: the fraction of the available grip that is used, √((F_τ/μ_τ)² + (F_n/μ_n)²)/F_b [-] (friction
       ellipse); 1 is the maximum grip.

@@ -39,8 +39,8 @@ class PathChange(AbstractResult):
 
     The following values compare the tuned path with the original path:
 
-    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN if a direction
-      is undefined.
+    - `headings` (2,) [rad]: the changes of the direction of travel at the start and the end, positive to the left; NaN
+      if a direction is undefined.
     - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
     - `deviation` [m]: the largest distance of a point of the tuned path from the original path.
 
@@ -99,7 +99,7 @@ class PathChange(AbstractResult):
             "mean_rate": Quantity(self.mean_rates, "rad s-1", "mean rate about the axis", ("path",)),
             "length": Quantity(self.lengths, "m", "length", ("path",)),
             "heading_change": Quantity(
-                self.headings, "rad", "change of the direction of travel, left positive", ("end",)
+                self.headings, "rad", "change of the direction of travel, positive to the left", ("end",)
             ),
             "lowest_change": Quantity(self.lowest, "m", "change in height of the lowest point"),
             "highest_change": Quantity(self.highest, "m", "change in height of the highest point"),
@@ -174,7 +174,7 @@ def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
 
 
 def _heading_change(before: Vec3, after: Vec3) -> Any:
-    """Return the change [rad] of the horizontal direction, left positive; NaN if a vector is vertical or zero."""
+    """Return the horizontal change of direction [rad], positive to the left; NaN if a vector is vertical or zero."""
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)

@@ -102,7 +102,7 @@ class Track(AbstractResult):
 
     @property
     def turn(self) -> Scalar:
-        """The turn [rad] of the horizontal direction of travel from the first to the last sample, left positive.
+        """The turn [rad] of the horizontal direction of travel from the first to the last sample, positive to the left.
 
         The turn is computed from the recorded velocities, or from chords between positions. Samples slower than a
         twentieth of the maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean

@@ -29,7 +29,7 @@ class Fitted(AbstractOutcome):
     """The result of `fit`.
 
     - `path`: the spiral-helix; its time 0 is the time of the first sample.
-    - `residual`: the differences between path and recording.
+    - `residual`: the differences between the path and the recording.
     - `code`: a `ResultCode`; `result` explains it and gives advice.
     - `iterations`: the number of steps of the best search.
     - `radius_bounds` [m]: the bounds of the radius on the whole path.

@@ -223,8 +223,8 @@ def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 2 cells+1"]:
 def _initial(p: Program) -> Float[Array, " cells+3"]:
     """Return coefficients of the smoothed fastest timing for the upper bounds and the longitudinal acceleration.
 
-    With the kinetic energy E and the path length x, which here is measured in units of 2/(largest acceleration), the
-    limits are an upper bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
+    Let E be the kinetic energy, and x the path length in units of 2/(largest acceleration). The limits are an upper
+    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size

@@ -34,12 +34,12 @@ Lower = Sequence[Sequence[Any]]
 class Nodes(NamedTuple):
     """The nodes of a spline; derivatives are with respect to the parameter in units of the knots.
 
-    Column j contains knot j and the node inside cell j. The last column contains the last knot; its second node does
-    not exist and is treated as a node at rest, which has no influence.
+    Column j contains knot j and the node inside cell j. The last column contains the last knot. The second node of this
+    column does not exist; it is treated as a node at rest, so it has no influence.
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
     matrices from the coefficients j to j + 3 to values and derivatives. `free` is 0 for the coefficient at an end at
-    rest, which must be zero, and 1 for all others; `standing` is 1 for nodes at rest.
+    rest, because this coefficient must be zero, and 1 for all others. `standing` is 1 for nodes at rest.
     """
 
     place: Float[np.ndarray, "2 cells+1"]

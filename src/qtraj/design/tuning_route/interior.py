@@ -1,8 +1,8 @@
 """Tune a route by a primal-dual interior-point method in one compiled loop.
 
-The inequalities are written as g(z) + s = 0 with slacks s ≥ 0, which a logarithmic barrier with the parameter μ → 0
-keeps positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
-2006, sections 2 and 3). Second derivatives are exact; if the matrix is not positive definite, a multiple of the
+The inequalities are written as g(z) + s = 0 with slacks s. A logarithmic barrier with the parameter μ → 0 keeps the
+slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
+2006, sections 2 and 3). Second derivatives are exact. If the matrix is not positive definite, a multiple of the
 identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
 """
 

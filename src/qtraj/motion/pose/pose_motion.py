@@ -23,8 +23,8 @@ class PoseMotion(AbstractOutcome):
     `quaternion` (n, 4) is not normalised. `rate` (n, 4) [rad/s] is in body axes, with the virtual rate ω0 = d/dt ln|λ|²
     first. `command` (n, 4) [rad/s²]: the commanded angular acceleration, body axes, virtual part first. `error` (n, 8):
     the dual error quaternion M, with the real part μ first. `distance` (n,) [m]: the magnitude of the position error.
-    `angle` (n,) [rad]: the angle between body and program. Values at instants that were not reached are NaN. `code`: a
-    `ResultCode`. `result`: a description of the result.
+    `angle` (n,) [rad]: the angle between the body and the program. Values at instants that were not reached are NaN.
+    `code`: a `ResultCode`. `result`: a description of the result.
     """
 
     times: Float[Array, "*batch n"]

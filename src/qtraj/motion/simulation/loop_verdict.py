@@ -36,7 +36,8 @@ MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
 class LoopVerdict(AbstractOutcome):
     """The assessment of a simulated closed loop; values that are not defined are NaN.
 
-    - `initial_angle`, `final_angle` [rad]: the angle between body and program at the first and the last instant.
+    - `initial_angle`, `final_angle` [rad]: the angle between the body and the program at the first and the last
+      instant.
     - `settling_time` [s]: the time after which the angle stays within `settled_angle` [rad].
     - `peak_command`: the largest magnitude of the physical command [rad/s²; rad/s for a rate law], at `peak_time` [s].
       `peak_components` (3,): the largest absolute value of the command about each body axis.

@@ -45,7 +45,7 @@ class Solution(AbstractOutcome):
     `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: the virtual rate ω0 = d/dt ln|λ|² first, then the
     physical rate. Solutions of `simulate` and `open_loop` also contain `command` (n, 4), the limited command in body
     axes, in rad/s² or in rad/s for a rate law; `error` (n, 4), the error quaternion of the law; and `angle` (n,) [rad],
-    the angle between body and program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
+    the angle between the body and the program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
     `ResultCode`. `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body"
     or "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion`
     with torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
