@@ -51,7 +51,7 @@ class Residual(AbstractResult):
     `velocity_rms` [m/s] refers to the difference of the velocities, and `direction_rms` [rad] to the angle between the
     recorded velocity and the tangent of the path at samples where the vehicle moves. Both are None if no velocities
     were recorded. `turn` [rad] is the turn of the recorded direction of travel, positive to the left (`path.turn` is
-    the angle about the axis).  `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if
+    the angle about the axis). `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if
     the path is not a spiral-helix.
     """
 

@@ -1,9 +1,9 @@
 """Compute the direction of motion of a vehicle at rest, on which the forces on the vehicle depend.
 
 A path has no tangent at an instant at which its velocity is zero. Let the derivative of order m + 1 be the first
-derivative that is not zero at this instant, and s the time from this instant. Near this instant the velocity is, to
-leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this direction,
-the forces at the stop are the limiting values of the forces during the motion.
+derivative that is not zero at this instant, and let s be the time from this instant. Near this instant the velocity is,
+to leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this
+direction, the forces at the stop are the limiting values of the forces during the motion.
 """
 
 from collections.abc import Callable

@@ -69,9 +69,9 @@ def fit(
     The result contains the fitted `path`, the `residual` of the fit, and a `result` text with advice. A fit is loose if
     the RMS horizontal distance of the samples from the path exceeds 3 % of the radius of the turn (its length divided
     by its total turning angle), or if the speed differs from the recorded speed by more than 25 % of the RMS recorded
-    speed. Above 10 % or 50 %, respectively, a fit is poor, which counts as a failure. The fit does not use recorded
-    attitudes. The field `attitude` of the result contains the differences between recorded attitudes and the upright
-    frame of the path (see `compare_attitude`).
+    speed. If these values exceed 10 % or 50 %, respectively, the fit is poor, which counts as a failure. The fit does
+    not use recorded attitudes. The field `attitude` of the result contains the differences between recorded attitudes
+    and the upright frame of the path (see `compare_attitude`).
 
     Use float64. The data must have concrete values, because the fit cannot be differentiated with respect to the
     recording. The fitted path is differentiable like any other path.

@@ -18,7 +18,7 @@ BELOW = 3
 """Number of subdiagonals."""
 
 SIZES = ((150, 16), (600, 24), (2100, 48), (10**9, 64))
-"""Pairs of a number of unknowns, up to which the pair applies, and the number of rows in a block."""
+"""Pairs of a maximum number of unknowns, and the number of rows in a block up to this maximum."""
 
 
 def total(terms: Iterable[Any]) -> Any:

@@ -31,7 +31,7 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 
 NEAR = 0.1
-"""Fraction of the smaller of |μ(0)| and 1 below which |μ| counts as near zero."""
+"""|μ| counts as near zero if it is below this fraction of the smaller of |μ(0)| and 1."""
 
 
 def simulate(
