@@ -28,9 +28,9 @@ Limit = ArrayInput | None
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
 
-The divisor is a difference of moments of inertia. The first is a bound on the rounding error, in machine epsilons, for
-a banked road. The second is a negligible number that keeps the divisor positive. The moment about n is not larger than
-the sum.
+The divisor is a difference of moments of inertia. The first term is a bound on the rounding error, in machine epsilons,
+for a banked road. The second term is a negligible number that keeps the divisor positive. The moment about n is not
+larger than the sum.
 """
 
 
@@ -45,7 +45,7 @@ class Limits(eqx.Module):
     - `jerk` |r⃛| [m/s³].
     - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis.
 
-    With a `vehicle`, on a road that is level across or has the vehicle's bank angle:
+    With a `vehicle`, on a road that is level in the lateral direction or has the vehicle's bank angle:
 
     - `friction`: the fraction of the available grip that is used, √((F_τ/μ_τ)² + (F_n/μ_n)²)/F_b [-] (friction
       ellipse); 1 is the maximum grip.
@@ -60,8 +60,8 @@ class Limits(eqx.Module):
       that rotates the vehicle with the natural trihedral.
 
     A bank would roll the axes of inertia, so it must be zero, unless the moments of inertia about n and b are equal.
-    With traced values of inertia or bank this is not checked: if the axes are not principal axes, the certificate is
-    "undecided" and its values are NaN.
+    This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the certificate
+    is "undecided" and its values are NaN.
 
     **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
     moment without a vehicle, and for a limit on a moment without such an inertia.
@@ -171,7 +171,7 @@ class Limits(eqx.Module):
         return results
 
     def factors(self, dtype: Any = None) -> tuple[Any, ...]:
-        """Return the factors of the quantities whose limits are set, in the order of `given`; 1 if there is none."""
+        """Return the factor of each quantity whose limit is set, in the order of `given`; 1 for no factor."""
         return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:

@@ -1,10 +1,10 @@
 """Find the maxima of a smooth function of time, cell by cell.
 
 The interval [0, duration] is divided into cells about equally spaced nodes. In each cell, Newton's method starts from
-the node and refines the maximum; the node and the borders of the cell are candidates as well. The largest value is the
+the node and refines the maximum. The node and the borders of the cell are candidates, too. The largest value is the
 maximum over the whole interval, unless a peak is narrower than a cell. Differentiation treats the times t* of the
-maxima as constants. The gradient of f(t*, x) with respect to parameters x is still exact: inside a cell ∂f/∂t = 0 at
-the maximum (envelope theorem), and on the border of a cell t* is fixed.
+maxima as constants. The gradient of f(t*, x) with respect to parameters x is still exact, because ∂f/∂t = 0 at a
+maximum inside a cell (envelope theorem), and t* is fixed on the border of a cell.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -52,7 +52,7 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
     """Return the time of the maximum of f(path, t) in each of `cells` cells, as a fraction of the duration.
 
-    The times are constant in differentiation.
+    Differentiation treats the times as constants.
     """
     nodes, low, high = _cells(path, cells)
     # Exclude the search from differentiation, because its derivatives would only increase the cost.

@@ -1,4 +1,4 @@
-"""Compute the speed along a retimed path, and the limit that bounds the speed at each place."""
+"""Compute the speed along a retimed path, and the limit that bounds the speed at each point of the path."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class SpeedProfile(AbstractResult):
     For the whole path:
 
     - `limits` (k,), and `shares` (k,): the fraction of the distance on which each limit is reached to 99 % or more.
-      Several limits may be reached at one place.
+      Several limits may be reached at the same point.
     - `durations` (2,) [s] of the original and of the retimed path.
     - `stops` (s, 2) [s]: the time intervals at rest; for a start or an end at rest, the interval has zero length.
     - `stop_distance` (s,) [m]: the distances at which the vehicle is at rest.

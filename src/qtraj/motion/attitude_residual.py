@@ -25,12 +25,11 @@ OVERHANG = 1e-6
 class AttitudeResidual(AbstractResult):
     """The residual of recorded attitudes relative to a program, at all samples at which the program's frame is defined.
 
-    The recorded attitude is λ⁰(t)∘m∘δ(t) with the attitude λ⁰ of the program, a constant mounting m and a residual
-    rotation δ. `mounting` (4,): the unit quaternion m, which transforms from the axes of the recorder to the axes of
-    the program. `rms` and `maximum` [rad]: root mean
-    square and maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of each component of the rotation
-    vector of δ, in the axes of the recorder. `time` [s]: the time of the largest angle, measured from the first
-    sample. `samples`: the number of samples that were compared.
+    The recorded attitude is λ⁰(t)∘m∘δ(t), where λ⁰ is the attitude of the program, m a constant mounting and δ a
+    residual rotation. `mounting` (4,): the unit quaternion m, which transforms from the axes of the recorder to the
+    axes of the program. `rms` and `maximum` [rad]: the root mean square and the maximum of the angle of δ. `axis_rms`
+    (3,) [rad]: root mean square of each component of the rotation vector of δ, in the axes of the recorder. `time` [s]:
+    the time of the largest angle, measured from the first sample. `samples`: the number of samples that were compared.
     """
 
     mounting: Quat
@@ -83,10 +82,10 @@ def compare_attitude(
 
     `mounting` (4,): the attitude of the recorder relative to the program's axes, not necessarily normalised. With None,
     the mounting is estimated as the average of λ̄⁰∘λ, where λ are the recorded attitudes and λ⁰ the attitudes of the
-    program; the average minimises the sum of squared chordal distances (Markley, Cheng, Crassidis and Oshman,
+    program. The average minimises the sum of squared chordal distances (Markley, Cheng, Crassidis and Oshman,
     "Averaging quaternions", JGCD 30, 2007). The signs and norms of the recorded quaternions have no effect. A frame
-    that flips, such as the natural frame at an inflection point, causes a large residual: use `FrameProgram(path,
-    Upright())` for vehicles.
+    that flips, such as the natural frame at an inflection point, causes a large residual. For vehicles use
+    `FrameProgram(path, Upright())`.
 
     Samples at which the frame of the program is not defined, for example at a stop, are not compared.
 

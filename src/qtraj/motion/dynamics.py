@@ -4,7 +4,7 @@ An inertia [kg m²] is a scalar J for a spherical body (paper C, remark 2), an a
 tensor (3, 3) in body axes. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
 
 `forces`, `power` and `friction_demand` compute the quantities of the papers at one instant, for a point mass without
-drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and for limits, proofs and tuning;
+drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and for limits, proofs and tuning.
 `evaluate` then also returns `force`, `moment`, `power`, `friction` and other outputs. For the same mass and gravity, a
 `Vehicle` with default values of all other parameters results in the same force, power and friction.
 """

@@ -1,4 +1,4 @@
-"""Compare recorded angular rates with the program of a path, after removing the constant mounting of the gyro."""
+"""Compare recorded angular rates with an attitude program, after removing the constant mounting of the gyro."""
 
 from __future__ import annotations
 
@@ -77,14 +77,14 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     """Compare the recorded angular rates of `track` with `program`, which starts at the first sample of the track.
 
     Samples are compared if the speed of the path exceeds `min_speed` [m/s] and the rate of the program is finite. With
-    rates (n, 3), the mounting of the gyro is estimated: it minimises the sum of squared differences between the rotated
-    recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of vectors",
-    Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and the
-    mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates (n,
-    1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does not
-    change the correlation.
+    rates (n, 3), the mounting of the gyro is estimated. The estimate minimises the sum of squared differences between
+    the rotated recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of
+    vectors", Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and
+    the mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates
+    (n, 1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does
+    not change the correlation.
 
-    Not differentiable.
+    The result is not differentiable.
 
     **Raises:** ValueError for a track without rates, a track that lasts longer than the program, fewer than three
     samples above `min_speed`, and inside a trace.

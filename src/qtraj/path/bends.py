@@ -1,8 +1,8 @@
 """Find the bends of a recorded track: intervals in which the direction of travel turns to the left or to the right.
 
 Steering corrections and noise cause small oscillations of the direction. Therefore a bend ends only when the direction
-has turned back by a minimum angle. Maxima and minima of the direction then alternate, and there is one bend between
-each extremum and the next extremum.
+has turned back by a minimum angle. Maxima and minima of the direction then alternate, and each bend lies between two
+successive extrema.
 """
 
 from itertools import pairwise

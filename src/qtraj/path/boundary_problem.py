@@ -21,7 +21,7 @@ AZIMUTH_TOLERANCE = 32
 """The difference of two azimuths counts as zero if it is at most this multiple of their rounding errors."""
 
 PARALLEL_TOLERANCE = 1e-9
-"""Sine of the angle between two horizontal velocities below which they count as parallel."""
+"""Two horizontal velocities count as parallel if the sine of the angle between them is below this value."""
 
 Coefficients = Float[Array, "_"]
 

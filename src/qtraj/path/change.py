@@ -25,7 +25,7 @@ PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""Ratio of the lengths or of the durations of the two paths above which `warning` is not None."""
+"""`warning` is not None if the length or the duration of the tuned path exceeds the original by this factor."""
 SLOWER = "takes {:.3g} times as long"
 
 
@@ -39,8 +39,8 @@ class PathChange(AbstractResult):
 
     The following values compare the tuned path with the original path:
 
-    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN if a direction
-      is undefined.
+    - `headings` (2,) [rad]: the changes of the direction of travel at the start and the end, positive to the left; NaN
+      if a direction is undefined.
     - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
     - `deviation` [m]: the largest distance of a point of the tuned path from the original path.
 
@@ -81,7 +81,7 @@ class PathChange(AbstractResult):
 
     @property
     def text(self) -> str:
-        """The changes of heading and height in words."""
+        """A description of the changes of heading and height."""
         start, end = (_in_words(turn) for turn in np.asarray(self.headings).tolist())
         low, high = (round(float(change), 2) + 0.0 for change in (self.lowest, self.highest))
         return (
@@ -99,7 +99,7 @@ class PathChange(AbstractResult):
             "mean_rate": Quantity(self.mean_rates, "rad s-1", "mean rate about the axis", ("path",)),
             "length": Quantity(self.lengths, "m", "length", ("path",)),
             "heading_change": Quantity(
-                self.headings, "rad", "change of the direction of travel, left positive", ("end",)
+                self.headings, "rad", "change of the direction of travel, positive to the left", ("end",)
             ),
             "lowest_change": Quantity(self.lowest, "m", "change in height of the lowest point"),
             "highest_change": Quantity(self.highest, "m", "change in height of the highest point"),
@@ -123,7 +123,7 @@ def compare_paths(
 ) -> PathChange:
     """Compare the original path `before` with the path `after`, for example a tuned path.
 
-    Each path is sampled at 513 equally spaced instants of its own duration. `given` are the requested boundary states;
+    Each path is sampled at 513 equally spaced instants over its duration. `given` are the requested boundary states;
     the result contains their velocities.
     """
     was, now = sampled(before), sampled(after)
@@ -174,14 +174,14 @@ def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
 
 
 def _heading_change(before: Vec3, after: Vec3) -> Any:
-    """Return the change [rad] of the horizontal direction, left positive; NaN if a vector is vertical or zero."""
+    """Return the horizontal change of direction [rad], positive to the left; NaN if a vector is vertical or zero."""
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
 
 
 def _in_words(turn: float) -> str:
-    """Describe a change of heading [rad] in words."""
+    """Describe a change of heading [rad]."""
     if math.isnan(turn):
         return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)

@@ -22,7 +22,8 @@ SIZES = {axis: len(names) for axis, names in labels_of("").items()}
 class Channel:
     """An output; `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
 
-    `needs` names the data required in addition to path and frame: "" for none, or a constant of `path_quantity`.
+    `needs` names the data required in addition to the path and the frame: "" for none, or a constant of
+    `path_quantity`.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Compute the forces between a vehicle and the road: tangential, lateral and normal (paper S, conclusions).
 
-The direction of motion τ is tangential to the road. Without bank the road is level in the lateral direction: n =
-up×r'/√H, with H = |up×r'|², points to the left, and b = τ×n points upwards; these are the axes of the upright frame. A
+The direction of motion τ is tangential to the road. Without bank the road is level in the lateral direction. Then n =
+up×r'/√H, with H = |up×r'|², points to the left, and b = τ×n points upwards. These are the axes of the upright frame. A
 bank β rotates n and b about τ. The force of the road on the vehicle is m(r'' + g·up), plus the drag along τ. With the
 specific force f = r'' + g·up and v² = S, its components are
 

@@ -2,8 +2,8 @@
 
 A path has no tangent at zero speed, and the tangent changes its sign when the vehicle starts to reverse. Therefore a
 stop is an interval in which the speed is at most a threshold, and during a stop heading and pitch are polynomials in
-time. The polynomials lead from the values and rates before the stop to constants, and from the constants to the values
-and rates after the stop. If the direction of the velocity changes by more than 90° over the stop, the vehicle changes
+time. The polynomials connect the values and rates before the stop to constants, and the constants to the values and
+rates after the stop. If the direction of the velocity changes by more than 90° over the stop, the vehicle switches
 between forward motion and reverse. In reverse, the forward axis is opposite to the tangent.
 """
 

@@ -1,8 +1,8 @@
 """Compute the natural and the upright frame in components: axes τ, n, b, rates, and whether the frame exists.
 
-The formulas are defined only in this module, for one instant or many; components are arrays of any shape. The formulas
-contain no square roots, divisions or branches, because XLA's compiler for CPUs would split the loop over the instants
-at each of them. Where a frame does not exist, `defined` is false, but all values and derivatives are finite.
+The formulas are defined only in this module, for one instant or many. Components are arrays of any shape. The formulas
+contain no square roots, divisions or branches, because each of these would make XLA's compiler for CPUs split the loop
+over the instants. Where a frame does not exist, `defined` is false, but all values and derivatives are finite.
 """
 
 from typing import Any, NamedTuple

@@ -1,7 +1,8 @@
 """Compute heading and pitch of a vehicle on a route, at many instants, with NumPy.
 
 At a stop and in reverse the direction of the velocity is not the direction of the vehicle. A row is a time interval in
-which the forward axis of the vehicle is along the velocity, opposite to it, or held: see `qtraj.path.driving`.
+which the forward axis of the vehicle is along the velocity, opposite to the velocity, or held (see
+`qtraj.path.driving`).
 """
 
 from itertools import pairwise

@@ -82,8 +82,8 @@ class AbstractHodograph(eqx.Module):
         `qtraj.evaluate`, by default the natural trihedral. Save the figure with `figure.savefig(file)`; notebooks
         display the figure.
 
-        **Raises:** ModuleNotFoundError with the extra to install, if matplotlib is missing; ValueError for a batch of
-        paths.
+        **Raises:** ModuleNotFoundError, naming the extra to install, if matplotlib is missing; ValueError for a batch
+        of paths.
         """
         return draw("path_plot", self, frame, trihedra)
 

@@ -38,8 +38,8 @@ class PathQuantity:
     The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the normal
     force on the road). `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and
     denominator would overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the
-    name of the quantity. `bounds_speed` states whether a limit on the quantity also bounds the speed on every path.
-    `infinite` states where the quantity is infinite although the ratio is not.
+    name of the quantity. `bounds_speed` indicates whether a limit on the quantity also bounds the speed on every path.
+    `infinite` indicates where the quantity is infinite although the ratio is not.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
     PRINCIPAL if the quantity is the square root of the ratio times `factor`, a function of the vehicle's parameters

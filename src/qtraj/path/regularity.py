@@ -1,4 +1,4 @@
-"""Decide whether speed, curvature and horizontal speed are zero, and hence where frames and rates exist.
+"""Decide whether the speed, the curvature and the horizontal speed are zero, and so where frames and rates exist.
 
 The functions accept numbers or triples of arrays, as in `frenet`.
 """

@@ -26,7 +26,7 @@ MEANINGS = {
     "vertical_rms": ("m", "root mean square of the vertical distance"),
     "distance_rms": ("m", "root mean square of the distance"),
     "maximum": ("m", "largest distance"),
-    "turn": ("rad", "turn of the recorded direction of travel, left positive"),
+    "turn": ("rad", "turn of the recorded direction of travel, positive to the left"),
     "samples": ("1", "number of samples compared"),
     "velocity_rms": ("m s-1", "root mean square of the difference of velocities"),
     "direction_rms": ("rad", "root mean square of the angle between recorded velocity and tangent"),
@@ -50,9 +50,9 @@ class Residual(AbstractResult):
     between the recorded position and the path at the same time; `maximum` [m] is the largest spatial distance.
     `velocity_rms` [m/s] refers to the difference of the velocities, and `direction_rms` [rad] to the angle between the
     recorded velocity and the tangent of the path at samples where the vehicle moves. Both are None if no velocities
-    were recorded. `turn` [rad] is the turn of the recorded direction of travel, left positive (`path.turn` is the angle
-    about the axis). `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if the path is
-    not a spiral-helix.
+    were recorded. `turn` [rad] is the turn of the recorded direction of travel, positive to the left (`path.turn` is
+    the angle about the axis). `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if
+    the path is not a spiral-helix.
     """
 
     horizontal_rms: Scalar

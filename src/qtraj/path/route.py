@@ -44,7 +44,7 @@ class Route(AbstractHodograph, AbstractResult):
 
     `times` (n,) [s] must increase strictly. `position` [m], `velocity` [m/s], `acceleration` [m/s²] and, optionally,
     `jerk` [m/s³], each (n, 3), are the states at the joints in world axes. Without jerk the segments are quintics, and
-    the acceleration of the route is continuous (C²); with jerk they are septics, and the jerk is continuous too (C³).
+    the acceleration of the route is continuous (C²). With jerk they are septics, and the jerk is continuous, too (C³).
     The time of the path is 0 at the first joint. `Route.from_piecewise` accepts SciPy splines of any continuity.
 
     The segments are represented by `starts` (rows,) [s] and `coefficients` (rows, terms, 3). Coefficient k, of the k-th
@@ -128,7 +128,7 @@ class Route(AbstractHodograph, AbstractResult):
         """Return the arc length [m] over the duration.
 
         The method is Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
-        nearly zero inside a segment; the error is then about 1e-5 of the length of that segment.
+        nearly zero inside a segment. The error is then about 1e-5 of the length of that segment.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 

@@ -116,9 +116,9 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         turns. The duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary
         values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
-        **Raises:** ValueError if V_φ/ρ differs between the ends by a relative difference of more than 1e-9, a radius or
-        V_φ is zero, the azimuths are equal with `turns=0`, `turns` is not an integer ≥ 0, or an acceleration is given.
-        Traced values are not checked; check the `mismatch` of the path instead.
+        **Raises:** ValueError if the relative difference of V_φ/ρ between the ends exceeds 1e-9, a radius or V_φ is
+        zero, the azimuths are equal with `turns=0`, `turns` is not an integer ≥ 0, or an acceleration is given. Traced
+        values are not checked; check the `mismatch` of the path instead.
         """
         return cls(*problem.uniform(start, end, turns, placement))
 

@@ -1,9 +1,9 @@
 """Compute the direction of motion of a vehicle at rest, on which the forces on the vehicle depend.
 
 A path has no tangent at an instant at which its velocity is zero. Let the derivative of order m + 1 be the first
-derivative that is not zero at this instant, and s the time from this instant. Near this instant the velocity is, to
-leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this direction,
-the forces at the stop are the limits of the forces during the motion.
+derivative that is not zero at this instant, and let s be the time from this instant. Near this instant the velocity is,
+to leading order, s^m/m! times this derivative, so the derivative determines the direction of motion. With this
+direction, the forces at the stop are the limiting values of the forces during the motion.
 """
 
 from collections.abc import Callable
@@ -31,8 +31,8 @@ def driven_invariants(
 ) -> Invariants:
     """Return the invariants of the derivatives `rows` up to `ORDER`; they are also defined where the speed is zero.
 
-    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop, or
-    at the end of the path by a vector in the direction of the motion before the stop. If all derivatives are zero, as
+    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop. At
+    the end of the path, the direction of the motion before the stop is used instead. If all derivatives are zero, as
     for a parked vehicle, the vector is horizontal.
     """
     zero = jnp.zeros_like(rows[0][0])

@@ -119,7 +119,7 @@ def _crossings(
 ) -> np.ndarray:
     """Return the instants [s] at which the speed crosses the threshold, one for each interval [low, high].
 
-    `below` states for each interval whether the speed is below the threshold at the start of the interval.
+    `below` indicates for each interval whether the speed is below the threshold at the start of the interval.
     """
     speed_sq, u = segments.speed_sq_between(low), np.arange(1, PARTS) / PARTS
     for _ in range(DIVISIONS):

@@ -3,7 +3,8 @@
 Position and heading determine the attitude by differential flatness (Mellinger and Kumar, "Minimum snap trajectory
 generation and control for quadrotors", ICRA 2011, section III). With f = r'' − g and a forward reference c, the axes
 are z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first Z-X-Y angle
-of Mellinger and Kumar, y is perpendicular to the heading, and x is the heading projected perpendicular to the thrust.
+of Mellinger and Kumar, y is perpendicular to the heading, and x is the heading, projected onto the plane perpendicular
+to the thrust.
 """
 
 from collections.abc import Callable
@@ -46,11 +47,12 @@ class ThrustAligned(AbstractFrame):
     constant heading. A function of time [s], written with `jax.numpy` and twice differentiable, returns the heading
     [rad]. `gravity` is a magnitude [m/s²], along −z of the world, or a vector (3,) in world axes.
 
-    The x axis is not the tangent, but the direction of the velocity, or the heading, projected perpendicular to the
-    thrust. `defined` is false where the frame does not exist: in free fall (a = g); for a given heading, where the
-    thrust is parallel to the heading; for yaw along the velocity, where the thrust is parallel to the velocity or the
-    speed is zero. Rate and acceleration are exact; they use the third and the fourth derivative of the path. A frame
-    whose heading is a function cannot be saved.
+    The x axis is not the tangent. It is the direction of the velocity or of the heading, projected onto the plane
+    perpendicular to the thrust. `defined` is false where the frame does not exist. The frame does not exist in free
+    fall (a = g). With a given heading, it does not exist where the thrust is parallel to the heading. With yaw along
+    the velocity, it does not exist where the speed is zero or the thrust is parallel to the velocity. Rate and
+    acceleration are exact; they use the third and the fourth derivative of the path. A frame whose heading is a
+    function cannot be saved.
 
     **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
     or has the wrong shape.

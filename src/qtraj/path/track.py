@@ -35,8 +35,8 @@ class Track(AbstractResult):
 
     `times` (n,) [s] and `positions` (n, 3) [m] are required. `velocities` (n, 3) [m/s], `attitudes` (n, 4) and `rates`
     [rad/s] are optional. Attitudes are quaternions from body to world, scalar first, with any nonzero norm. Positions
-    and velocities are in world axes. `rates` are angular rates (n, 3) in the axes of the gyro, or (n, 1): only the rate
-    about the vertical axis of the vehicle, positive to the left.
+    and velocities are in world axes. `rates` are angular rates (n, 3) in the axes of the gyro. Rates (n, 1) contain
+    only the rate about the vertical axis of the vehicle, positive to the left.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
     message contains the number of the sample.
@@ -102,7 +102,7 @@ class Track(AbstractResult):
 
     @property
     def turn(self) -> Scalar:
-        """The turn [rad] of the horizontal direction of travel from the first to the last sample, left positive.
+        """The turn [rad] of the horizontal direction of travel from the first to the last sample, positive to the left.
 
         The turn is computed from the recorded velocities, or from chords between positions. Samples slower than a
         twentieth of the maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean

@@ -56,9 +56,9 @@ class Vehicle(eqx.Module):
     """A vehicle on a road, modelled as a point mass with tyre friction, resistance and, for moments, an inertia.
 
     - `mass` [kg].
-    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The
-      vehicle's axes are those of the frame, rolled by the bank about the first axis: forward, left, and normal to the
-      road for an upright frame.
+    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The vehicle's
+      axes are the axes of the frame, rolled by the bank about the first axis. For an upright frame they point forward,
+      left, and normal to the road.
     - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag is ½ρC_dA v².
     - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load. It is a moment on
       each wheel, so it contributes to the power, but not to the forces of the road on the tyres.
@@ -67,7 +67,8 @@ class Vehicle(eqx.Module):
       that the path requires.
     - `bank` [rad]: the rotation of the road about the direction of motion. It is 0 if the road is level in the lateral
       direction, and positive if the left side is lower, as in a banked left turn. By the right-hand rule this is a
-      negative rotation about the forward axis. In the opposite direction, the same road has the opposite bank.
+      negative rotation about the forward axis. In the opposite direction of travel, the same road has the opposite
+      bank.
     - `air_density` ρ [kg/m³], `gravity` g [m/s²], along −z.
 
     All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
@@ -148,7 +149,7 @@ class Vehicle(eqx.Module):
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if there is none.
 
-    **Raises:** ValueError if `vehicle` is not a Vehicle; the message states that `what` needs one.
+    **Raises:** ValueError if `vehicle` is not a Vehicle; the message says that `what` needs one.
     """
     if not isinstance(vehicle, Vehicle):
         given = "none was given" if vehicle is None else f"{vehicle!r} was given"
@@ -159,7 +160,7 @@ def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia.
 
-    **Raises:** ValueError if there is no vehicle or no inertia; the message states that `what` needs it.
+    **Raises:** ValueError if there is no vehicle or no inertia; the message says that `what` needs it.
     """
     vehicle = require_vehicle(vehicle, what)
     if vehicle.inertia is None:
@@ -170,7 +171,7 @@ def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
 
-    **Raises:** ValueError if there is no such inertia; the message states that `what` needs it.
+    **Raises:** ValueError if there is no such inertia; the message says that `what` needs it.
     """
     vehicle = require_inertia(vehicle, what)
     if has_principal_inertia(vehicle):

@@ -1,4 +1,4 @@
-"""Express the inertia of a vehicle in the axes of a frame, about whose first axis the bank rolls the vehicle."""
+"""Express the inertia of a vehicle in the axes of a frame; the bank rolls the vehicle about the first axis."""
 
 from typing import Any
 

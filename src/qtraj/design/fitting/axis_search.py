@@ -1,4 +1,4 @@
-"""Compute the starting points of the least-squares problem of `fit` by a grid search for the vertical axis of a turn.
+"""Compute starting points for the least-squares problem of `fit` by a grid search for the vertical axis of a turn.
 
 If the axis is fixed, the radii and azimuths of the samples are known, and linear least squares gives the polynomials of
 the radius ρ and the azimuth φ. The search is therefore only over the axis, on a polar grid about the centre of the
@@ -8,13 +8,13 @@ track. Several axes at a minimum distance from each other are chosen, so that th
 import numpy as np
 
 SAMPLES = 256
-"""Of a long recording, only every k-th sample is used, so that between one and two times this number remain."""
+"""In a long recording only every k-th sample is used, which leaves between one and two times this number."""
 
 RINGS, RAYS = 36, 72
 """Size of the polar grid of axes about the centre of the track; the rings are spaced geometrically."""
 
 MAX_STARTS, MIN_DISTANCE = 8, 0.25
-"""Number of starts, and the minimum distance between them as a fraction of the smaller of their radii."""
+"""Maximum number of starts, and the minimum distance between their axes, relative to the smaller RMS radius."""
 
 
 def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]) -> list[np.ndarray]:
@@ -22,7 +22,7 @@ def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: t
 
     `positions` (n, 2) are relative to the centre of the window. `basis` (n, terms) contains the values of the basis
     polynomials at the samples; φ uses the first `angle_terms` polynomials. `bounds` are the minimum and maximum radius,
-    in the unit of the positions.
+    in the units of the positions.
     """
     stride = max(1, len(positions) // SAMPLES)
     positions, basis = positions[::stride], basis[::stride]

@@ -69,7 +69,7 @@ def facts(fitted: Fitted) -> dict[str, Any]:
 
 
 def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
-    """Return the variables and the attributes of a dataset that contain the facts, with the prefix `fit_`.
+    """Return the facts as variables and attributes of a dataset, with the prefix `fit_`.
 
     All variables are scalars except the axis, which has the dimension `world`.
     """
@@ -86,7 +86,7 @@ def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
 
 
 def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the facts in words, as pairs of a name and a text."""
+    """Return the facts as pairs of a name and a text."""
     degrees = math.degrees
     x, y = fit["axis"]
     rows = [

@@ -6,9 +6,9 @@ starting points. The unit of length is the mean turning radius R = L/|θ|, where
 which the travel direction turns. The origin is the centre of the window, so that large world coordinates do not reduce
 the precision.
 
-Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about an axis that touches the path,
-fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. The
-augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
+Without bounds the axis would diverge, because polynomials of ρ and φ about a far axis, or about an axis that touches
+the path, fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend.
+The augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -63,22 +63,23 @@ def fit(
 
     The fit minimises the sum of (position error / `position_sigma` [m])² over the samples and, if velocities are
     recorded, of (velocity error / `velocity_sigma` [m/s])². Only the ratio of the sigmas changes the path. Windows
-    shorter than 200 `position_sigma` are rejected. `radius_bounds` (low, high) [m] bound ρ on the whole path; the
+    shorter than 200 `position_sigma` are rejected. `radius_bounds` (low, high) [m] bound ρ on the whole path. The
     default is from a quarter of the mean turning radius to twice this radius.
 
     The result contains the fitted `path`, the `residual` of the fit, and a `result` text with advice. A fit is loose if
     the RMS horizontal distance of the samples from the path exceeds 3 % of the radius of the turn (its length divided
     by its total turning angle), or if the speed differs from the recorded speed by more than 25 % of the RMS recorded
-    speed. Above 10 % or 50 %, respectively, a fit is poor, which counts as a failure. The fit does not use recorded
-    attitudes. The field `attitude` of the result contains the differences between recorded attitudes and the upright
-    frame of the path (see `compare_attitude`).
+    speed. If these values exceed 10 % or 50 %, respectively, the fit is poor, which counts as a failure. The fit does
+    not use recorded attitudes. The field `attitude` of the result contains the differences between recorded attitudes
+    and the upright frame of the path (see `compare_attitude`).
 
     Use float64. The data must have concrete values, because the fit cannot be differentiated with respect to the
     recording. The fitted path is differentiable like any other path.
 
     **Raises:** ValueError for an unknown motion, for sigmas, bounds or `max_steps` that are not positive, for bounds
     that allow no fit, for too few samples, or if the vehicle stands still, hardly moves, drives nearly straight, or
-    drives through bends that cancel. RuntimeError with `throw` if the search did not converge or the fit is poor.
+    drives through bends that cancel each other. RuntimeError with `throw` if the search did not converge or the fit is
+    poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")

@@ -29,8 +29,8 @@ class Fitted(AbstractOutcome):
     """The result of `fit`.
 
     - `path`: the spiral-helix; its time 0 is the time of the first sample.
-    - `residual`: the differences between path and recording.
-    - `code`: a `ResultCode`; `result` explains it in words and contains advice.
+    - `residual`: the differences between the path and the recording.
+    - `code`: a `ResultCode`; `result` explains it and gives advice.
     - `iterations`: the number of steps of the best search.
     - `radius_bounds` [m]: the bounds of the radius on the whole path.
     - `relative_rms`: the RMS horizontal distance divided by the radius of the turn (its length divided by its total
@@ -74,7 +74,7 @@ class Fitted(AbstractOutcome):
         return FrameProgram(self.path, Upright() if frame is None else frame)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words, with advice."""
+        """Describe the result, with advice."""
         code, steps, bounds = (np.asarray(x)[at] for x in (self.code, self.iterations, self.radius_bounds))
         code, span = ResultCode(int(code)), f"{bounds[0]:.4g} to {bounds[1]:.4g} m"
         if code == ResultCode.successful:
@@ -129,7 +129,7 @@ class Fitted(AbstractOutcome):
                 self.relative_speed, "1", "largest speed difference divided by the RMS recorded speed"
             ),
             "iterations": Quantity(self.iterations, "1", "number of steps of the best search"),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code of the fit"),
         }
         if self.attitude is not None:

@@ -91,16 +91,16 @@ class FittedRoute(AbstractOutcome):
     def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
         """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.
 
-        The covariance is the same for x, y and z, unless the fit had a standard deviation for each component: then the
-        result has the shape (3, n, 3, 3), with a covariance for each axis. It assumes independent errors; if the errors
-        of k successive samples are correlated, the true covariance is about k times larger. At the ends of a stop the
-        velocity and acceleration are exactly zero.
+        The covariance is the same for x, y and z, unless the fit had a standard deviation for each component. The
+        result then has the shape (3, n, 3, 3), with a covariance for each axis. The errors are assumed to be
+        independent. If the errors of k successive samples are correlated, the true covariance is about k times larger.
+        At the ends of a stop the velocity and acceleration are exactly zero.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words, with the errors, outliers and gaps."""
+        """Describe the result, with the errors, outliers and gaps."""
         code = ResultCode(int(np.asarray(self.code)))
         if code != ResultCode.successful:
             return code.text
@@ -131,7 +131,7 @@ class FittedRoute(AbstractOutcome):
             "stretch_error": Quantity(self.stretch_error, "m", "RMS distance in held-out intervals"),
             "smoothing": Quantity(self.smoothing, "s5", "weight of the squared jerk"),
             "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the position errors per axis"),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
         }
         if len(self.outliers):
             variables["outlier"] = Quantity(

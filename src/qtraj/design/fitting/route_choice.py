@@ -30,7 +30,7 @@ FOLDS, PERIOD = 2, 5
 """Number of folds, and the period in intervals: each fold holds out every fifth interval."""
 
 DECADES = 12
-"""Maximum number of steps in the search for the smoothing; each is a factor of ten."""
+"""Maximum number of steps in the search for the smoothing; each step is a factor of ten."""
 
 STOP_WEIGHT = 1e8
 """Weight of the equations of a stop, relative to the sum of the weights of all samples."""

@@ -28,7 +28,7 @@ END_TOLERANCE = 1e-6
 """Tolerance on the first and the last of the user's knots, relative to the duration."""
 
 MIN_QUARTILE = 1e-8
-"""[m] Lower bound on the quartile, so that rounding errors of noiseless samples do not make outliers."""
+"""[m] Lower bound on the quartile, so that rounding errors do not turn noiseless samples into outliers."""
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:

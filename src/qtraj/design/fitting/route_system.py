@@ -1,10 +1,9 @@
 """Banded normal equations of a route that is fitted to recorded positions.
 
 The unknowns are position, velocity and acceleration at the knots. The position of the route at the time of a sample is
-a linear combination of the six unknowns at the two ends of the segment; the coefficients are values of the
-quintic Hermite basis functions. The integral of the squared jerk over a segment is a quadratic form in the same six
-unknowns. So the matrix has five diagonals above the main diagonal. x, y and z share one matrix, unless their weights
-differ.
+a linear combination of the six unknowns at the two ends of the segment. The coefficients are values of the quintic
+Hermite basis functions. The integral of the squared jerk over a segment is a quadratic form in the same six unknowns.
+So the matrix has five diagonals above the main diagonal. x, y and z share one matrix, unless their weights differ.
 """
 
 import math

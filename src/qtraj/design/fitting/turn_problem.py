@@ -50,7 +50,7 @@ class TurnProblem(eqx.Module):
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
         """Return the weighted position and velocity errors, and the weighted violations of the bounds, in one vector.
 
-        `shifts` are the scaled multipliers of the lower and the upper bound, which are added to the violations at the p
+        `shifts` are the scaled multipliers of the lower and the upper bound. They are added to the violations at the p
         instants of the bounds.
         """
         axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]

@@ -50,7 +50,7 @@ def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SI
     """Measure the turn of a window; `sigma` [m] and `velocity_sigma` [m/s] are standard deviations of the recording.
 
     **Raises:** ValueError for too few samples, for a vehicle that stands still, and for a window that is too short, has
-    bends of opposite sense that cancel, or is nearly straight.
+    bends in opposite directions that cancel each other, or is nearly straight.
     """
     if not isinstance(track, Track):
         raise ValueError(f"fit needs a Track, as returned by read_track, but a {type(track).__name__} was given")

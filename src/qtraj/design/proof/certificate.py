@@ -57,8 +57,8 @@ WHERE_UNDEFINED = {
 def contradicted(names: Sequence[str], codes: Any, values: Any, bounds: Any) -> Any:
     """Return a mask of the limits with the status "broken" whose values do not exceed the limit.
 
-    This occurs only for quantities with a factor: the limit divided by the factor is rounded down, which is safe for
-    proofs that the limit is satisfied, but not for the status "broken".
+    This occurs only for quantities with a factor, because the limit divided by the factor is rounded down. Rounding
+    down is safe for proofs that the limit is satisfied, but not for the status "broken".
     """
     has_factor = np.broadcast_to([quantity(name).factor is not None for name in names], np.shape(codes))
     return has_factor & (codes == BROKEN) & (values <= bounds)
@@ -85,7 +85,7 @@ class Finding(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The largest value and the limit, in words."""
+        """A description of the largest value and the limit."""
         if math.isnan(self.value):
             where = WHERE_UNDEFINED[quantity(self.name).divisor or "speed"]
             return f"undefined at t = {self.time:.4g} s, where {where}"
@@ -96,7 +96,7 @@ class Finding(NamedTuple):
 
     @property
     def statement(self) -> str:
-        """The name of the quantity, its status, the largest value and the limit, in words."""
+        """A sentence with the name of the quantity, its status, the largest value and the limit."""
         if math.isnan(self.value):
             return f"{self.name} is {self.text}"
         return f"the limit on {self.name} is {self.status}: {self.text}"
@@ -113,7 +113,7 @@ class Certificate(AbstractOutcome):
     - `times` [s] and `values`: the time and value of the maximum found. If a quantity is undefined, the time is an
       instant at which it is undefined, and the value is NaN.
     - `limits`: the values of the limits.
-    - `code`: the `ResultCode` of the whole path; `result` explains it in words.
+    - `code`: the `ResultCode` of the whole path; `result` explains it.
 
     For a batch, the properties contain arrays instead of strings and numbers. `certificate[k]` is the certificate of
     one path.
@@ -200,7 +200,7 @@ class Certificate(AbstractOutcome):
         return code
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one path in words."""
+        """Describe the result of one path."""
         code, findings = ResultCode(int(np.asarray(self.code)[at])), self.findings(at)
         if code == ResultCode.successful:
             return "every limit is proved to be satisfied on the whole path."

@@ -74,9 +74,9 @@ def certify(
 ) -> Certificate | RouteCertificate:
     """Check whether a path satisfies `limits` everywhere, with a proof if the path is polynomial.
 
-    For a polynomial path every limit is an inequality between polynomials in t (paper S; see `inequalities`) and, for
-    some limits of a vehicle, square roots of polynomials, such as the speed. The proof bounds all rounding errors. The
-    certificate contains one of these statuses for each limit:
+    For a polynomial path every limit is an inequality between polynomials in t (paper S; see `inequalities`). Some
+    limits on a vehicle also contain square roots of polynomials, such as the speed. The proof bounds all rounding
+    errors. The certificate contains one of these statuses for each limit:
 
     - "proved": the limit is satisfied everywhere, for exactly this path and limit, without any tolerance.
     - "broken": the limit is violated at the reported instant.
@@ -89,7 +89,7 @@ def certify(
     For a batch of paths, the limits are scalars or have the same batch dimension, and the certificate has this
     dimension, too. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values`
     are differentiable with respect to the path (envelope theorem). The search for these values may miss a narrow peak
-    that is well below the limit. The proof does not depend on this search.
+    that is well below the limit, but the proof does not depend on this search.
 
     For a route every segment is checked separately. The `RouteCertificate` contains the status for the whole route and
     for each segment, and the intervals of violation. At a joint both sides are checked. If the velocity is zero at a
@@ -99,11 +99,11 @@ def certify(
 
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
-    contributes to the distance by its arc length.
+    contributes to the distance as an arc length.
 
-    **Raises:** ValueError in float32, which is too inaccurate for the proofs; if an array of a batch lacks the batch
-    dimension; for a corridor without a reference, or with a reference about a different axis. RuntimeError with `throw`
-    if a limit is violated, undecided or undefined.
+    **Raises:** ValueError for a path in float32, which is too inaccurate for the proofs; for an array of a batch that
+    lacks the batch dimension; for a corridor without a reference, or with a reference about a different axis.
+    RuntimeError with `throw` if a limit is violated, undecided or undefined.
     """
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance")

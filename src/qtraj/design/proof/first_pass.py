@@ -129,7 +129,7 @@ def largest(of: Derivatives, entry: PathQuantity) -> tuple[np.ndarray, np.ndarra
     middle, before, after = squares[place, row], left[place, row], right[place, row]
     chosen, shift = of.rows(row), _vertex(before, middle, after)
     for narrowing in NARROWING:
-        # The three instants stay inside the segment, also for a maximum at an end.
+        # The three instants stay inside the segment, even for a maximum at an end.
         centre = np.clip(centre + step * shift, u[1] / narrowing, 1 - u[1] / narrowing)
         step = u[1] / narrowing
         before, middle, after = (_at(chosen, entry, centre + k * step) for k in (-1, 0, 1))

@@ -3,8 +3,8 @@
 The position is R_z(φ)·(a, b, h), with the rotation R_z about the axis. In this moving basis every derivative of the
 position has polynomial components, because (a, b)' = (a' − bφ', b' + aφ'). So the square of a quantity is a quotient of
 polynomials, and a limit is satisfied where limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit
-of time is half the duration, and the unit of length is a power of two close to the size of the path, so that the values
-of polynomials of high degree do not overflow.
+of time is half the duration, and the unit of length is a power of two close to the size of the path. With these units,
+polynomials of high degree do not overflow.
 """
 
 import math
@@ -148,7 +148,7 @@ def _add(p: Array, q: Array) -> Array:
 
 
 def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
-    """Return the maximum number of roundings of a term of a coefficient of the derivative of this order.
+    """Return the maximum number of roundings in one term of a coefficient, for the derivative of this order.
 
     `degree` is the degree of the coordinates, and `angle_rate` the degree of φ. With degree n, the change of variable
     to s needs at most 2n + 3 roundings: n + 1 for the powers of time, one for the binomial coefficient and n for the

@@ -66,9 +66,9 @@ BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else 
 class Entry(NamedTuple):
     """The integer constants of one entry.
 
-    `unit` is the index of its unit in `_units`, `upright` whether it depends on the vertical, `divisor` the index of
-    its divisor, and `pieces` the minimum number of cells; `order`, `place` and `branch` are elements of `ORDERS`,
-    `PLACES` and `BRANCHES`.
+    `unit` is the index of its unit in `_units`, `upright` indicates whether it depends on the vertical, `divisor` is
+    the index of its divisor, and `pieces` is the minimum number of cells; `order`, `place` and `branch` are elements of
+    `ORDERS`, `PLACES` and `BRANCHES`.
     """
 
     unit: Any

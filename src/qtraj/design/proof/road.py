@@ -1,8 +1,8 @@
 """Limits on forces, friction and power as inequalities between polynomials in s, √S and √H.
 
 S is the squared speed, and H the squared horizontal speed. The square roots appear with drag, with a bank angle and,
-on slopes, with rolling resistance; otherwise the inequalities are polynomial in s. The parameters of the vehicle
-contain rounding errors, which the proof includes.
+on slopes, with rolling resistance; otherwise the inequalities are polynomial in s. The proof includes the rounding
+errors of the vehicle parameters.
 """
 
 from typing import Any, NamedTuple

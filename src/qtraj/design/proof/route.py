@@ -22,11 +22,11 @@ INSTANTS = 65
 """Number of equally spaced instants in a segment with a violated limit at which the quantity is evaluated."""
 
 PARTS, DIVISIONS = 16, 13
-"""Number of parts into which each step of the search for a crossing divides the range, and number of steps."""
+"""Number of parts into which each step of the search for a crossing divides the interval, and number of steps."""
 
 SHORT = 1e-9
-"""An interval shorter than this fraction of its segment is ignored as a rounding error, unless it contains the peak:
-close to a stop, rounding errors dominate the velocity and its direction."""
+"""An interval shorter than this fraction of its segment is ignored as a rounding error, unless it contains the peak.
+Close to a stop, rounding errors dominate the velocity and its direction."""
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:

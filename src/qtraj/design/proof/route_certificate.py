@@ -114,7 +114,7 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.code
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words."""
+        """Describe the result."""
         return self.whole.explain(at)
 
     def record(self) -> Record:

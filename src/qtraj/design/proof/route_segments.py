@@ -1,10 +1,10 @@
 """Compute the findings on each segment of a route, including segments that start or end at a stop.
 
 At a stop the speed is zero, and most quantities have it in their denominator. If the velocity of a segment has a zero
-of order m at an end, then r' = u^m·q, where u is the time from that end, and q is parallel to r' and does not vanish.
-So the upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration
-are the components of r'' relative to the direction of q. These quantities are certified with q instead of r'. This is
-impossible for the curvature, which is unbounded near a stop unless the path is straight there.
+of order m at an end, then r' = u^m·q, where u is the time from that end. The vector q is parallel to r' and does not
+vanish. So the upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal
+acceleration are the components of r'' relative to the direction of q. These quantities are certified with q instead of
+r'. This is impossible for the curvature, which is unbounded near a stop unless the path is straight there.
 """
 
 from collections.abc import Sequence

@@ -1,1 +1,1 @@
-"""The fastest timing along a path of given shape, with proofs that limits are satisfied between the samples."""
+"""Compute the fastest timing along a given path, with proofs that the limits are satisfied between samples, too."""

@@ -2,7 +2,7 @@
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
 eliminated at the same time, which leaves a band system for the separating unknowns. So the number of sequential steps
-grows only with the square root of the number of unknowns. Blocks are on the last axis of all arrays.
+grows only with the square root of the number of unknowns. The last axis of every array indexes the blocks.
 """
 
 import functools
@@ -18,11 +18,11 @@ BELOW = 3
 """Number of subdiagonals."""
 
 SIZES = ((150, 16), (600, 24), (2100, 48), (10**9, 64))
-"""Pairs of the largest number of unknowns and the number of rows in a block."""
+"""Pairs of a maximum number of unknowns, and the number of rows in a block up to this maximum."""
 
 
 def total(terms: Iterable[Any]) -> Any:
-    """Return the sum of arrays. It compiles to one loop, unlike the sum of a stacked array over a short axis."""
+    """Return the sum of arrays; unlike the sum of a stacked array over a short axis, this compiles to one loop."""
     return functools.reduce(operator.add, terms)
 
 
@@ -83,7 +83,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
     none = jnp.zeros((width, m, blocks), dtype)
 
     def step(last: Any, given: Any) -> tuple[Any, Array]:
-        """Compute the next row from the last rows of the inverse and their entries in the last columns."""
+        """Compute the next row from the previous rows of the inverse and their entries in the last columns."""
         whole, corner = last
         row, at = given
         factor = jnp.sum(corner * row[None, :-1], axis=1)
@@ -100,7 +100,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
 
 
 def _own(count: int, dtype: Any) -> Array:
-    """Return 1 for the entries of the first rows that are not before the first column, and 0 for the others."""
+    """Return 1 for entries of the first rows in existing columns, and 0 for entries before the first column."""
     return jnp.asarray([[i + e >= count for e in range(count + 1)] for i in range(count)], dtype)[:, :, None]
 
 

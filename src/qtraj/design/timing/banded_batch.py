@@ -28,7 +28,7 @@ def factor(band: Float[Array, "n 4"]) -> Factored:
     """Factorise a matrix; row i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
 
     def step(last: Any, row: tuple[Array, ...]) -> tuple[Any, Factored]:
-        """Compute a row of the factor from the last three."""
+        """Compute a row of the factor from the three rows before it."""
         before, middle, after = last
         third = row[0] * before.inverse
         second = (row[1] - third * middle.first) * middle.inverse

@@ -8,11 +8,11 @@ With the derivatives r', r'' and r''' of the path with respect to its parameter 
 
 So limits on the speed, the lateral acceleration and the rates of rotation are upper bounds on a. The squares of the
 longitudinal acceleration, of the yaw acceleration and of the acceleration are convex quadratic forms in (a, a'). The
-square of the jerk is a·Q with a quadratic form Q in (a, a', a''); √Q ≤ jerk/√a becomes convex if 1/√a is replaced by
-its tangent.
+square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a, which
+becomes convex if 1/√a is replaced by its tangent.
 
-The nodes are on the last axes of all arrays. With b = a' and c = a'', a form in (a, b) is represented by the entries
-(aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the whole matrix.
+The last axes of every array index the nodes. With b = a' and c = a'', a form in (a, b) is represented by the entries
+(aa, ab, bb) of its symmetric matrix. The form in (a, b, c) is represented by its whole matrix.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ NAMES = (*UPPER, *FORMS, "jerk")
 """Limits that depend on the timing, in the order of all arrays."""
 
 POWERS = (*(0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER), *[1.0] * len(FORMS), 1.5)
-"""Exponents p for which each quantity is proportional to a^p if the function a is multiplied by a constant."""
+"""For each quantity an exponent p: if a is multiplied by a constant k, the quantity is multiplied by k^p."""
 
 COUNT = 2 + len(FORMS)
 """Number of constraints at each node: one upper bound, the forms, and the jerk."""
@@ -61,12 +61,11 @@ class Constraints(NamedTuple):
 
 
 Gradients = Sequence[tuple[Any, ...]]
-"""For each constraint, the derivatives with respect to a, a' and a''; those after the last that is not zero are
-omitted."""
+"""For each constraint, the derivatives with respect to a, a' and a''; trailing zero derivatives are omitted."""
 
 
 class Parts(NamedTuple):
-    """The constraints before the upper bounds of several limits are combined: one row of `upper` for each limit."""
+    """The constraints before the upper bounds are combined; `upper` has one row for each limit."""
 
     upper: Float[Array, "4 *nodes"]
     forms: Float[Array, "3 3 *nodes"]

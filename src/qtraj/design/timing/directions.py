@@ -1,7 +1,7 @@
 """Compute the direction of motion of a route at its stops.
 
-On a segment, −1 ≤ s ≤ 1, let r' = (1 + s)^m (1 − s)^n q with a polynomial q that does not vanish at the stops. The two
-factors are positive except at stops, so the direction of motion and its derivatives can be computed from q.
+On a segment, −1 ≤ s ≤ 1, let r' = (1 + s)^m (1 − s)^n q, where q is a polynomial that does not vanish at the stops. The
+two factors are positive except at stops, so the direction of motion and its derivatives can be computed from q.
 """
 
 from fractions import Fraction
@@ -44,8 +44,8 @@ class Directions(NamedTuple):
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
     """Return the directions of all segments, or None if no moving segment starts or ends at a stop.
 
-    `standing` (segments, 2) is whether the velocity is zero at the start and at the end. Each coefficient is rounded
-    once. For segments without motion, Q is an arbitrary straight line.
+    `standing` (segments, 2) indicates whether the velocity is zero at the start and at the end. Each coefficient is
+    rounded once. For segments without motion, Q is an arbitrary straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)

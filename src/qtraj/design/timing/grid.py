@@ -1,4 +1,4 @@
-"""Define the cells of a timing: dyadic parts of the segments, so that the change of variable to a cell is exact."""
+"""Divide segments into cells for a timing; cells are dyadic parts, so the change of variable to a cell is exact."""
 
 import heapq
 from typing import Any, NamedTuple
@@ -17,11 +17,11 @@ ORDER = 3
 """The highest derivative of a path that a limit needs."""
 
 FINER = 8.0
-"""How many times as many cells a segment has if it starts or ends at a stop, where a and the jerk change quickly."""
+"""Factor on the number of cells of a segment that starts or ends at a stop, where a and the jerk change quickly."""
 
 
 class Grid(NamedTuple):
-    """The n cells of a timing: cell j is the interval `middle` ± `half` of s on a segment, on which −1 ≤ s ≤ 1.
+    """The n cells of a timing: cell j is the interval `middle` ± `half` of the variable s of its segment, −1 ≤ s ≤ 1.
 
     `segment` (n,) are the indices of the segments. `knots` (n + 1,) from 0 to n are the ends of the cells in units of
     their mean length. Each `half` is a power of two.
@@ -55,9 +55,9 @@ def uniform(cells: int) -> Grid:
 def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops: tuple[bool, bool]) -> Grid:
     """Return at least `cells` cells of n segments, whose indices start at `first`.
 
-    Initially each segment is one cell; the longest cell is halved until there are enough. `starts` (n + 1,) are the
-    parameters at the starts of the segments and at the end of the last one. `stops` is whether the velocity is zero at
-    the start and at the end.
+    Initially each segment is one cell. Then the longest cell is halved repeatedly until there are enough cells.
+    `starts` (n + 1,) are the parameters at the starts of the segments and at the end of the last one. `stops` indicates
+    whether the velocity is zero at the start and at the end.
     """
     lengths = np.diff(starts)
     weights = np.ones(lengths.size)
@@ -76,7 +76,7 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops
 
 
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
-    """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`, from the inner side at its ends."""
+    """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell."""
     path, dtype = shape.path, shape.per_cell.dtype
     if isinstance(path, Route):
         segment, middle, half = (jnp.asarray(x)[cell] for x in grid[1:])

@@ -1,8 +1,8 @@
 """Compute the fastest timing by a primal-dual interior-point method: minimise ∫ du/√a under constraints at all nodes.
 
 The method is Mehrotra's predictor–corrector with slack variables (Nocedal and Wright, Numerical Optimization, chapter
-19). Iterates need not satisfy the constraints, so that a search can start outside, and limits can be tightened between
-searches. The matrix of each step is a band matrix with three subdiagonals.
+19). Iterates need not satisfy the constraints. So a search can start at an infeasible point, and limits can be
+tightened between searches. The matrix of each step is a band matrix with three subdiagonals.
 """
 
 from types import ModuleType
@@ -160,7 +160,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     shrinks = jnp.where(p.nodes.standing > 0, 0.0, change.values[0])
     primal = jnp.minimum(BOUNDARY * _length(s.slacks, change.slacks), POSITIVE * _length(a, shrinks))
     primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(z, change.multipliers)))
-    # The predicted improvements: by the duality gap, by Newton's step, and by the violations.
+    # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
     improvement = jnp.sum(jnp.abs(gradient * change.coefficients)) + jnp.sum(jnp.abs(residual) * z)
     error = jnp.where(jnp.max(violations) <= VIOLATED, mean * z.size + improvement, jnp.inf) / time
     moves = jnp.where(error < enough, 0.0, 1.0)

@@ -1,9 +1,10 @@
 """Represent polynomials in cells by their values at nodes and by a majorant, the sum of the magnitudes of all terms.
 
 The majorant bounds the function on ellipses around the cell in the complex plane, and all errors are relative to the
-majorant. If the errors of the inputs are at most `RELATIVE` times their majorants, then the error of a polynomial
-formula whose products have fewer than `FACTORS` factors is at most `FACTORS`·`RELATIVE` times its own majorant;
-rounding errors are far smaller. So an operation acts on one array, and no error bounds have to be propagated.
+majorant. Suppose that the errors of the inputs are at most `RELATIVE` times their majorants, and that the products in a
+polynomial formula have fewer than `FACTORS` factors. Then the error of the formula is at most `FACTORS`·`RELATIVE`
+times its majorant; rounding errors are far smaller. So an operation acts on one array, and no error bounds have to be
+propagated.
 """
 
 from collections.abc import Sequence

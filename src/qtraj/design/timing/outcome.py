@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 class Retimed(AbstractOutcome):
     """The result of `retime` for one path or a batch (batch axes in front of every array).
 
-    - `path`: the path with its fastest timing. `path.path` is the path as a function of its own parameter; if it is a
-      route, slow motion next to a stop is replaced by a stop.
+    - `path`: the path with its fastest timing. `path.path` is the path as a function of its original parameter. If the
+      path is a route, slow motion next to a stop is replaced by a stop.
     - `duration` [s]: differentiable with respect to the path and the limits.
-    - `certificate`: the findings on the limits on the whole path.
+    - `certificate`: the findings on all limits, for the whole path.
     - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
     - `code`: a `ResultCode`.
@@ -64,7 +64,7 @@ class Retimed(AbstractOutcome):
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """Return the time intervals (start, end) [s] in whose cells a quantity reaches `part` times its limit.
+        """Return the time intervals (start, end) [s] of the cells in which a quantity reaches `part` times its limit.
 
         **Raises:** ValueError for the result of a batch, or for a limit that was not given.
         """

@@ -26,7 +26,7 @@ STOP_SPEED, STOP_DISTANCE = 0.2, 0.2
 """By default, motion at this speed [m/s] or less within this distance [m] is treated as a stop."""
 
 SLOW = 0.02
-"""A speed below this fraction of the highest speed is slow."""
+"""A speed below this fraction of the highest speed counts as slow."""
 
 
 class Part(NamedTuple):
@@ -49,8 +49,8 @@ def standing(route: Route, speed: float | None, distance: float) -> Route:
 def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
     """Return the parts in order, and whether the velocity of a route is zero at its start and at its end.
 
-    **Raises:** ValueError for a traced route, a batch of routes, a route that never moves or stops within a segment, or
-    a route whose velocity (or acceleration, with a limit on the jerk) jumps.
+    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route that stops within a
+    segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration jumps.
     """
     if not isinstance(path, Route):
         return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
@@ -80,8 +80,8 @@ def known_segments(route: Route) -> Segments:
     """
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves(route)):
         raise ValueError(
-            "retime needs a route with concrete values: call it outside jit, grad and vmap over the route, once for "
-            "each route. The limits may be traced."
+            "retime needs a route with concrete values: call it once for each route, without jit, grad or vmap over "
+            "the route. The limits may be traced."
         )
     count = route.segments
     starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
@@ -117,7 +117,7 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
 
 
 def _advice(s: Segments, at: float) -> str:
-    """Return advice on a route that turns back at the time `at`, most often in slow motion next to a stop."""
+    """Return advice on a route that turns back at the time `at`; most such routes move slowly next to a stop."""
     slow = next(
         ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
     )

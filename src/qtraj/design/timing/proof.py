@@ -3,8 +3,8 @@
 In a cell the path and a = u̇² are polynomials, and each limit is a polynomial inequality in them and their
 derivatives (see `constraints`). A route is represented in world axes, any other path in its moving basis. Every cell is
 a dyadic part of a segment, so the change of variable to the cell is exact. Quantities that depend on the direction of
-the path are computed from q instead of r', because q does not vanish where a segment starts or ends at a stop (see
-`directions`).
+the path are computed from the factor q of r' (see `directions`), because q does not vanish where a segment starts or
+ends at a stop.
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
 WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
-"""Largest half width of a subcell relative to the segment, smallest relative to the cell, and the number of rounds."""
+"""Largest half-width of a subcell relative to its segment, smallest relative to its cell; maximum number of rounds."""
 
 ORDERS = 3
 """The highest order of a derivative of the path in a limit."""
@@ -84,7 +84,7 @@ def prove(
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
-    are infinite or not in `bounds` are absent; the latter need no compiled code.
+    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`.
     """
     names = tuple(name for name in NAMES if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])

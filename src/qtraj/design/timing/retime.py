@@ -64,15 +64,15 @@ def retime(
     a power of two. With more cells the duration is closer to the minimum over all timings.
 
     A route is divided at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to
-    rest, and the stops keep their durations. An interval in which the speed is at most `stop_speed` [m/s], by default
-    0.2 m/s but at most 2 % of the highest speed, and in which the vehicle stays within `stop_distance` [m] is also
-    treated as a stop: there the path of the result differs from `path` by at most that distance. With `stop_speed` zero
-    the path is unchanged.
+    rest, and the stops keep their durations. An interval is also treated as a stop if the speed is at most `stop_speed`
+    [m/s] and the vehicle stays within `stop_distance` [m]. There the path of the result differs from `path` by at most
+    that distance. The default of `stop_speed` is 0.2 m/s, but at most 2 % of the highest speed; with zero the path is
+    unchanged.
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
     a limit on the jerk the problem is convex. Limits are imposed at the knots and at one point inside each cell, and
-    are tightened in cells that exceed them elsewhere. If the path is polynomial, the limits are then proved to be
-    satisfied on every cell. `duration` is differentiable with respect to the path and the limits, in forward and
+    are tightened in cells where they are exceeded elsewhere. If the path is polynomial, the limits are then proved to
+    be satisfied on every cell. `duration` is differentiable with respect to the path and the limits, in forward and
     reverse mode; `jax.vmap` and `jax.lax.map` create batches. A route must have concrete values, but its limits may be
     traced.
 
@@ -208,7 +208,7 @@ def _judged(
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
     ends = jnp.sqrt(jnp.maximum(squares, 0.0)) * pace
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
-    # An end at rest changes the structure of the problem, so a traced speed of zero has no effect.
+    # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))
     unbounded = jnp.max(powers[:, 0]) > 0.5 * LARGEST
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)

@@ -1,4 +1,4 @@
-"""Compute the fastest timing on a grid of cells: repeat searches, with tighter limits in cells that exceed them."""
+"""Compute the fastest timing on a grid of cells: repeat the search with tighter limits where they are exceeded."""
 
 import functools
 from typing import Any, NamedTuple
@@ -33,15 +33,16 @@ GAPS = (1e-4, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
 
 FINEST = 128
-"""With more cells the final gap grows with the square of their number, because rounding errors in the jerk prevent a
-gap of 1e-8."""
+"""With more cells than this, the gap at the end of the last search grows with the square of their number, because
+rounding errors in the jerk prevent a gap of 1e-8."""
 
 ROUNDS, ALLOWED = 10, 5e-6
-"""Maximum number of searches, and the relative violation between the nodes at which no further search is needed."""
+"""Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
 
 OVER, CHECKED = 1.3, 17
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. After
-the third search, this factor doubles each time: limits at nodes must become much tighter to reduce a peak far away."""
+the third search, this factor doubles each time, because a peak far from the nodes decreases only if the limits at the
+nodes become much tighter."""
 
 MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
@@ -50,8 +51,8 @@ SLOWED = 1e-4
 """If the solution of the last search must be slowed down by more than this fraction of a, it has not converged."""
 
 RANGE, RAMP, SMOOTHED = 1e3, 32, 32
-"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest, a grows from 0 to the largest bound
-in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
+"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest bound. The function a grows from 0 to
+the largest bound in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
 
 
 class Problem(NamedTuple):
@@ -101,7 +102,7 @@ def last_gap(cells: int) -> float:
 
 
 def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
-    """Return the tables of a grid; `rest` is whether the vehicle is at rest at the start and at the end."""
+    """Return the tables of a grid; `rest` indicates whether the vehicle is at rest at the start and at the end."""
     return _tables(tuple(tuple(x.tolist()) for x in grid), rest)
 
 
@@ -125,7 +126,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
 
 class _Round(NamedTuple):
-    """The state of the last search, the `used` and the next factors of the limits, the usage, and a counter."""
+    """The state of the last search, its factors on the limits (`used`), the next factors, the usage, and a counter."""
 
     state: State
     used: Float[Array, "5 cells"]
@@ -220,10 +221,10 @@ def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 2 cells+1"]:
 
 
 def _initial(p: Program) -> Float[Array, " cells+3"]:
-    """Return the coefficients of the fastest timing for the upper bounds and the longitudinal acceleration, smoothed.
+    """Return coefficients of the smoothed fastest timing for the upper bounds and the longitudinal acceleration.
 
-    With the kinetic energy E and the path length x, which here is measured in units of 2/(largest acceleration), the
-    limits are E ≤ its upper bound and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
+    Let E be the kinetic energy, and x the path length in units of 2/(largest acceleration). The limits are an upper
+    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size

@@ -4,7 +4,7 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays, which become one loop over the nodes; reductions of stacked arrays
+Sums over short axes are written as sums of arrays, which become one loop over the nodes. Reductions of stacked arrays
 are about 20 times slower.
 """
 
@@ -23,7 +23,7 @@ ORDERS = 3
 """Number of orders: value, first and second derivative."""
 
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
-"""Node, and weight of f/√z, of the Gauss quadrature with one node for ∫ f(z)/√z dz, which is exact for linear f."""
+"""Node of the one-point Gauss quadrature for ∫ f(z)/√z dz, exact for linear f, and its weight, a factor on f/√z."""
 
 Numbers = Float[np.ndarray, "..."]
 
@@ -34,12 +34,12 @@ Lower = Sequence[Sequence[Any]]
 class Nodes(NamedTuple):
     """The nodes of a spline; derivatives are with respect to the parameter in units of the knots.
 
-    Column j contains knot j and the node inside cell j. The last column contains the last knot; its second node does
-    not exist and is treated as a node at rest, which has no influence.
+    Column j contains knot j and the node inside cell j. The last column contains the last knot. The second node of this
+    column does not exist; it is treated as a node at rest, so it has no influence.
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
     matrices from the coefficients j to j + 3 to values and derivatives. `free` is 0 for the coefficient at an end at
-    rest, which must be zero, and 1 for all others; `standing` is 1 for nodes at rest.
+    rest, because this coefficient must be zero, and 1 for all others. `standing` is 1 for nodes at rest.
     """
 
     place: Float[np.ndarray, "2 cells+1"]
@@ -75,7 +75,7 @@ def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 c
 
 
 def nodes(knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool]) -> Nodes:
-    """Return the nodes; `rest` is whether the value is zero at the start and at the end."""
+    """Return the nodes; `rest` indicates whether the value is zero at the start and at the end."""
     length, cells = np.diff(knots), knots.size - 1
     inner, at_knots, inside = np.full(cells, 0.5), np.zeros(cells + 1), np.full(cells, 4.0)
     ends = np.ones((2, cells))
@@ -127,13 +127,13 @@ def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "
 
 
 def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Array, " cells+3"]:
-    """Convert the gradient with respect to values and derivatives at the nodes to that with respect to coefficients."""
+    """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
     own = [total(n.basis[order, k] * part for order, part in enumerate(parts)) for k in range(DEGREE + 1)]
     return total(jnp.pad(x[0] + x[1], (k, DEGREE - k)) for k, x in enumerate(own))[:-1]
 
 
 def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
-    """Convert second derivatives likewise; `parts[i][j]` with j ≤ i are the entries of the symmetric matrix at nodes.
+    """Convert second derivatives as `gathered` does gradients; `parts[i][j]`, j ≤ i, are the matrix entries at nodes.
 
     Array d of the result contains the entries (i, i − d) of the matrix.
     """

@@ -1,11 +1,11 @@
 """Replace slow motion next to a stop of a route by a stop.
 
-Where the vehicle was at rest, a fitted drive moves slowly, and sometimes backwards by millimetres. Let T₀ and T₂ be the
-start and the end of such an interval, at which the speed has a given value v. The replacement consists of a short drive
-to the point halfway between r(T₀) and r(T₂), a stop, and a short drive from that point. Both drives are quintics with
-the position, velocity and acceleration of the route at T₀ and T₂, and zero velocity and acceleration at the stop. A
-drive of length d has the duration 3d/v, like x = d(1 − (1 − τ)³), so the vehicle does not turn back. During the
-remaining time the vehicle is at rest. The route outside the interval does not change.
+Where the recorded vehicle was at rest, a fitted route moves slowly, and sometimes backwards by millimetres. Let T₀ and
+T₂ be the start and the end of such an interval, at which the speed has a given value v. The replacement consists of a
+short drive to the point halfway between r(T₀) and r(T₂), a stop, and a short drive from that point. Both drives are
+quintics with the position, velocity and acceleration of the route at T₀ and T₂, and zero velocity and acceleration at
+the stop. A drive of length d has the duration 3d/v, as in the motion x = d(1 − (1 − τ)³), so the vehicle does not turn
+back. During the remaining time the vehicle is at rest. The route outside the interval does not change.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ def with_stops(route: Route, s: Segments, speed: float, distance: float) -> Rout
     """Return the route with stops instead of slow motion.
 
     An interval in which the speed is at most `speed` [m/s] is replaced, unless the vehicle moves more than `distance`
-    [m] in it, or the interval is a stop already: the vehicle is at rest at some instant and never turns back.
+    [m] in it, or the interval is already a stop. In a stop the vehicle is at rest at some instant and never turns back.
     """
     found = [x for x in (_stop(s, *interval, speed, distance) for interval in stops(s, speed)) if x is not None]
     if not found:

@@ -29,8 +29,8 @@ class Timing(eqx.Module):
     """The relation between a path parameter u and time: u̇² = a(u), where a is a cubic polynomial between two `knots`.
 
     `knots` (n + 1,) increase from 0. `coefficients` (n, 4) are the coefficients of a in each cell, for ascending powers
-    of the position x in the cell, 0 ≤ x ≤ 1. `rest` contains whether the vehicle is at rest, a = 0, at the start and at
-    the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and `parameter` are
+    of the position x in the cell, 0 ≤ x ≤ 1. `rest` indicates whether the vehicle is at rest, a = 0, at the start and
+    at the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and `parameter` are
     inverses of each other to within about 1e-12 of the duration.
     """
 

@@ -3,7 +3,7 @@
 The minimum violation is a smooth function of the boundary data as long as the active constraints do not change. The
 gradient of this function is the sum of the gradients of the constraints, weighted by their multipliers (envelope
 theorem). With this gradient, Newton's method finds the required change of one boundary value. Every remedy in the
-advice was checked: with the remedy, sequential quadratic programming from the same starts satisfies the limits.
+advice was checked: sequential quadratic programming from the same starts, with the remedy, satisfies the limits.
 """
 
 import dataclasses
@@ -195,7 +195,7 @@ def _move_number(tasks: Task, limits: dict[str, float], result: SearchResult, op
 def _move_until_met(
     tasks: Task, limits: dict[str, float], result: SearchResult, k: int, options: SearchOptions
 ) -> float | None:
-    """Change one boundary value until the limits can be satisfied; return the new value, or None without success."""
+    """Change one boundary value until the limits can be satisfied; return the new value, or None if this fails."""
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MAX_MOVES):

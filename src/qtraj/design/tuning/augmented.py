@@ -58,7 +58,7 @@ LATE_FRACTION = 10
 """The optimiser is still improving if the best point is in the last tenth of the steps of a round."""
 
 ROUNDING = 1e-13
-"""Values count as equal if their relative difference is smaller; then the point with the smaller gradient is better."""
+"""Values count as equal up to this relative difference; the point with the smaller gradient is then better."""
 
 
 class Point(NamedTuple):

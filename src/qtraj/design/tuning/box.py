@@ -86,7 +86,7 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
             reach = 0.0
         lower, upper = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
         # The default bounds are ±reach. If the user's lower bound is positive, the default upper bound is the user's
-        # bound plus `reach`, so that the interval is not empty; the same is true with opposite signs.
+        # bound plus `reach`, so that the interval is not empty. A negative upper bound is treated in the same way.
         low.append(lower if lower is not None else jnp.minimum(-reach, (0.0 if upper is None else upper) - reach))
         high.append(upper if upper is not None else jnp.maximum(reach, (0.0 if lower is None else lower) + reach))
     forward_ranges = [_forward_range(problem, name, fixed) for name in problem.names]

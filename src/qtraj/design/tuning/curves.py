@@ -2,9 +2,9 @@
 
 The time is u = t/T, where T is the duration. In the moving basis, the derivatives of the position R_z(φ)·(ρ, 0, h) with
 respect to u have polynomial components (a, b, h), because (a, b, h)' = (a' − bφ', b' + aφ', h'). If the end positions
-are fixed, the path as a function of u depends only on its slopes at both ends, which are the boundary velocities (for
-φ, the angular rates) times T. The coefficients are differentiated with respect to these slopes, once for all limits and
-instants.
+are fixed, the path as a function of u depends only on its slopes at both ends. These slopes are the boundary velocities
+(for φ, the angular rates) times T. The coefficients are differentiated with respect to these slopes, once for all
+limits and instants.
 """
 
 from functools import partial

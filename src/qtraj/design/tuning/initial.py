@@ -29,10 +29,10 @@ def initial_path(
 ) -> SpiralHelix:
     """Return the path with which `tune` starts if it is called with the same arguments.
 
-    With "uniform" motion the angular rate is constant: it is the turn divided by `duration`, or without a `duration`
-    the rate that fits V_φ at both ends best in the least-squares sense. With "hermite" motion the path has the given
-    boundary velocities. If `duration` is given, the states may also contain accelerations, which the path then has at
-    its ends; `tune` does not accept such states.
+    With "uniform" motion the angular rate is constant and equals the turn divided by `duration`. Without a `duration`,
+    it is the rate that fits V_φ at both ends best in the least-squares sense. With "hermite" motion the path has the
+    given boundary velocities. If `duration` is given, the states may also contain accelerations, which the path then
+    has at its ends; `tune` does not accept such states.
 
     **Raises:** ValueError if the arguments do not determine a path.
     """

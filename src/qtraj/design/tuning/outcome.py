@@ -53,7 +53,7 @@ class Tuned(AbstractOutcome):
     - `start`, `end`: the boundary states of the tuned path in world axes.
     - `objective`: the value of the objective for the tuned path, in its own units.
     - `certificate`: the findings on the limits.
-    - `code`: a `ResultCode`; `status` describes it in one or two words, and `result` explains it and contains advice.
+    - `code`: a `ResultCode`; `status` describes it in one or two words, and `result` explains it and gives advice.
     - `iterations`: the number of steps of the best search.
     - `advice`: notes on the search and, after a failure, advice. For a batch, `advisor` computes the advice on an
       element when its `result` is requested; `place` contains the number of the advisor and the index of the element.
@@ -108,7 +108,7 @@ class Tuned(AbstractOutcome):
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one problem in words, with advice."""
+        """Describe the result of one problem, with advice."""
         code, steps, radius, duration = (
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )

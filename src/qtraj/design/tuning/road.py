@@ -1,10 +1,11 @@
 """Limits on the forces of the road, as functions of r', r'' and gravity, with their derivatives.
 
 With u = t/T as the time, gravity is g·T². So these quantities depend on the duration T not only through the scale of
-their limit, and derivatives with respect to ln T follow those with respect to the slopes. The square of each quantity
-is a short formula in five numbers at each instant: two invariants and three forces. The five numbers are functions of
-seven others: the components of r' and r'', and gravity. JAX differentiates the formula and these functions, and the
-chain rule combines the derivatives. The derivatives of the five numbers are common to all quantities.
+their limit, and derivatives with respect to ln T are appended to the derivatives with respect to the slopes. The square
+of each quantity is a short formula in five numbers at each instant: two invariants and three forces. The five numbers
+are functions of seven others: the components of r' and r'', and gravity. JAX differentiates the formula and these
+functions, and the chain rule combines the derivatives. The derivatives of the five numbers are common to all
+quantities.
 """
 
 from collections.abc import Callable

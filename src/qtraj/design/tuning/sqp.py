@@ -6,7 +6,7 @@ largest violation is continuous when peaks appear or vanish.
 
 Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. The
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
-positive definite, squares of the active constraints are added; they do not change the solution while these constraints
+positive definite, squares of the active constraints are added. They do not change the solution while these constraints
 remain active. If the limits cannot be satisfied, all active constraint values equal t, so squares of their differences
 are added instead. If the Hessian is still not positive definite, a multiple of the identity is added. A second QP,
 about the end point of the first step, corrects the step. If a step reduces the merit function by less than a tenth of

@@ -150,8 +150,8 @@ class _Shift(NamedTuple):
     """The change of the gradient due to the squares of the active peaks.
 
     If the limits cannot be satisfied yet, `inv_count` is the inverse of the number of active peaks, and otherwise 0.
-    `slope_sum` is the sum of the slopes of the active peaks, and `offset` the gradient of half the sum of squares of
-    their values.
+    `slope_sum` is the sum of the slopes of the active peaks, and `offset` is the gradient of half the sum of the
+    squares of their values.
     """
 
     inv_count: Scalar

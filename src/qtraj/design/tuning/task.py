@@ -29,8 +29,8 @@ MIN_LIMIT = 1e-100
 class LimitSlots(eqx.Module):
     """The set of limits of a batch: the first `count` elements of `index` are indices into the registry.
 
-    Both arrays are unsigned, because indexing by signed numbers compiles to more operations: negative indices count
-    from the end.
+    Both arrays are unsigned. Signed indices would compile to more operations, because negative indices count from the
+    end.
     """
 
     index: Any  # UInt32[" slots"] of NumPy or JAX

@@ -68,20 +68,20 @@ def tune(
     and, for "hermite" motion, of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or
     a differentiable function of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω;
     "hermite" varies all six components and, unless the objective is "smoothest", the duration. `duration` [s] is the
-    initial duration of "hermite", and the fixed duration of "smoothest"; the default is the turn divided by an average
+    initial duration of "hermite", and the fixed duration of "smoothest". The default is the turn divided by an average
     of the angular rates of the initial states. The path turns about the z axis of `placement`, by default the world's z
     axis. If the states are far from this axis, pass a placement such as `axis_between(start, end)`. The path turns in
     the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the signed angle `turn` [rad].
 
-    The variables have the names "start.V_rho", "start.V_phi", "start.V_h" [m/s], the same for "end", and "duration"
-    [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the variables that
-    keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the direction of the
-    horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly. `bounds` maps
-    names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of the squared
-    changes in "nearest".
+    The variables have the names "start.V_rho", "start.V_phi", "start.V_h", "end.V_rho", "end.V_phi", "end.V_h" [m/s]
+    and "duration" [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the
+    variables that keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the
+    direction of the horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly.
+    `bounds` maps names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of
+    the squared changes in "nearest".
 
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
-    difference of the azimuths measured along the arc (an upper bound on the straight distance). The corridor is an
+    difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
 
     `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If no
@@ -101,7 +101,7 @@ def tune(
 
     **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
     path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
-    theorem). Infeasible problems then get no advice.
+    theorem). Under these transformations, infeasible problems get no advice.
 
     **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
     a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With

@@ -1,4 +1,4 @@
-"""Describe the outcome of a tuning in words, with advice."""
+"""Describe the outcome of a tuning, with advice."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ def verdict(
     radius: Float[np.ndarray, " n"],
     duration: float,
 ) -> str:
-    """Return the result of one tuning in words, with advice; `radius` contains the coefficients of ρ."""
+    """Describe the result of one tuning, with advice; `radius` contains the coefficients of ρ."""
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
     describe = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)

@@ -1,1 +1,1 @@
-"""Change all joint states and durations of a route together, so that it satisfies its limits."""
+"""Change all joint states and durations of a route together so that the route satisfies its limits."""

@@ -1,4 +1,4 @@
-"""Compute first and second derivatives of objective and constraints with respect to the variables of the joints.
+"""Compute first and second derivatives of the objective and the constraints with respect to the joint variables.
 
 Products with constant matrices turn derivatives at the nodes into derivatives with respect to the end data of a
 segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of its
@@ -28,7 +28,7 @@ class Local(NamedTuple):
 
 
 class LocalSecond(NamedTuple):
-    """Second derivatives with respect to the end data (6, 6, 3, 3, n), mixed (6, 3, n), and to the durations (n,)."""
+    """Second derivatives: end data (6, 6, 3, 3, n), end data and duration (6, 3, n), and duration (n,)."""
 
     ends: Float[Array, "6 6 3 3 n"]
     mixed: Float[Array, "6 3 n"]

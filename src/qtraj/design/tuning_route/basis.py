@@ -1,7 +1,7 @@
 """Evaluate quintic segments from the states at their ends, and integrate their squared derivatives.
 
 A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1. The end data y = (p, hv, h²a) at its start and end have
-the unit of a length. Derivatives are with respect to u, so that the matrices are the same for all segments.
+the unit of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ CELLS = 10
 """Number of cells of a segment; limits are imposed at the nodes between the cells and at both ends."""
 
 FINER = 8
-"""Number of subdivisions of a cell on the grid on which the largest values are searched."""
+"""Number of parts of a cell on the finer grid, from which the largest values are computed."""
 
 NODES = np.linspace(0.0, 1.0, CELLS + 1)
 

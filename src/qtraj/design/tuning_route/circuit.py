@@ -1,8 +1,8 @@
 """Join the last joint of a closed route to its first joint, so that both have the same state.
 
 The position, velocity and acceleration of the first joint are the variables; the last joint, with the index `seam`,
-repeats them and has only its time as a variable of its own. So the matrix of second derivatives couples the first joint
-to the last segment, and is block tridiagonal with a border (see `chain`).
+repeats them. The only separate variable of the last joint is its time. So the matrix of second derivatives couples the
+first joint to the last segment, and is block tridiagonal with a border (see `chain`).
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ def require_closed(route: Route) -> None:
             f"{gap:.6g} m away. Add a segment that leads back to the start, or call tune_route without closed=True."
         )
     if route.segments == 1:
-        raise ValueError("a closed route must have at least two segments, but it has one: divide it")
+        raise ValueError("a closed route must have at least two segments, but this route has one: divide it")
 
 
 def gathered(problem: RouteProblem, gradient: Float[Array, "10 joints"]) -> Float[Array, "10 joints"]:
-    """Return derivatives with respect to the free variables; the first joint receives those of the last joint."""
+    """Return derivatives with respect to the free variables; add those at the last joint to those at the first."""
     if problem.seam is not None:
         gradient = gradient.at[:, 0].add(gradient[:, problem.seam])
     return gradient * problem.free
 
 
 def repeated(problem: RouteProblem, change: Float[Array, "10 joints"]) -> Float[Array, "10 joints"]:
-    """Return changes of the free variables with the changes that the last joint of a closed route repeats."""
+    """Return the changes of all variables; the last joint of a closed route repeats the changes of the first."""
     change = change * problem.free
     return change if problem.seam is None else change.at[:, problem.seam].add(change[:, 0])
 
@@ -45,9 +45,10 @@ def repeated(problem: RouteProblem, change: Float[Array, "10 joints"]) -> Float[
 def bordered(
     free: Float[Array, "n b"], seam: Int[Array, ""], diagonal: Float[Array, "n b b"], lower: Float[Array, "n-1 b b"]
 ) -> Chain:
-    """Return the matrix of a closed route from that of the open route.
+    """Return the matrix of a closed route from the matrix of the open route.
 
-    The rows and columns of fixed variables, and of the state that the last joint repeats, are those of the identity.
+    The rows and columns of fixed variables, and of the state that the last joint repeats, are rows and columns of the
+    identity matrix.
     """
     unit = jnp.eye(diagonal.shape[1], dtype=diagonal.dtype)
     shared, own = free[0], free.at[0].set(0.0)

@@ -1,7 +1,7 @@
 """Express the limits and the tube as constraints at the nodes of each segment, with their derivatives.
 
-A limit is (value/limit)² ≤ margin, where the margin (at most 1) accounts for larger values between the nodes. The tube
-bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
+The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
+nodes. The tube bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
 """
 
 from typing import Any, NamedTuple
@@ -53,7 +53,7 @@ def distances(s: Segments, nodes: Any, offset: Float[Array, "3 nodes n"]) -> Flo
 
 
 def values(names: Names, problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Array, "constraints nodes n"]:
-    """Return the squares, relative to their bounds, of all limits and of both distances."""
+    """Return the squares of all limited quantities and of both distances, relative to their bounds."""
     nodes = basis.FINE_NODES if fine else basis.NODES
     offset, tube = (problem.fine_offset, problem.fine_tube) if fine else (problem.offset, problem.tube)
     away = distances(s, nodes, offset)

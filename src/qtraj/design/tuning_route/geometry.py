@@ -12,7 +12,7 @@ from qtraj.design.tuning_route import basis
 from qtraj.path import pieces
 
 TIME_SCALE = 1.0
-"""The objective "nearest" multiplies changes of velocity by this time [s], changes of acceleration by its square."""
+"""In "nearest", changes of velocity are multiplied by this time [s], and changes of acceleration by its square."""
 
 X, Z = np.eye(3)[:1], np.eye(3)[2:]
 
@@ -22,11 +22,11 @@ STRAIGHT[[1, 3, 4], 0] = 1.0
 
 
 def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
-    """Return the states of the joints (count + 1, 3, 3); `still` (count,) is whether a segment does not change.
+    """Return the states of the joints (count + 1, 3, 3); `still` (count,) marks the segments that do not change.
 
-    Where the route jumps, the state of a joint is the mean of both sides. Next to a segment that does not change, it is
-    the state of that segment, so that the tuned route does not jump there. If the route is `closed`, the last segment
-    is followed by the first one.
+    Where the route jumps, the state of a joint is the mean of the states on both sides. Next to a segment that does not
+    change, the state is taken from that segment, so that the tuned route does not jump there. If the route is `closed`,
+    the last segment is followed by the first one.
     """
     xp = pieces.arithmetic(c, h)
     first = xp.stack(pieces.values(c, xp.zeros_like(h), 2), axis=1)
@@ -46,7 +46,7 @@ def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
 
 
 def filled(x: Any, n: int, value: float) -> Any:
-    """Return the array with `value` appended up to the length `n`."""
+    """Pad the array with `value` to the length `n`."""
     xp = pieces.arithmetic(x)
     return xp.concatenate([x, xp.full((n - len(x), *x.shape[1:]), value)])
 
@@ -111,7 +111,7 @@ def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
     own, c = same_terms(pieces.hermite(h, states), c)
     xp, count = pieces.arithmetic(own, c), len(h)
     exponents = np.arange(own.shape[1], dtype=float)[None]
-    # Separate powers: the derivative of 0⁰ with respect to its basis would be NaN.
+    # Separate powers, because the derivative of 0⁰ with respect to its base would be NaN.
     rows = xp.einsum("fk,nk,nkc->cfn", nodes[:, None] ** exponents, h[:, None] ** exponents, own - c)
     rows = rows * moving[None, None, :count]
     return xp.pad(rows, [(0, 0), (0, 0), (0, len(moving) - count)])

@@ -1,8 +1,8 @@
 """Tune a route by a primal-dual interior-point method in one compiled loop.
 
-The inequalities are written as g(z) + s = 0 with slacks s ≥ 0, which a logarithmic barrier with the parameter μ → 0
-keeps positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
-2006, sections 2 and 3). Second derivatives are exact; if the matrix is not positive definite, a multiple of the
+The inequalities are written as g(z) + s = 0 with slacks s. A logarithmic barrier with the parameter μ → 0 keeps the
+slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
+2006, sections 2 and 3). Second derivatives are exact. If the matrix is not positive definite, a multiple of the
 identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
 """
 
@@ -44,7 +44,7 @@ FAR, CLOSE = 0.8, 0.9
 
 RENEWED, RENEWALS = 1e-2, 60
 """Margins are updated if the barrier parameter is below `RENEWED`, at most `RENEWALS` times. The search does not
-end before the margins have converged: larger values between the nodes would need another search."""
+end before the margins have converged, because otherwise another search would be needed."""
 
 FREE = 8
 """After this number of updates margins may only decrease, so that they converge."""
@@ -101,7 +101,7 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
 
     A margin is the ratio of the value at the node to the maximum, at the current variables. Parabolas through the
     values on a finer grid give the maxima. No margin is needed where the values between two nodes do not exceed the
-    larger one of the values at the nodes.
+    larger of the two values at the nodes.
     """
     s = segments(problem, z)
     fine = values(names, problem, s, fine=True)
@@ -283,11 +283,11 @@ def solve(
     renewals: Any,
     inside: Any,
 ) -> Search:
-    """Search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
+    """Search from an iterate, decreasing the barrier parameter from `mu` to `least`, in at most `most` steps.
 
-    `names` are the limits in the order of `problem.squares`. Margins are multiplied by `factor` < 1; `renewals` is the
-    initial number of their updates. With `inside`, all iterates after the first one that satisfies the limits at the
-    nodes satisfy them there.
+    `names` are the limits in the order of `problem.squares`. Margins are multiplied by `factor` < 1. The count of their
+    updates starts at `renewals`. With `inside`, once an iterate satisfies the limits at the nodes, all later iterates
+    satisfy them there, too.
     """
     one = jnp.ones_like(problem.durations[0])
     first = Search(

@@ -1,10 +1,11 @@
 """Define the optimisation problem of a route: variables at the joints, data of the segments, and objective.
 
 The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths. Vectors
-have components along and across the original path. The position changes only across the path: a shift of a joint along
-the path changes only the subdivision, and the objective would hardly determine it. A segment depends only on the
-variables of its two joints, so the matrix of second derivatives is block tridiagonal. The segments or joints are on the
-last axis of all arrays. Segments that do not change, and the padding, have `moving` = 0 and no constraints.
+have components along and across the original path. The position changes only across the path. A shift of a joint along
+the path would change only the subdivision into segments, and the objective would hardly determine this shift. A segment
+depends only on the variables of its two joints, so the matrix of second derivatives is block tridiagonal. The last axis
+of every array indexes segments or joints. Segments that do not change, and the padding, have `moving` = 0 and no
+constraints.
 """
 
 from collections.abc import Callable
@@ -35,10 +36,10 @@ class RouteProblem(NamedTuple):
     durations.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
-    change of the end data. `unit` times this sum is the objective in the units of the user. `free` (10, n + 1) is 0 for
-    fixed variables; `scale` (10,) converts variables to SI.
-    `axes` (2, 3, 3, n): in rows, unit vectors along, to the left of and above the original path at both ends.
-    `seam`: the index of the last joint of a closed route, which has the state of the first joint; otherwise None.
+    change of the end data. `unit` times this sum is the objective in the user's units. `free` (10, n + 1) is 0 for
+    fixed variables; `scale` (10,) converts variables to SI. `axes` (2, 3, 3, n): in rows, unit vectors along, to the
+    left of and above the original path at both ends. `seam`: the index of the last joint of a closed route, which has
+    the state of the first joint; otherwise None.
     """
 
     ends: Float[Array, "6 3 n"]
@@ -100,7 +101,7 @@ def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
     h0 = problem.durations
     h = h0 + longer
     given = problem.ends / powers(h0)
-    # h v − h₀v₀ = h δv + (h − h₀)v₀, and likewise for the acceleration, without cancellation.
+    # h v − h₀v₀ = h δv + (h − h₀)v₀ avoids cancellation; the acceleration is treated in the same way.
     first = longer / h0
     growth = jnp.stack([0.0 * h, first, first * (2 + first)] * 2)[:, None]
     change = powers(h) * shifts + growth * problem.ends

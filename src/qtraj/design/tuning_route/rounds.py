@@ -1,7 +1,8 @@
 """Repeat the search until every limit and the tube are proved to be satisfied on every segment that may change.
 
 A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). Then whole segments
-are certified. Where a proof is missing, the margins are reduced a little, and the search continues from its solution.
+are certified. Where a proof is missing, the margins are reduced a little, and another search starts from the last
+solution.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ AGAIN = (1e-7, 1e-3)
 """A repeated search starts with the largest relative violation as barrier parameter, clipped to these bounds."""
 
 ROUGH, SMOOTHING = 1e-3, 1e-3
-"""The fastest route is not unique: on a straight, for example, many lines take the same time. So its search adds a term
-with the integral of the squared jerk, from the solution for the barrier parameter `ROUGH` on. There the term is this
-fraction of the duration."""
+"""The fastest route is not unique: on a straight, for example, many lines take the same time. Therefore
+the search adds a term proportional to the integral of the squared jerk once the barrier parameter has reached `ROUGH`.
+At that point the term is the fraction `SMOOTHING` of the duration."""
 
 SAFETY = 2e-5
 """Margins are reduced by this fraction, which doubles with each repetition."""
@@ -79,7 +80,10 @@ class Found(NamedTuple):
 def search(
     names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
 ) -> Search:
-    """Call `interior.solve`, compiled. A search with the first margins for the fastest route keeps the limits."""
+    """Call `interior.solve`, compiled.
+
+    For the fastest route with the initial margins, once an iterate satisfies the limits, all later iterates do, too.
+    """
     inside = jnp.any(problem.time > 0) & (renewals == 0)
     return interior.solve(names, problem, at, factor, mu, least, most, renewals, inside)
 

@@ -34,19 +34,19 @@ STEPS = 60
 """Maximum number of Newton steps with which the last search is continued."""
 
 BARRIERS, LEAST, TOLERANCE = (1e-3, 1e-5, 1e-7), 1e-7, 1e-11
-"""The first barrier parameters, of which the largest that leads to convergence is used, the last one, and the largest
-residual at the last one, where the conditions are differentiated. A smaller last parameter would increase the rounding
-errors of the derivatives noticeably."""
+"""Initial barrier parameters, tried from the largest down until one leads to convergence; the final barrier parameter,
+for which the conditions are differentiated; and the largest residual accepted there. A smaller final parameter would
+noticeably increase the rounding errors of the derivatives."""
 
 REFINEMENTS = 2
-"""Number of refinements of the solution of the linear system, which is ill-conditioned."""
+"""Number of iterative refinements of the solution; the linear system is ill-conditioned."""
 
 DECREASE, KEEP = 0.2, 0.995
 """The barrier parameter decreases by this factor in each step; slacks decrease by at most this fraction."""
 
 
 class Data(NamedTuple):
-    """The data θ: the padded segments of the route, the bounds of the limits, and the half-widths of the tube."""
+    """The data θ: the padded segments of the route, the values of the limits, and the half-widths of the tube."""
 
     starts: Float[Array, " rows"]
     coefficients: Float[Array, "rows terms 3"]
@@ -133,7 +133,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: 
 
 
 def _change(names: Names, kind: str, found: Solution, data: Data, change: Data) -> Array:
-    """Return the change of the variables for a change of the data."""
+    """Return the change of the variables that a change of the data causes."""
     if found.at is None:
         return jnp.zeros_like(found.problem.free)
     problem, count = found.problem, found.result.within.shape[0]
@@ -163,7 +163,8 @@ class _Newton(NamedTuple):
 def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate, chain.Chain, Array]:
     """Refine an iterate until it satisfies the optimality conditions; return it, the matrix, and whether it converged.
 
-    The slacks and multipliers start from a larger barrier parameter: with tiny slacks, steps would be too short.
+    The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
+    short.
     """
     found = _polished(names, problem, at, np.asarray(BARRIERS[0]))
     for barrier in BARRIERS[1:]:
@@ -174,7 +175,7 @@ def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate,
 
 @eqx.filter_jit
 def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
-    """Refine an iterate by full Newton steps from a barrier parameter on.
+    """Refine an iterate by full Newton steps, starting with the given barrier parameter.
 
     There is no merit function, because its rounding errors would stop a line search this close to the optimum.
     """

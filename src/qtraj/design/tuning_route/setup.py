@@ -108,7 +108,7 @@ def _held(fixed: np.ndarray, moving: np.ndarray, count: int, closed: bool) -> np
 
 
 def _own(count: int, n: int, closed: bool) -> np.ndarray:
-    """Return 0 for the state of the last joint (10, n + 1) of a closed route, which repeats the first, otherwise 1."""
+    """Return 0 for the variables (10, n + 1) that the last joint of a closed route repeats, and 1 for all others."""
     own = np.ones((BLOCK, n + 1))
     own[:9, count] = not closed
     return own

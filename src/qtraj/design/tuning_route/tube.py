@@ -83,7 +83,8 @@ def _positive(b: np.ndarray, error: np.ndarray) -> np.ndarray:
     for halvings in range(DEPTH):
         bound = (error + halvings * rounding)[index]
         open_ = b.min(axis=1) < bound
-        # The first and the last coefficient are values of the polynomial: below the bound, no proof is possible.
+        # The first and the last coefficient are values of the polynomial. If one is below the bound, no proof is
+        # possible.
         lost = open_ & (np.minimum(b[:, 0], b[:, -1]) < bound)
         proved[index[lost]] = False
         kept = open_ & proved[index]

@@ -51,16 +51,16 @@ def tune_route(
       original speed, and δh is the change of the duration h of the segment;
     - "smoothest" [m²/s⁵]: ∫|r⃛|²dt; the duration of the route, or of each part between stops, does not change;
     - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
-      search adds a term of the squared jerk, which is about 0.1 % of the duration.
+      search adds a term with the squared jerk; this term is about 0.1 % of the duration.
 
     `fixed`: the states of the joints that do not change, bool (n,), or (n, 3) for position, velocity and acceleration
-    separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest without a jump in
-    position, heading or curvature. The time of a joint may change even if its state is fixed. Segments that touch a
-    stop are not changed.
+    separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of the route
+    without a jump in position, heading or curvature. The time of a joint may change even if its state is fixed.
+    Segments that touch a stop are not changed.
 
     `closed`: whether the route is a closed circuit, which must end where it starts. The last joint then has the same
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
-    on the whole lap, also where it is repeated.
+    on the whole lap, including the transition to the next lap.
 
     The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
     segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
@@ -73,15 +73,15 @@ def tune_route(
 
     **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, outside `jit` and `vmap`, `path`, `objective`,
     `displacement` and `delay` have the derivatives of the optimum with respect to the route (the states of its
-    joints and its times), the limits and the tube, by the implicit function theorem. They are derivatives of the
-    problem of the last search, with limits at its instants and constant margins, and NaN if that search does not
+    joints and its times), the limits and the tube, by the implicit function theorem. The derivatives refer to the
+    problem of the last search, with limits at its instants and constant margins. They are NaN if that search does not
     converge.
 
-    **Raises:** ValueError for another path, a batch, arguments inside jit or vmap, a route in float32, an unknown
-    objective, a limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that
-    bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where it
-    starts, has only one segment, or has different half-widths at its ends. RuntimeError with `throw` if a limit is not
-    proved to be satisfied.
+    **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a route in float32, an
+    unknown objective, a limit on the natural trihedral (which does not exist on straights), "fastest" without a limit
+    that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where
+    it starts, has only one segment, or has different half-widths at its ends. RuntimeError with `throw` if a limit is
+    not proved to be satisfied.
     """
     _require_route(route, limits)
     names = _names(limits, objective)
@@ -123,7 +123,7 @@ def _solution(
 
 
 def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
-    """Return the given route, unchanged, and whether it satisfies its limits and stays within its tube."""
+    """Return the given route unchanged, and whether it satisfies its limits and stays within its tube."""
     z = jnp.zeros_like(problem.free)
     judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
     count = len(given.h)

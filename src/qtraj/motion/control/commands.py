@@ -1,9 +1,9 @@
 """Split a command into the program's acceleration and a correction, in body or inertial axes (paper C, (2.1), (2.2)).
 
 In body axes, ε_x = ε_z⁰ + δε adds components in different bases, so δε is *not* the difference between the vectors of
-commanded and program acceleration. In inertial axes, ε_ξ = ε_ξ⁰ + Δε, and Δε is this difference. A law returns ε_x. The
-functions of this module split ε_x for analysis or telemetry, or compute ε_x from a correction. Accelerations are (4,)
-[rad/s²], with the virtual scalar part first.
+the commanded acceleration and the program acceleration. In inertial axes, ε_ξ = ε_ξ⁰ + Δε, and Δε is this difference. A
+law returns ε_x. The functions of this module split ε_x for analysis or telemetry, or compute ε_x from a correction.
+Accelerations are (4,) [rad/s²], with the virtual scalar part first.
 """
 
 from qtraj.foundation.types import Quat

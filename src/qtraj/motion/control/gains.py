@@ -19,7 +19,7 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
     """Return critically damped gains K1 = 2k, K2 = k² with which the error decays to `residual` in `time` [s].
 
     `residual` is a fraction of the initial error; the initial time derivative of the error is assumed to be zero. k
-    satisfies (1 + kt)e^(−kt) = residual with t = `time`; for residuals of 5, 2, 1 and 0.1 %, kt is 4.744, 5.834, 6.638
+    satisfies (1 + kt)e^(−kt) = residual with t = `time`. For residuals of 5, 2, 1 and 0.1 %, kt is 4.744, 5.834, 6.638
     and 9.233.
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).

@@ -37,7 +37,7 @@ class HystereticLaw(AbstractLaw):
     `law`: an `AccelerationLaw`, whose error equation is linear between changes of the sign, or a `QuaternionFeedback`,
     which results in the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0, each update selects the
     nearer of λ and −λ, and noise can cause chattering. `sampling` [s]: the period, or the instants, of the updates of
-    the sign; the command is continuous between updates. Omit `sampling` if the sensor or the actuator is sampled: the
+    the sign; the command is continuous between updates. Omit `sampling` if the sensor or the actuator is sampled. The
     sign is then updated with each new command.
 
     In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. If you call the

@@ -2,8 +2,8 @@
 
 Each joint is described by its axis for joint values of zero, in base coordinates (product of exponentials). The pose of
 the gripper is the product of the joint motions, from the first to the last joint, and the pose for zero joint values.
-With the joint values q, rates and accelerations of the gripper are (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇ in the
-axes of the base, which are inertial.
+With the joint values q, the rates of the gripper are (ω, v) = J(q) q̇, and its accelerations are (ε, a) = J q̈ + J̇ q̇.
+The components are in the axes of the base, which are inertial.
 """
 
 from __future__ import annotations

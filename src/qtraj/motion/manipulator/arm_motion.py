@@ -22,12 +22,13 @@ class ArmMotion(AbstractOutcome):
     `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their time derivatives.
     `position` (n, 3) [m], `quaternion` (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
     inertial axes, with the virtual rate ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law.
-    `angle` (n,) [rad]: the angle between gripper and program. `distance` (n,) [m]: the distance between the gripper and
-    the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value of the
-    Jacobian (in rad and m), or, without a path, of the three rows for ω. `angular_acceleration_error` (n,) [rad/s²] and
-    `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded acceleration of the
-    gripper; without active damping, they are zero up to round-off. Without a path, `distance` and `acceleration_error`
-    are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: the result in words.
+    `angle` (n,) [rad]: the angle between the gripper and the program. `distance` (n,) [m]: the distance between the
+    gripper and the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value
+    of the Jacobian (in rad and m), or, without a path, of the three rows for ω. `angular_acceleration_error` (n,)
+    [rad/s²] and `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded
+    acceleration of the gripper; without active damping, they are zero up to round-off. Without a path, `distance` and
+    `acceleration_error` are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: a
+    description of the result.
     """
 
     times: Float[Array, "*batch n"]
@@ -79,7 +80,7 @@ class ArmMotion(AbstractOutcome):
         document.save(self, file)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words, with the largest deviation of the gripper's acceleration from the command."""
+        """Describe the result, with the largest deviation of the gripper's acceleration from the command."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = "finished: every instant was reached." if code == ResultCode.successful else code.text
         errors = {"rad/s²": self.angular_acceleration_error, "m/s²": self.acceleration_error}
@@ -128,7 +129,7 @@ class ArmMotion(AbstractOutcome):
                 "magnitude of the actual minus the commanded acceleration of the gripper",
                 (along,),
             ),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         summary = (

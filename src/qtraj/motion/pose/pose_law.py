@@ -120,7 +120,7 @@ def initial_state(
 ) -> tuple[Float[Array, " n"], Float[Array, 14]]:
     """Return the instants, and the initial state λ, ω, r and v (14,), checked and in one dtype.
 
-    The argument `state` contains r, v, λ and ω, in this order, unlike the result.
+    The order of the argument `state` is different: r, v, λ and ω.
 
     **Raises:** ValueError for arguments of another type or shape, a `sign` that is not one of `SIGNS`, or times
     that do not increase.

@@ -23,8 +23,8 @@ class PoseMotion(AbstractOutcome):
     `quaternion` (n, 4) is not normalised. `rate` (n, 4) [rad/s] is in body axes, with the virtual rate ω0 = d/dt ln|λ|²
     first. `command` (n, 4) [rad/s²]: the commanded angular acceleration, body axes, virtual part first. `error` (n, 8):
     the dual error quaternion M, with the real part μ first. `distance` (n,) [m]: the magnitude of the position error.
-    `angle` (n,) [rad]: the angle between body and program. Values at instants that were not reached are NaN. `code`: a
-    `ResultCode`. `result`: the result in words.
+    `angle` (n,) [rad]: the angle between the body and the program. Values at instants that were not reached are NaN.
+    `code`: a `ResultCode`. `result`: a description of the result.
     """
 
     times: Float[Array, "*batch n"]
@@ -60,7 +60,7 @@ class PoseMotion(AbstractOutcome):
         self.code = jnp.asarray(code, jnp.int32)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result in words, with advice."""
+        """Describe the result, with advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
@@ -88,7 +88,7 @@ class PoseMotion(AbstractOutcome):
             "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the dual error quaternion", component),
             "distance": Quantity(self.distance, "m", "distance from the path", (along,)),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         errors = f"distance {extent(self.distance, 'm')}, angle to the program {extent(self.angle, 'rad')}"

@@ -227,7 +227,7 @@ def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
 
 
 def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar) -> None:
-    """Raise a ValueError that states the minimum duration if a fixed duration is concrete and infeasible."""
+    """Raise a ValueError that gives the minimum duration if a fixed duration is concrete and infeasible."""
     feasible = concrete(profile.feasible)
     if feasible is None or feasible or motion_profile.duration is None:
         return

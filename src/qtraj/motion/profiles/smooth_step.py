@@ -63,8 +63,8 @@ class AbstractSmoothStep(AbstractProfile):
     def _shortest(self, total: Scalar) -> Scalar:
         """Return the minimum duration max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) [s], or 0 without limits.
 
-        c1, c2 and c3 are `peaks`; V, A and J are the limits of rate, acceleration and jerk. A limit that is None is
-        left out.
+        c1, c2 and c3 are the elements of `peaks`. V, A and J are the limits on rate, acceleration and jerk. A limit
+        that is None is omitted.
         """
         size = nonzero_size(total)
         limits = (self.max_rate, self.max_acceleration, self.max_jerk)

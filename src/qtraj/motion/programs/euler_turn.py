@@ -31,7 +31,7 @@ class EulerTurn(AbstractProgram):
     after the end of the slew.
 
     The program and its gradient are finite for equal attitudes, for which the program is constant. They are also finite
-    for half turns: both senses of rotation are then equally short, and e has the direction of a_v, the vector part of
+    for half turns. Both senses of rotation are then equally short, and e has the direction of a_v, the vector part of
     a.
 
     **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a

@@ -37,9 +37,9 @@ class FrameProgram(AbstractProgram):
     once, when the program is created, and stored with the program. The frame must rotate by less than π between two
     neighbouring anchors, and thus by less than 512π in total. Routes instead have four anchors in each segment.
 
-    The program is not defined where the frame is not defined: the natural frame on a straight path, the upright frame
-    where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames where the
-    velocity is zero. The natural frame flips by π at an inflection point.
+    The program is not defined where the frame is not defined. Examples are the natural frame on a straight path, the
+    upright frame where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames
+    where the velocity is zero. The natural frame flips by π at an inflection point.
 
     To differentiate with respect to paths or to vmap over paths, create the program inside the transformed function.
     Outside [0, duration] path and program are extrapolated.

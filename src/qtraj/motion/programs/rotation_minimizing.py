@@ -1,10 +1,10 @@
 """Compute the rotation-minimizing frame, whose angular rate about the tangent is zero.
 
 The angular rate of the frame is ω_ξ = c/v² with c = r' × r'' and v = |r'|. A node is an instant at which the attitude
-of the frame is stored. Near a node, the frame is the upright frame whose up direction is the binormal at the node,
-rotated about the tangent τ by −∫ω·τ dt from the node, where ω is the rate of this upright frame. The
-rotation-minimizing frame is thus regular wherever the speed is not zero, even on straight segments, and does not need
-r''''. The attitudes at the nodes are computed once, by quaternion products from one node to the next.
+of the frame is stored. Near a node, let ω be the rate of the upright frame whose up direction is the binormal at the
+node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. So it
+is regular wherever the speed is not zero, even on straight segments, and does not need r''''. The attitudes at the
+nodes are computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx
@@ -84,7 +84,7 @@ def name_of(frame: Frame) -> str:
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
     """Compute the frame at `t` [s] from its quaternion `at_node` at the time `node` [s].
 
-    Of the quaternions λ and −λ of the frame, return the one nearer to `at_node`.
+    The quaternion of the result is λ or −λ, whichever is nearer to `at_node`.
     """
     samples = _sample(path, node, t)
     dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2)), t - node)

@@ -5,9 +5,9 @@ with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-The rates at the inner attitudes are determined by the continuity of the acceleration; they are computed by Newton's
-method with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval.
-The spline is the same as SciPy's RotationSpline.
+The rates at the inner attitudes follow from the continuity of the acceleration. They are computed by Newton's method
+with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval. The
+spline is the same as SciPy's RotationSpline.
 """
 
 import math

@@ -92,7 +92,7 @@ class SlewVerdict(AbstractResult):
 
     @property
     def result(self) -> str:
-        """The result in words, with advice if a limit is violated."""
+        """A description of the result, with advice if a limit is violated."""
         if np.isnan(self.body_axes).all():
             return "there is no slew, because all attitudes are the same."
         minimum, status = float(self.least_duration), self.status
@@ -132,7 +132,7 @@ class SlewVerdict(AbstractResult):
             "end_quaternion": Quantity(self.end, "1", "attitude quaternion at the end", ("component",)),
             "end_sign": Quantity(self.sign, "1", "sign relative to the requested quaternion"),
             "met": Quantity(np.array(self.met), "1", "whether all limits are satisfied"),
-            "result": Quantity(np.array(self.result), "", "the result in words"),
+            "result": Quantity(np.array(self.result), "", "description of the result"),
         }
         coordinates = {
             "limit": Quantity(np.array(self.names), "", "limited quantity", limit),

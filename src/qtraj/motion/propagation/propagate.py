@@ -33,7 +33,7 @@ class Propagation(AbstractOutcome):
 
     `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error of the last attitude and of ln|λ|²,
     including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from the error without
-    round-off. `result`: the result in words.
+    round-off. `result`: a description of the result.
     """
 
     times: Float[Array, " n"]
@@ -49,7 +49,7 @@ class Propagation(AbstractOutcome):
         self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one propagation in words, with the error estimate if the estimate is too large."""
+        """Describe the result of one propagation, with the error estimate if the estimate is too large."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         if code == ResultCode.successful:
             return "the propagation reached its tolerance."
@@ -68,7 +68,7 @@ class Propagation(AbstractOutcome):
             ),
             "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
             "steps": Quantity(self.steps, "1", "number of steps"),
-            "result": Quantity(texts, "", "the result in words"),
+            "result": Quantity(texts, "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
@@ -97,7 +97,7 @@ def propagate(
     |q0| exp(½∫ω0 dt) to round-off. `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are
     chosen for a total error of `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32. `times` determine
     only the output, and need not resolve the motion. An event in ω that is much shorter than an eighth of the time span
-    can be missed, because ω is evaluated at nodes only: add an output time during the event.
+    can be missed, because ω is evaluated only at nodes. In this case add an output time during the event.
 
     With `steps`, each interval between two output times has this number of equal steps, and no error is estimated.
 

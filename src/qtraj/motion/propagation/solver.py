@@ -36,7 +36,7 @@ class AttitudeTerm(diffrax.AbstractTerm):
         controller = diffrax.PIDController(rtol=1e-9, atol=1e-9)
         diffrax.diffeqsolve(term, QuaternionMagnus(), t0, t1, None, q0, stepsize_controller=controller)
 
-    The `atol` of diffrax is an absolute tolerance: multiply it by |q0|.
+    The `atol` of diffrax is an absolute tolerance, so multiply it by |q0|.
 
     **Raises:** ValueError if `axes` is neither "body" nor "inertial".
     """

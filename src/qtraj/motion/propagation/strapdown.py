@@ -57,8 +57,8 @@ def propagate_samples(
     interval raises an error; None disables this check.
 
     **Raises:** ValueError for arrays of another shape, an unknown `kind` or `axes`, a negative `degree`, rates that are
-    not finite, times that do not increase strictly, or a gap. If a sample is invalid, the message states the index
-    and the time of the sample.
+    not finite, times that do not increase strictly, or a gap. If a sample is invalid, the message gives the index and
+    the time of the sample.
     """
     require_axes(axes)
     if kind not in KINDS:

@@ -77,7 +77,7 @@ class BodyMotion(AbstractResult):
         )
 
     def exactness(self) -> str:
-        """Return the deviation from the exact error equation, in words."""
+        """Describe the deviation from the exact error equation."""
         text = f"the acceleration deviated from the law by up to {_largest(self.mismatch):.3g} rad/s²"
         if self.deviation is None:
             return text

@@ -2,7 +2,7 @@
 
 The equations in body axes (1.2) are ω̇_x = ε_x, 2λ̇ = λ∘ω_x; in inertial axes (1.4), ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. λ, ω and
 ε have four components, so the state is in R⁸. The norm satisfies |λ(t)|² = |λ(t0)|² exp(∫ω0 dt) (the sign of ω0 in the
-paper is an erratum); |λ| is therefore a state variable, and a value other than 1 is not an error.
+paper is an erratum). So |λ| is a state variable, and a value other than 1 is not an error.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -52,7 +52,7 @@ def integrate(
     reverse mode in large batches, `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number
     of steps between two instants.
 
-    If the integration fails, `code` and `result` of the solution state the reason for each element of a batch, and
+    If the integration fails, `code` and `result` of the solution give the reason for each element of a batch, and
     values at instants that were not reached are NaN. If `throw` is true, an error is raised instead.
 
     **Raises:** ValueError for times that do not increase strictly, or that are too far from zero to be resolved in

@@ -28,7 +28,8 @@ class LoopHistory(AbstractResult):
 
     `solution`: the `Solution`. `reference`: the attitudes of the program, with fields (n, …). `closed_form`: the motion
     without disturbances in closed form; None for a law without a linear error equation. `open_loop_angle` (n,) [rad]:
-    the angle between body and program without feedback; None if not simulated. `history[rows]` selects instants.
+    the angle between the body and the program without feedback; None if not simulated. `history[rows]` selects
+    instants.
     """
 
     solution: Solution

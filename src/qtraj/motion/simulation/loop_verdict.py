@@ -36,13 +36,14 @@ MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
 class LoopVerdict(AbstractOutcome):
     """The assessment of a simulated closed loop; values that are not defined are NaN.
 
-    - `initial_angle`, `final_angle` [rad]: the angle between body and program at the first and the last instant.
+    - `initial_angle`, `final_angle` [rad]: the angle between the body and the program at the first and the last
+      instant.
     - `settling_time` [s]: the time after which the angle stays within `settled_angle` [rad].
     - `peak_command`: the largest magnitude of the physical command [rad/s²; rad/s for a rate law], at `peak_time` [s].
       `peak_components` (3,): the largest absolute value of the command about each body axis.
     - `deviation`: the largest difference between the error quaternion and its closed form, divided by the larger of 1
       and the largest norm of the closed form. `bound`: the largest deviation that the tolerances explain. Both are NaN
-      if the closed form does not apply; `reason` states why.
+      if the closed form does not apply; `reason` says why.
     - `initial_norm`, `least_norm`, `largest_norm`: the initial, smallest and largest |λ|. `norm_drift`: the largest
       relative error of |λ|.
     - `least_error`: the minimum of |μ|; the command is large where |μ| is small. `least_error_exact`: whether
@@ -75,7 +76,7 @@ class LoopVerdict(AbstractOutcome):
 
     @property
     def applies(self) -> bool:
-        """Whether the closed form applies to the loop; if it does not, `reason` states why."""
+        """Whether the closed form applies to the loop; if it does not, `reason` says why."""
         return not self.reason
 
     @property
@@ -89,7 +90,7 @@ class LoopVerdict(AbstractOutcome):
         return bool(self.growth < 0)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of the integration in words, with advice."""
+        """Describe the result of the integration, with advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
@@ -120,7 +121,7 @@ class LoopVerdict(AbstractOutcome):
             "stable": Quantity(np.array(self.stable), "1", "whether errors decay"),
             "instants": Quantity(self.instants, "1", "number of instants"),
             "code": Quantity(self.code, "1", "result code of the integration"),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
         }
         how = "agrees with" if self.agrees else "deviates from" if self.applies else "has no"
         settled = (

@@ -8,7 +8,7 @@ calls diffrax.
 Dopri8 is the default solver. For the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
 Dopri8 needs 62 steps with an error of 5e-14, Dopri5 needs 283 steps with 6e-12, and Tsit5 needs 273 steps with 5e-12.
 Dense output, instead of steps that end at the instants, would save a third of the steps of Dopri8, but the error would
-be 7e-10. A scan over intervals is also more robust than steps clipped to the instants: if a step ended just before an
+be 7e-10. A scan over intervals is also more robust than steps clipped to the instants. If a step ended just before an
 instant, the next step would be as small as round-off.
 """
 

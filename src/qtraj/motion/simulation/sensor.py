@@ -48,8 +48,8 @@ class Sensor(AbstractSensor):
 
     `rate_bias` (3,) and `rate_noise` (standard deviation of each sample) [rad/s]; `attitude_bias` (3,) and
     `attitude_noise` [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling`
-    [s]: a period or instants, as for an `Actuator`; each sample updates the command, which is held between the samples.
-    With None, the sensor is continuous and cannot have noise, because continuous white noise does not have a finite
+    [s]: a period or instants (see `Actuator`); each sample updates the command, which is held between the samples. With
+    None, the sensor is continuous and cannot have noise, because continuous white noise does not have a finite
     variance.
 
     **Raises:** ValueError for noise without a key or without sampling, or for negative noise.
@@ -108,8 +108,8 @@ class Sensor(AbstractSensor):
 class Gyros(AbstractSensor):
     """Gyros without an attitude sensor: the on-board computer propagates λ from sampled rates (paper C, section 2).
 
-    `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key` as
-    for `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
+    `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key`:
+    see `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
     computer interpolates the rate linearly between samples. If the acceleration is constant between samples, this
     interpolation is exact. Only the propagation error then remains, which is O(h⁵) for a step of length h. See remark 1
     of paper C.

@@ -31,7 +31,7 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 
 NEAR = 0.1
-"""Fraction of the smaller of |μ(0)| and 1 below which |μ| counts as near zero."""
+"""|μ| counts as near zero if it is below this fraction of the smaller of |μ(0)| and 1."""
 
 
 def simulate(
@@ -58,15 +58,15 @@ def simulate(
 
     `times` (n,) [s]: increasing instants, measured from the start of the program; `quaternion` and `rate` are the state
     at times[0]. `sign`: λ and −λ represent the same attitude. "nearer" starts with the quaternion nearer to the
-    program; with the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
+    program. With the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
     `quaternion`: use it after `control.place` or `control.choose_sign`, which also consider the rate, or to study such
     rotations. Only a `HystereticLaw` changes the sign later. `disturbance`: a `DisturbanceTorque`, a
     `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes. `sensor`: `Sensor` or `Gyros`; None for
     exact measurements. `actuator`: an `Actuator`, which can limit the command and hold it between samples; None for no
     limit and no hold. With a sampled sensor or actuator, the command changes at the samples only. `jumps` [s]: instants
     at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the tolerances,
-    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate: `rate` then
-    determines the dtype only, and a disturbance is not possible.
+    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In this case
+    `rate` determines only the dtype, and a disturbance is not possible.
 
     `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
     assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and

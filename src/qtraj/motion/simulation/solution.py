@@ -1,4 +1,4 @@
-"""Store the solution of an integration or a simulation: the motion, and its result in words."""
+"""Store the solution of an integration or a simulation: the motion, and a description of the result."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class Solution(AbstractOutcome):
     `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: the virtual rate ω0 = d/dt ln|λ|² first, then the
     physical rate. Solutions of `simulate` and `open_loop` also contain `command` (n, 4), the limited command in body
     axes, in rad/s² or in rad/s for a rate law; `error` (n, 4), the error quaternion of the law; and `angle` (n,) [rad],
-    the angle between body and program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
-    `ResultCode`. `result`: the result in words. Under `vmap` all fields have leading batch axes. `axes`: "body" or
-    "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
-    torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
+    the angle between the body and the program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
+    `ResultCode`. `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body"
+    or "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion`
+    with torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
 
     **Raises:** ValueError for unknown `axes` or `commands`.
     """
@@ -88,7 +88,7 @@ class Solution(AbstractOutcome):
         self.axes, self.commands, self.body = axes, commands, body
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Return the result of one motion in words, with advice and the last instant that was reached."""
+        """Describe the result of one motion, with advice and the last instant that was reached."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
         if self.body is not None:
@@ -115,7 +115,7 @@ class Solution(AbstractOutcome):
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}

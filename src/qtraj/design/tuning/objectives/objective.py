@@ -12,8 +12,8 @@ from qtraj.foundation.types import Scalar
 class AbstractObjective(eqx.Module):
     """A scalar to minimise, in its own units.
 
-    `fixes_duration` is true if the duration is not a variable, `needs_time_limit` if the problem needs a limit that
-    bounds the speed, and `is_smooth` if second derivatives exist, which the search "sqp" needs.
+    `fixes_duration` is true if the duration is not a variable. `needs_time_limit` is true if the problem needs a limit
+    that bounds the speed. `is_smooth` is true if second derivatives exist; the search "sqp" needs them.
     """
 
     name: ClassVar[str]
