@@ -280,9 +280,9 @@ class SensorPart(Part):
 
 
 class ActuatorPart(Part):
-    """The limit and the sampling of the command; the limit applies to the physical part."""
+    """The limit and the sampling of the command; the virtual part of the command is not limited."""
 
-    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit of the command", AXIS_LIMIT, None)
+    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit on the command", AXIS_LIMIT, None)
     saturation: Literal["norm", "axis"] = key(
         "whether the limit applies to the norm of the command or to each component", "'norm' or 'axis'", "norm"
     )

@@ -49,10 +49,10 @@ class SlewLawPart(Part):
     kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key(
         "the motion profile", KIND, "time_optimal"
     )
-    max_rate: Positive | None = key("limit of the rate", "a positive finite number, angle per s", None)
-    max_acceleration: Positive | None = key("limit of the acceleration", "a positive finite number, angle per s²", None)
+    max_rate: Positive | None = key("limit on the rate", "a positive finite number, angle per s", None)
+    max_acceleration: Positive | None = key("limit on the acceleration", "a positive finite number, angle per s²", None)
     max_jerk: Positive | None = key(
-        "limit of the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
+        "limit on the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
         "a positive finite number, angle per s³",
         None,
     )
@@ -123,7 +123,7 @@ class BodyPart(Part):
         "a positive number, three positive numbers, or three rows of three numbers",
     )
     max_torque: Positive | Vector | None = key(
-        "limit of the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
+        "limit on the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
         "down",
         "a positive number, or three positive numbers",
         None,
@@ -149,7 +149,7 @@ class SlewPart(Part):
     )
     end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
     law: SlewLawPart = key("the motion profile", "a table [law]")
-    body: BodyPart | None = key("the body, for torques and a limit of the torque", "a table [body]", None)
+    body: BodyPart | None = key("the body, for torques and a limit on the torque", "a table [body]", None)
 
     @model_validator(mode="after")
     def _at_rest(self) -> "SlewPart":
