@@ -171,10 +171,7 @@ def _simulated(
 
 
 def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
-    """Return the final and the largest error angle [rad] without feedback, or an empty dict if not simulated.
-
-    Angles that are not finite become None.
-    """
+    """Return the final and the largest angle [rad] without feedback (None if not finite), or {} if not simulated."""
     if history.open_loop_angle is None:
         return {}
     angles = np.asarray(history.open_loop_angle)
