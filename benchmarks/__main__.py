@@ -32,16 +32,18 @@ def main():
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("races", nargs="*", metavar="RACE", help=f"{', '.join(RACES)}; default: all")
+    parser.add_argument("races", nargs="*", metavar="BENCHMARK", help=f"{', '.join(RACES)}; default: all")
     parser.add_argument("--quick", action="store_true", help="small sizes and few rounds")
     parser.add_argument("--name", default=jax.default_backend(), help="name of the results file")
     parser.add_argument("--folder", type=Path, help="folder of the results file (temporary with --quick)")
     parser.add_argument("--write", action="store_true", help="also update the docs with these results")
     given = parser.parse_args()
     if unknown := [name for name in given.races if name not in RACES]:
-        parser.error(f"unknown race {unknown[0]!r}; known are {', '.join(RACES)}")
+        parser.error(f"unknown benchmark {unknown[0]!r}; the known benchmarks are {', '.join(RACES)}")
     if given.write and (given.quick or given.name != RESULTS.stem or given.folder):
-        parser.error(f"the documents are made of {RESULTS.name}: --write takes no --quick, other --name or --folder")
+        parser.error(
+            f"the documents use only {RESULTS.name}, so --write takes no --quick, no --folder and no other --name"
+        )
     folder = given.folder or (Path(tempfile.mkdtemp(prefix="qtraj-benchmarks-")) if given.quick else RESULTS.parent)
     file, failed = folder.resolve() / f"{given.name}.json", 0
     results = {"races": {}}

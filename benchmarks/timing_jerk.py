@@ -4,8 +4,8 @@ Run `python -m benchmarks.timing_jerk`, with `copp-py` 0.2.3 installed. The limi
 longitudinal acceleration and jerk. COPP supports only linear constraints. For a plane path, the jerk limit is a disc,
 which COPP's problem replaces by a circumscribed regular polygon with `--sides` sides. This relaxes the limit by up to
 1/cos(π/sides). COPP uses as many intervals as `retime` has cells. The speeds and accelerations at both ends are those
-of the solution of `retime`. COPP starts from this solution and solves its problem twice, each time linearised at its
-last solution. Its u̇² is quadratic between grid points. The limits are evaluated at 16 points of each interval.
+of the solution of `retime`. COPP starts from this solution and solves its problem twice, each time linearised at the
+previous solution. Its u̇² is quadratic between grid points. The limits are evaluated at 16 points of each interval.
 """
 
 import argparse
@@ -25,7 +25,7 @@ LIMITS = qt.Limits(speed=SPEED, lateral_acceleration=LATERAL, longitudinal_accel
 
 
 def paths(count):
-    """Plane turns, seeded."""
+    """Yield random plane turns."""
     rng = np.random.default_rng(4)
     for _ in range(count):
         start = qt.BoundaryState([rng.uniform(40, 60), 0, 0], [rng.normal(0, 1), 10.0, 0])

@@ -73,7 +73,7 @@ def work_precision_figure():
     }
     curves = {}
     for name, (call, settings) in ladders.items():
-        errors = [BATCH.error(call(setting)) for setting in settings]  # compiles
+        errors = [BATCH.error(call(setting)) for setting in settings]  # also compiles the call
         curves[name] = ([_median_ms(call, setting) for setting in settings], errors)
     return precision_figure(curves, work="time for all 256 problems [ms]", error="largest angle error [rad]")
 

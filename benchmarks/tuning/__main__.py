@@ -20,7 +20,7 @@ FEASIBLE = 1 + 1e-10
 WORSE = 1e-6  # tolerance relative to the best cost, or to a thousandth of V_ref² if that is larger
 REPEATS = 3
 SOLVED_BY_SLSQP = 200  # number of problems in the comparison of speed
-RACED = (1, 8)  # starts
+RACED = (1, 8)  # numbers of starts
 NONE = np.zeros(slsqp.ADDED)
 
 

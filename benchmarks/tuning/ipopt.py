@@ -18,7 +18,7 @@ OPTIONS = {
 
 @cache
 def _solver(added: int) -> casadi.Function:
-    """Create the symbolic problem: variables z as in qtraj; its parameters are data, limit and additional instants."""
+    """Create the solver; z are the variables of qtraj, and the parameters are data, limit and additional instants."""
     z, data, limit, more = (casadi.SX.sym(n, k) for n, k in (("z", 5), ("p", PARAMETERS), ("k", 1), ("u", added)))
     rho_a, rho_b, h_a, h_b, va_r, va_p, va_h, vb_r, vb_p, vb_h, turn, t0, speed = casadi.vertsplit(data)
     period = t0 * casadi.exp(z[4])

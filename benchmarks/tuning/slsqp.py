@@ -92,7 +92,7 @@ def outcome(problem: Problem, limit: float, z: np.ndarray) -> Solved:
 
 
 def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
-    """Repeat the run with the peaks of its solution as additional instants, so that the limit holds between samples."""
+    """Repeat the run with the peaks of its solution as additional instants, to satisfy the limit there too."""
     for _ in range(EXCHANGES):
         if found.ratio <= 1 + 1e-10:
             break
