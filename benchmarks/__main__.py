@@ -1,12 +1,12 @@
-"""Runs the benchmarks, prints their tables, saves them as JSON with machine and versions, and draws the figures.
+"""Run the benchmarks, print their tables, and save them as JSON with the machine and the package versions.
 
-    python -m benchmarks                        all benchmarks: some minutes, on an otherwise idle machine
-    python -m benchmarks evaluation bandwidth   only these; the file keeps the others
+    python -m benchmarks                        all benchmarks; this takes minutes on an otherwise idle machine
+    python -m benchmarks evaluation bandwidth   only these; the file keeps the results of the others
     python -m benchmarks --quick                small sizes and few rounds, to check that everything runs
-    python -m benchmarks --write                also update tables and figures of docs/performance.md
+    python -m benchmarks --write                also update the tables and figures in docs/performance.md
 
-The file is benchmarks/results/<name>.json (with --quick in a temporary folder), written after each benchmark; the
-default name is the type of device. The documents use only benchmarks/results/cpu.json.
+The results are written to benchmarks/results/<name>.json after each benchmark; with --quick, the file is in a temporary
+folder. The default name is the type of device. The documents use only benchmarks/results/cpu.json.
 """
 
 import argparse
@@ -32,16 +32,18 @@ def main():
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("races", nargs="*", metavar="RACE", help=f"{', '.join(RACES)}; by default all")
+    parser.add_argument("races", nargs="*", metavar="BENCHMARK", help=f"{', '.join(RACES)}; default: all")
     parser.add_argument("--quick", action="store_true", help="small sizes and few rounds")
     parser.add_argument("--name", default=jax.default_backend(), help="name of the results file")
-    parser.add_argument("--folder", type=Path, help="folder of that file; with --quick by default a temporary one")
-    parser.add_argument("--write", action="store_true", help="write tables and figures of these results into the docs")
+    parser.add_argument("--folder", type=Path, help="folder of the results file (temporary with --quick)")
+    parser.add_argument("--write", action="store_true", help="also update the docs with these results")
     given = parser.parse_args()
     if unknown := [name for name in given.races if name not in RACES]:
-        parser.error(f"unknown race {unknown[0]!r}; known are {', '.join(RACES)}")
+        parser.error(f"unknown benchmark {unknown[0]!r}; the known benchmarks are {', '.join(RACES)}")
     if given.write and (given.quick or given.name != RESULTS.stem or given.folder):
-        parser.error(f"the documents are made of {RESULTS.name}: --write takes no --quick, other --name or --folder")
+        parser.error(
+            f"the documents use only {RESULTS.name}, so --write takes no --quick, no --folder and no other --name"
+        )
     folder = given.folder or (Path(tempfile.mkdtemp(prefix="qtraj-benchmarks-")) if given.quick else RESULTS.parent)
     file, failed = folder.resolve() / f"{given.name}.json", 0
     results = {"races": {}}
@@ -67,7 +69,7 @@ def main():
 
 
 def measured(names, quick, raw):
-    """The results of pytest-benchmark with a description of the machine, and pytest's exit code."""
+    """Run the benchmarks; return their results with a description of the machine, and pytest's exit code."""
     if quick:
         os.environ["QTRAJ_BENCHMARKS_QUICK"] = "1"
     chosen = [f"benchmarks/test_races.py::test_race[{name}]" for name in names]
@@ -80,7 +82,7 @@ def measured(names, quick, raw):
 
 
 def gathered(raw, names, load):
-    """Results in the stored form, from pytest-benchmark's report and the load before it."""
+    """Convert pytest-benchmark's report to the stored form; `load` is the system load before the run."""
     machine, cpu = raw["machine_info"], raw["machine_info"].get("cpu", {})
     command = shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]])
     made = {"command": command, "date": raw["datetime"][:10], "device": device(), "machine": system(machine, cpu, load)}
@@ -95,13 +97,13 @@ def gathered(raw, names, load):
 
 
 def device():
-    """The devices that JAX uses."""
+    """Describe the devices that JAX uses."""
     found = jax.devices()
     return f"{len(found)} × {found[0].device_kind} ({found[0].platform})"
 
 
 def system(machine, cpu, load):
-    """The processor, the load of the minute before the race, Python and the packages."""
+    """Describe the processor, the system load before the run, Python and the packages."""
     versions = {name: importlib.metadata.version(name) for name in VERSIONS}
     return {
         "processor": cpu.get("brand_raw", machine["machine"]),
@@ -116,5 +118,5 @@ def system(machine, cpu, load):
 if __name__ == "__main__":
     begun = time.perf_counter()
     code = main()
-    print(f"{time.perf_counter() - begun:.0f} s in all")
+    print(f"{time.perf_counter() - begun:.0f} s in total")
     sys.exit(code)

@@ -1,16 +1,16 @@
-"""The fastest lap of a circuit in a tube about its centre line: `tune_route` against IPOPT on the same problem.
+"""Find the fastest lap of a circuit in a tube about its centre line, with `tune_route` and with IPOPT.
 
-`python -m benchmarks.circuit` drives a circuit with straights, a chicane and a hairpin (776 m, 80 segments; see
-`SECTIONS`) slowly along its centre line, and then looks for the fastest lap within limits on speed, lateral and
-longitudinal acceleration and within `TUBE` on either side. IPOPT (through CasADi, where it is installed) solves the
+`python -m benchmarks.circuit` uses a circuit with straights, a chicane and a hairpin (776 m, 80 segments; see
+`SECTIONS`). The search starts from a slow lap along the centre line. It minimises the lap time within limits on speed,
+lateral and longitudinal acceleration, and within `TUBE` on either side. IPOPT (through CasADi, if installed) solves the
 same problem from the same start: quintics between the joints, the same variables, the first joint equal to the last
-one, limits at `NODES` instants of each segment, exact derivatives. It minimises the duration alone, for at most `STEPS`
-steps, and then the objective of the search, which contains a small term of the jerk. The limits of the laps are sampled
-at a million instants.
+one, limits at `NODES` instants of each segment, and exact derivatives. IPOPT first minimises the duration alone, and
+then the objective of `tune_route`, which contains a small jerk term. Each run has at most `STEPS` steps. The limits of
+the laps are checked at a million samples.
 
-The lap along the centre line is the second of three that `retime` drives without a break, so that neither its start nor
-its end is prescribed. The fastest lap is retimed in the same way, which shows how much faster its line can be driven.
-Times are processor times.
+The lap along the centre line is the second of three laps that `retime` computes together, so neither its start speed
+nor its end speed is prescribed. The fastest lap is retimed in the same way, which shows how much faster its line can be
+driven. Times are processor times.
 """
 
 import argparse
@@ -44,14 +44,14 @@ SECTIONS = (
     (0, 0),
     (75, 90),
 )
-"""Lengths [m] and angles [deg] of straights and bends; the two straights without a length, which are at right angles,
-close the circuit. The curvature of a bend is proportional to sin²."""
+"""Lengths [m] and angles [°] of straights and bends. The two straights without a length are at right angles and close
+the circuit. The curvature of a bend is proportional to sin²."""
 
 STRAIGHTS = (0, 11)
 
 
 def followed(sections, parts=400):
-    """Arc length, position (n, 2), heading and curvature along sections."""
+    """Return arc length, position (n, 2), heading and curvature along sections."""
     q = np.linspace(0, 1, 2 * parts + 1)
     s, heading, x, bent = [0.0], [0.0], [np.zeros(2)], [0.0]
     for length, angle in sections:
@@ -68,7 +68,7 @@ def followed(sections, parts=400):
 
 
 def closed_sections():
-    """The sections, with the lengths of both straights that close the circuit."""
+    """Return the sections, with the lengths of both straights that close the circuit."""
     sections = [list(section) for section in SECTIONS]
     gap = followed(sections)[1][-1]
     sections[STRAIGHTS[0]][0], sections[STRAIGHTS[1]][0] = -gap[0], gap[1]
@@ -76,7 +76,7 @@ def closed_sections():
 
 
 def centre_line(count=COUNT, speed=SLOW):
-    """The centre line at a low constant speed, with `count` segments of equal length."""
+    """Return the centre line at a low constant speed, with `count` segments of equal length."""
     s, x, heading, bent = followed(closed_sections())
     at = np.linspace(0, s[-1], count + 1)
     heading, bent = (np.interp(at, s, a) for a in (heading, bent))
@@ -88,7 +88,7 @@ def centre_line(count=COUNT, speed=SLOW):
 
 
 def retimed_lap(route, limits):
-    """The second of three laps of `retime`, whether everything is proved, and the processor time [s]."""
+    """Return the time [s] of the second of three laps, whether all limits are proved, and the processor time [s]."""
     start = time.process_time()
     timed = qt.retime(route + route + route, limits, knots=KNOTS)
     once = float(route.duration)
@@ -97,7 +97,7 @@ def retimed_lap(route, limits):
 
 
 def fastest_along_sections(parts=4000):
-    """The minimum lap time along the centre line, from the curvature, by passes forwards and backwards."""
+    """Return the minimum lap time along the centre line, from the curvature, by forward and backward passes."""
     s, _, _, bent = followed(closed_sections(), parts)
     s, first = np.unique(s, return_index=True)
     top = LIMITS["lateral_acceleration"] / np.maximum(np.abs(bent[first]), 1e-9)
@@ -113,7 +113,7 @@ def fastest_along_sections(parts=4000):
 
 
 def problem_of(route, tube=TUBE):
-    """The segments of the route, and the arrays that the last search works on."""
+    """Return the segments of the route, and the arrays of the last search."""
     limits = qt.Limits(**LIMITS)
     return setup.parts(route, closed=True), _solution(
         route, limits, tuple(LIMITS), tube, "fastest", None, True, 300
@@ -121,7 +121,7 @@ def problem_of(route, tube=TUBE):
 
 
 def with_ipopt(problem, count, weight, tube=TUBE):
-    """Variables, time and return status of IPOPT; `weight` multiplies the integral of the squared jerk."""
+    """Run IPOPT; return variables, time and status. `weight` multiplies the integral of the squared jerk."""
     import casadi as ca
 
     data = {name: np.asarray(getattr(problem, name)) for name in ("ends", "durations", "axes")}
@@ -131,7 +131,7 @@ def with_ipopt(problem, count, weight, tube=TUBE):
     h = h0 + moves[1][9] - moves[0][9]
     shifts = []
     for side in range(2):
-        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # a column for each axis
+        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # one column for each axis
         shifts += [axes @ moves[side][3 * k : 3 * k + 3] for k in range(3)]
     ends = ca.reshape(given["ends"], 3, 6).T
     change = [h**e * shifts[k].T + ((h**e / h0**e) - 1) * ends[k, :] for k, e in enumerate(basis.POWERS)]
@@ -170,7 +170,7 @@ def with_ipopt(problem, count, weight, tube=TUBE):
 
 
 def violations(path, given, tube=TUBE):
-    """The largest relative violation of each limit among a million samples, and of the tube at 1025 of each segment."""
+    """Return the largest relative violations: limits at a million samples, and the tube at 1025 samples per segment."""
     t = np.linspace(0, float(path.duration), SAMPLES)
     table = qt.evaluate(path, t, tuple(LIMITS))
     found = {name: float(np.max(table.values[name])) / bound - 1 for name, bound in LIMITS.items()}
@@ -186,7 +186,7 @@ def report(name, path, given, text):
 
 
 def tuned(route, limits):
-    """The fastest lap and the processor time [s]."""
+    """Return the fastest lap and the processor time [s]."""
     start = time.process_time()
     best = qt.tune_route(route, limits, tube=TUBE, objective="fastest", closed=True)
     return best, time.process_time() - start

@@ -1,6 +1,6 @@
-"""Benchmarks: run with `pytest benchmarks -n 0`, in one process, because two would disturb each other.
+"""Configure the benchmarks; run them with `pytest benchmarks -n 0`, because parallel processes disturb each other.
 
-Each benchmark compares qtraj with an alternative, on the same work, in one session.
+Each benchmark compares qtraj with an alternative on the same task, in one session.
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""Coning motions as test problems: ω(t), λ(t) in closed form, and the same problem for diffrax and SciPy."""
+"""Define coning motions as test problems, with ω(t) and λ(t) in closed form, and solve them with several solvers."""
 
 import functools
 import math
@@ -16,19 +16,19 @@ from qtraj.motion.propagation.solver import AttitudeTerm
 
 
 class Batch(NamedTuple):
-    """Problems β [rad], Ω [rad/s] of (n,), over the same span [s]."""
+    """Problems with β (n,) [rad] and Ω (n,) [rad/s], all over the time span from 0 to `end` [s]."""
 
     beta: np.ndarray
     omega: np.ndarray
     end: float
 
     def at(self, t):
-        """λ (n, 4) in closed form."""
+        """Return λ (n, 4) in closed form."""
         half, phase = self.beta / 2, self.omega * t
         return np.stack([np.cos(half), np.sin(half) * np.cos(phase), np.sin(half) * np.sin(phase), 0 * half], axis=1)
 
     def error(self, qs):
-        """The largest angle [rad] between `qs` (n, 4) and the final attitudes."""
+        """Return the largest angle [rad] between `qs` (n, 4) and the exact final attitudes."""
         qs = np.asarray(qs) / np.linalg.norm(qs, axis=1, keepdims=True)
         last = self.at(self.end)
         gaps = [np.linalg.norm(qs + sign * last, axis=1) for sign in (1, -1)]
@@ -36,13 +36,13 @@ class Batch(NamedTuple):
 
 
 def rate(beta, omega, t):
-    """ω(t) in body axes (3,)."""
+    """Return ω(t) (3,) in body axes."""
     level, phase = omega * jnp.sin(beta), omega * t
     return jnp.stack([-level * jnp.sin(phase), level * jnp.cos(phase), -2 * omega * jnp.sin(beta / 2) ** 2 + 0 * t])
 
 
 def each(batch: Batch, one: Callable):
-    """`one`(ω, λ0) of all problems at once; without vmap for a single problem."""
+    """Return `one`(ω, λ0) for all problems at once, without `vmap` if there is only one problem."""
     first = batch.at(0.0)
     if len(batch.beta) == 1:
         return one(functools.partial(rate, batch.beta[0], batch.omega[0]), jnp.asarray(first[0]))[None]
@@ -50,7 +50,7 @@ def each(batch: Batch, one: Callable):
 
 
 def with_steps(batch: Batch, method):
-    """steps → the final attitudes (n, 4) by `propagate` with this number of equal steps."""
+    """Return a function that computes the final attitudes (n, 4) with `propagate`, from the number of equal steps."""
 
     @functools.partial(jax.jit, static_argnums=0)
     def call(steps):
@@ -61,7 +61,10 @@ def with_steps(batch: Batch, method):
 
 
 def with_diffrax(batch: Batch, solver):
-    """tolerance → the same by an adaptive solve; the tolerance is traced, so that one compilation serves all."""
+    """Return a function that computes the final attitudes with an adaptive diffrax solver, from the tolerance.
+
+    The tolerance is traced, so one compilation serves all tolerances.
+    """
 
     @jax.jit
     def call(tolerance):
@@ -78,7 +81,7 @@ def with_diffrax(batch: Batch, solver):
 
 
 def with_equal_steps_of_diffrax(batch: Batch, solver):
-    """steps → the same by a diffrax solver with equal steps: no controller, so all problems take the same steps."""
+    """Return a function that computes the final attitudes with a diffrax solver, from the number of equal steps."""
 
     @jax.jit
     def call(steps):
@@ -93,7 +96,10 @@ def with_equal_steps_of_diffrax(batch: Batch, solver):
 
 
 def with_scipy(batch: Batch, right_side: Callable | None = None):
-    """tolerance → the same by successive `solve_ivp` with DOP853; `right_side` uses plain numbers by default."""
+    """Return a function that computes the final attitudes with SciPy's DOP853, problem by problem, from the tolerance.
+
+    `right_side` creates the right-hand side of a problem, by default in plain numbers.
+    """
 
     make = in_plain_numbers if right_side is None else right_side
     problems = [(make(b, o), first) for b, o, first in zip(batch.beta, batch.omega, batch.at(0.0), strict=True)]
@@ -110,7 +116,7 @@ def with_scipy(batch: Batch, right_side: Callable | None = None):
 
 
 def in_arrays(beta, omega):
-    """2λ̇ = λ∘ω, as commonly written with NumPy."""
+    """Return the right-hand side of 2λ̇ = λ∘ω, as commonly written with NumPy."""
     level, z = omega * np.sin(beta), -2 * omega * np.sin(beta / 2) ** 2
 
     def derivative(t, q):
@@ -121,7 +127,7 @@ def in_arrays(beta, omega):
 
 
 def in_plain_numbers(beta, omega):
-    """2λ̇ = λ∘ω with Python numbers, several times faster than arrays of four."""
+    """Return the right-hand side of 2λ̇ = λ∘ω in Python numbers, several times faster than arrays of four."""
     level, z = omega * math.sin(beta), -2 * omega * math.sin(beta / 2) ** 2
 
     def derivative(t, q):

@@ -1,4 +1,4 @@
-"""The figures of docs/performance.md: throughput against size, and work against precision."""
+"""Draw the figures of docs/performance.md: throughput against size, and work against precision."""
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ LARGEST = 3e-3
 
 
 def throughput(race):
-    """Throughput of `evaluate` in instants per second, against the number of instants in one call."""
+    """Plot the throughput of `evaluate`, in instants per second, against the number of instants in one call."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(6.4, 4.0))
         axes = figure.add_axes((0.125, 0.13, 0.855, 0.84))
@@ -37,7 +37,7 @@ def _device(made):
 
 
 def precision(race):
-    """Work and precision of propagation: the largest angle error of coning problems against computing time."""
+    """Plot the largest angle error of coning problems against the computing time of the propagation."""
     curves = {}
     for name, curve in race["settings"]["curves"].items():
         kept = [k for k, error in enumerate(curve["errors"]) if 0 < error < LARGEST]
@@ -46,7 +46,7 @@ def precision(race):
 
 
 def draw(results, folder):
-    """Write the figures of the races in these results."""
+    """Write the figures of the benchmarks in these results."""
     for name, race, figure in (("throughput", "sizes", throughput), ("work_and_time", "propagation", precision)):
         if race in results["races"]:
             save(figure(results["races"][race]), folder / f"{name}.svg")

@@ -1,6 +1,6 @@
-"""Shared by the benchmarks: the loosest setting that is accurate enough, and comparisons of run time.
+"""Find the loosest setting that is accurate enough, and compare run times.
 
-Machines are noisy, so the candidates alternate round by round, and medians are compared; best times are printed too.
+Run times are noisy, so the candidates alternate in each round, and medians are compared; best times are printed too.
 """
 
 import time
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def loosest(call, settings, error, target):
-    """The first of `settings`, from loose to tight, with which error(call(setting)) ≤ target, and that error."""
+    """Return the first of `settings`, from loose to tight, with error(call(setting)) ≤ target, and this error."""
     found = first_within((error(jax.block_until_ready(call(setting))) for setting in settings), target)
     if found is None:
         raise ValueError(f"none of the settings reaches {target:g}, not even the last, {settings[-1]!r}")
@@ -18,24 +18,27 @@ def loosest(call, settings, error, target):
 
 
 def first_within(errors, target):
-    """The index of the first error ≤ target and that error, or None."""
+    """Return the index of the first error ≤ target and this error, or None if there is none."""
     return next(((k, error) for k, error in enumerate(errors) if error <= target), None)
 
 
 def decades(first, last, each=4):
-    """Tolerances from 10^first down to 10^last, `each` per decade."""
+    """Return tolerances from 10^first down to 10^last, `each` per decade."""
     return [10.0 ** (first - k / each) for k in range((first - last) * each + 1)]
 
 
 def seconds(call):
-    """The time of a call until its result is ready."""
+    """Return the time [s] from a call until its result is ready."""
     start = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - start
 
 
 def race(runners, rounds, few=(), warm=True):
-    """Seconds of every round for each runner (name → call), by default after a first call; those in `few` run twice."""
+    """Return the run times [s] of each runner by name, one for each round.
+
+    With `warm`, each runner is called once before the first round. Runners in `few` run only in the first two rounds.
+    """
     spent = {name: [] for name in runners}
     if warm:
         for call in runners.values():

@@ -1,4 +1,4 @@
-"""Writes the tables and figures of docs/performance.md from a results file:  python -m benchmarks.report [FILE]"""
+"""Write the tables and figures of docs/performance.md from a results file:  python -m benchmarks.report [FILE]"""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ DIGITS = 3
 
 
 def body(race):
-    """The table of a benchmark, with date, machine and command."""
+    """Return the table of a benchmark, with date, machine and command."""
     rows = race["rows"]
     made, machine = race["made"], race["made"]["machine"]
     settings = ", ".join(f"{key}: {text(value)}" for key, value in race["settings"].items() if key != "curves")
@@ -30,7 +30,7 @@ def body(race):
 
 
 def text(cell):
-    """Floats with three digits, other values unchanged."""
+    """Format a float with a few significant digits; convert other values with `str`."""
     if not isinstance(cell, float):
         return str(cell)
     if cell == 0 or not np.isfinite(cell):
@@ -41,19 +41,19 @@ def text(cell):
 
 
 def printed(results):
-    """All tables."""
+    """Return all tables as text."""
     return "\n".join(f"\n{name}\n{body(race)}" for name, race in results["races"].items())
 
 
 def written(document, results):
-    """The document with the tables of these results between its markers."""
+    """Return the document with the tables of these results between its markers."""
     for name, race in results["races"].items():
         document = put(document, name, body(race))
     return document
 
 
 def write(results):
-    """Put the tables into the document and the figures beside it."""
+    """Insert the tables into the document, and write the figures to the folder of the docs."""
     from .figures import draw
 
     DOCUMENT.write_text(written(DOCUMENT.read_text(encoding="utf-8"), results), encoding="utf-8")

@@ -1,8 +1,7 @@
-"""A whole recorded drive as a route: how well it is followed and predicted, its yaw rate, and how long it takes.
+"""Fit a route to a whole recorded drive: measure its accuracy, its yaw rate and the run times.
 
-`python -m benchmarks.route FILE` with a CSV that `read_track` reads; if it contains angular rates, the yaw rate of the
-route is compared with them. Times are processor times, of all threads.
-SciPy's `solveh_banded` of the final system is the baseline of the fit.
+Run `python -m benchmarks.route FILE` with a CSV file that `read_track` can read. If the file contains angular rates,
+the yaw rate of the route is compared with them. Times are processor times of all threads.
 """
 
 import argparse
@@ -18,7 +17,7 @@ LIMITS = {"curvature": 0.3, "lateral_acceleration": 6.0, "jerk": 60.0, "yaw_rate
 
 
 def timed(call, repeats=7):
-    """What a call gives, its first processor time and its best one afterwards [s]."""
+    """Return the result of a call, the processor time [s] of the first call, and the minimum over later calls."""
     times = []
     for _ in range(repeats + 1):
         start = time.process_time()
@@ -28,7 +27,7 @@ def timed(call, repeats=7):
 
 
 def prediction(track):
-    """Distances [m] of every other sample from a route through the others, knots and smoothing chosen from these."""
+    """Return the distances [m] of every other sample from a route that is fitted to the remaining samples only."""
     parts = (track.times, track.positions, track.velocities)
     kept = qt.Track(*(None if x is None else np.asarray(x)[::2] for x in parts))
     route = qt.fit_route(kept).path
@@ -38,7 +37,7 @@ def prediction(track):
 
 
 def main():
-    """Print the numbers of one file."""
+    """Print the results for one file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file")
     file = parser.parse_args().file

@@ -1,10 +1,11 @@
-"""Do 50 digits contradict the proofs of a route? Samples of a whole drive against its certificate.
+"""Check the certificate of a whole drive against random samples in 50-digit arithmetic.
 
-`python -m benchmarks.route_proofs [FILE] [--places 100000]`: the route is fitted to a recording, by default the drive
-of the examples. The limits are close to the largest values of many segments, so proofs and violations are close calls.
-At random places the limits' inequalities, numerator ≤ limit²·divisor, are computed with 50 digits from the route's
-own coefficients, except where the route is at rest. A contradiction is a violation in a segment that was called
-proved. A violation is planted as well: a limit just below the largest value between two samples must be refuted.
+Run `python -m benchmarks.route_proofs [FILE] [--places 100000]`. The route is fitted to a recording, by default the
+drive in the examples. The limits are close to the largest values on many segments, so the decisions are close. At
+random places, the inequality of each limit, numerator ≤ limit²·divisor, is evaluated with 50 digits from the
+coefficients of the route, except where the route is at rest. A violation on a segment whose status is "proved" is a
+contradiction. In addition, some limits are chosen so that the path violates them only between samples; the certificate
+must report these violations.
 """
 
 import argparse
@@ -21,12 +22,15 @@ DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
 LIMITS = {"curvature": 0.05, "lateral_acceleration": 1.0, "jerk": 2.0, "yaw_rate": 0.1}
 SEED, DIGITS = 20, 50
 REST = 1e-12
-"""[m/s] At the end of a segment before a stop the stored polynomial has a speed of about 1e-16, where the route is at
-rest. Such places are counted apart: ratios of rounding errors say nothing about the route."""
+"""Speed [m/s] below which the route counts as at rest.
+
+At the end of a segment before a stop, the speed of the stored polynomial is about 1e-16 because of rounding. Such
+places are counted separately, because ratios of rounding errors contain no information about the route.
+"""
 
 
 def derivatives(coefficients, u):
-    """The first three derivatives of a polynomial in mpmath numbers; coefficients (terms, 3), ascending."""
+    """Return the first three derivatives of a polynomial as mpmath numbers; `coefficients` (terms, 3) are ascending."""
     rows = [[mpmath.mpf(float(x)) for x in row] for row in coefficients]
     orders = []
     for _ in range(3):
@@ -39,7 +43,7 @@ def derivatives(coefficients, u):
 
 
 def excesses(r1, r2, r3):
-    """numerator − limit²·divisor of each limit; positive where it is violated."""
+    """Return numerator − limit²·divisor for each limit, which is positive where the limit is violated."""
     cross = [r1[(k + 1) % 3] * r2[(k + 2) % 3] - r1[(k + 2) % 3] * r2[(k + 1) % 3] for k in range(3)]
     speed, level = (sum(x * x for x in r1[:n]) for n in (3, 2))
     normal, jerk = (sum(x * x for x in v) for v in (cross, r3))
@@ -53,7 +57,10 @@ def excesses(r1, r2, r3):
 
 
 def contradictions(route, status, places):
-    """Counts (contradicted proofs, violations, places) of random places, half of them at joints and ends of cells."""
+    """Count violations, contradicted proofs and places at rest, by random places.
+
+    About half of the places are multiples of 1/64 of the segment, including its ends.
+    """
     rng = np.random.default_rng(SEED)
     segments, spans = rng.integers(0, route.segments, places), np.diff(np.asarray(route.times))
     fractions = np.where(rng.random(places) < 0.5, rng.random(places), rng.integers(0, 65, places) / 64)
@@ -72,7 +79,7 @@ def contradictions(route, status, places):
 
 
 def planted(route):
-    """The status of limits that only a place between two of 17 samples violates, for segments of the route."""
+    """Return the status of limits between the largest of 17 samples and the largest of 4097 samples of a segment."""
     found = []
     for i in range(0, route.segments, 40):
         start, end = np.asarray(route.times)[i : i + 2]
@@ -86,7 +93,7 @@ def planted(route):
 
 
 def main():
-    """Print the counts of one recording."""
+    """Print the counts for one recording."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", nargs="?", default=DRIVE)
     parser.add_argument("--places", type=int, default=100_000)
@@ -103,8 +110,8 @@ def main():
             f"{name}: {by_status} segments; {counts[name, 'violated']} of {options.places} places violate it, "
             f"{counts[name, 'contradicted']} of them in proved segments"
         )
-    print(f"{counts['at rest']} places at rest are left out")
-    print(f"planted between samples: {Counter(planted(route))}")
+    print(f"{counts['at rest']} places at rest are not checked")
+    print(f"status of limits violated only between samples: {Counter(planted(route))}")
 
 
 if __name__ == "__main__":

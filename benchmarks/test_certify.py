@@ -1,7 +1,7 @@
-"""Proofs on 1000 turns compared with checks of 10⁴ samples of each, compiled and blocking, in one run.
+"""Compare proofs on 1000 turns with checks of 10⁴ samples of each turn, both compiled, in one run.
 
-`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the ratios; `-k random` certifies 10 000 random turns and
-`-k tuned` 1000 tuned ones, and both check every status in 50 digits.
+`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the ratios. `-k random` certifies 10 000 random turns, and
+`-k tuned` certifies 1000 tuned turns; both check the status of every turn with 50 digits.
 """
 
 import jax
@@ -29,7 +29,7 @@ def peaks(paths, name):
 
 
 def proof(name):
-    """Codes of the findings on a batch."""
+    """Return a function that computes the codes of the findings for a batch."""
 
     def prove(path, limit):
         return qt.certify(path, qt.Limits(**{name: limit})).codes[0]
@@ -38,7 +38,7 @@ def proof(name):
 
 
 def sampling(name):
-    """Whether 10⁴ samples satisfy the limit, path by path, so that the samples stay in the cache."""
+    """Return a function that checks the limit at 10⁴ samples, path by path, so that the samples stay in the cache."""
 
     def keep(path, limit):
         times = path.duration * jnp.linspace(0.0, 1.0, SAMPLES)
@@ -61,7 +61,7 @@ def test_ratios(name):
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_no_random_proof_is_contradicted(motion):
-    """5000 turns of each motion, limits from 1e-9 to 0.5 beside the peak, checked at 50 digits."""
+    """Check 5000 turns of each motion with 50 digits; the limits differ from the peaks by relative 1e-9 to 0.5."""
     count, rng = 5000, np.random.default_rng(50)
     paths = random_turns(count, motion, seed=1)
     beside = rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-9, -0.3, count)
@@ -81,7 +81,7 @@ def test_no_random_proof_is_contradicted(motion):
 
 
 def test_no_proof_of_a_tuned_path_is_contradicted():
-    """1000 paths whose curvature reaches its limit, as on tuned paths."""
+    """Check 1000 tuned paths, whose curvature reaches its limit."""
     given = problems(COUNT, seed=7)
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     best = qt.tune(given.starts, given.ends, limits)
@@ -93,7 +93,7 @@ def test_no_proof_of_a_tuned_path_is_contradicted():
 
 
 def contradicted(path, name, bound, found, k):
-    """Fail if a 50-digit value contradicts the status of path k."""
+    """Raise an AssertionError if a 50-digit value contradicts the status of path k."""
     with mpmath.workdps(50):
         square = mpmath.mpf(float(bound)) ** 2
         worst = exact_square(path, name, float(found.times[k, 0]))

@@ -1,6 +1,7 @@
-"""A closed loop of 6 s compared with a hand-written one with SciPy's DOP853: same tolerances, instants and outputs.
+"""Compare a closed loop of 6 s with a hand-written loop for SciPy's DOP853: same tolerances, instants and outputs.
 
-The program is coning, the law has exactly linear errors and scalar gains. One loop, and 256 initial states.
+The program is coning. The law has an exactly linear error equation and scalar gains. The comparison is made for one
+loop, and for 256 initial states.
 """
 
 import functools
@@ -28,7 +29,7 @@ RATES = 0.4 * _RNG.normal(size=(BATCH, 4))
 
 
 class Coning(qt.AbstractProgram):
-    """λ⁰, ω⁰, ε⁰ of coning in closed form."""
+    """Coning as a program: λ⁰, ω⁰ and ε⁰ in closed form."""
 
     duration: Scalar = eqx.field(default_factory=lambda: jnp.asarray(6.0))
 
@@ -64,12 +65,12 @@ def product(p, q):
 
 
 def turned_back(mu, x, square):
-    """μ⁻¹∘(0, x)∘μ."""
+    """Return the vector part of μ⁻¹∘(0, x)∘μ."""
     return [k / square for k in product(product((mu[0], -mu[1], -mu[2], -mu[3]), (0.0, *x)), mu)[1:]]
 
 
 def command(t, y):
-    """ε of the law in plain numbers, with scalar gains."""
+    """Return the command ε of the law in plain numbers, with scalar gains."""
     c, s = math.cos(OMEGA * t), math.sin(OMEGA * t)
     half, level = math.sin(BETA / 2), OMEGA * math.sin(BETA)
     mu = product((math.cos(BETA / 2), -half * c, -half * s, 0.0), y[:4])

@@ -1,7 +1,7 @@
-"""A million instants of one path: position, velocity, acceleration, quaternion, curvature, torsion, rate.
+"""Evaluate one path at a million instants: position, velocity, acceleration, quaternion, curvature, torsion, rate.
 
-qtraj and NumPy with SciPy's Rotation compute the same 18 numbers per instant, compiled, blocking on the result.
-Compilation is timed separately, and the results are compared before timing.
+qtraj, and NumPy with SciPy's Rotation, compute the same 18 numbers per instant. The time of qtraj is measured until the
+result is ready. Compilation is timed separately, and the results are compared before timing.
 """
 
 import time
@@ -23,7 +23,7 @@ def ours(times):
 
 
 def numpy_and_scipy(times):
-    """The reference, with the rate as a vector in trihedral axes."""
+    """Return the reference, with the rate as a vector in trihedral axes."""
     *others, along, across = reference.numpy_and_scipy(times)
     return *others, np.stack([along, np.zeros_like(along), across], axis=-1)
 

@@ -1,6 +1,6 @@
-"""One process tunes every set of one, two and three of nine limits, in both motions, without further compilation.
+"""Tune with every set of one, two or three of nine limits, for both motions, without further compilation.
 
-`.venv/bin/pytest benchmarks/test_limit_sets.py -n 0 -s` prints seconds, memory maps and resident memory.
+`.venv/bin/pytest benchmarks/test_limit_sets.py -n 0 -s` prints run times, memory maps and peak resident memory.
 """
 
 import itertools
@@ -31,15 +31,15 @@ SETS = [given for k in (1, 2, 3) for given in itertools.combinations(LOOSE, k)]
 MAPS = Path("/proc/self/maps")
 
 MORE_MAPS, MORE_MEMORY = 100, 30e6
-"""[maps], [bytes] Maximum growth of a process after the first set."""
+"""Maximum increase of the memory maps and of the peak memory [bytes] of a process after the first set."""
 
 
 def kept():
-    """Number of memory maps of this process, and its peak memory [bytes]."""
+    """Return the number of memory maps of this process, and its peak resident memory [bytes]."""
     return len(MAPS.read_text().splitlines()), 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-@pytest.mark.skipif(not MAPS.exists(), reason="only Linux tells how much memory is mapped")
+@pytest.mark.skipif(not MAPS.exists(), reason="only Linux lists the memory maps of a process")
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_sets_of_limits_share_what_is_compiled(motion):
     def tuned(given):

@@ -1,9 +1,9 @@
-"""λ(t) from a known ω(t): fast coning (β = 50°, Ω = 2π, 10.3 s), with the alternatives at the same accuracy.
+"""Propagate λ(t) from a known ω(t): fast coning (β = 50°, Ω = 2π, 10.3 s), compared with diffrax and SciPy.
 
-Every run computes the final attitude of the same motion, compiled, blocking on the result; its error is checked against
-the closed form before timing. Methods are compared at equal accuracy: each has the loosest setting that reaches 1e-6 or
-1e-10 rad. diffrax and SciPy integrate 2λ̇ = λ∘ω in R⁴; qtraj multiplies rotations. `test_ratios` alternates all of them
-in one run, because machines are noisy, and reports the best time of each relative to qtraj.
+Every run computes the final attitude of the same motion, and is timed until the result is ready. Its error is checked
+against the closed form before timing. Methods are compared at equal accuracy: each has the loosest setting that reaches
+1e-6 or 1e-10 rad. diffrax and SciPy integrate 2λ̇ = λ∘ω in R⁴; qtraj multiplies rotations. In `test_ratios` all methods
+alternate in one run, because run times are noisy. The best time of each method is printed relative to qtraj.
 """
 
 import functools
@@ -66,7 +66,7 @@ def with_scipy(tolerance):
 
 
 def peers(target):
-    """Name → call, each with the loosest setting (in whole decades, or in steps) that reaches the target."""
+    """Return calls by name, each with the loosest setting (in whole decades, or in steps) that reaches the target."""
     tight = target == 1e-10
     term = AttitudeTerm(rate)
     return {
@@ -81,7 +81,7 @@ def peers(target):
 
 
 def error(q):
-    """[rad]"""
+    """Return the error of the attitude [rad]."""
     q = np.asarray(q) / np.linalg.norm(q)
     return 2 * np.arcsin(min(1.0, np.linalg.norm(q - LAST) / 2)) * 2
 
@@ -105,7 +105,7 @@ def test_one_attitude(benchmark, target, name):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_ratios(target):
-    """All alternate, round by round: the best time of each relative to Gauss–Legendre with fixed steps."""
+    """Print the best time of each method relative to Gauss–Legendre with fixed steps; all methods alternate."""
     calls = peers(target)
     found = {name: error(jax.block_until_ready(call())) for name, call in calls.items()}
     spent = {name: [] for name in calls}

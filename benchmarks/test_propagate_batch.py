@@ -1,9 +1,9 @@
-"""256 coning problems at once, each to 1e-10 rad: β from 10° to 50°, Ω from 0.74π to 2π rad/s, 10 s.
+"""Solve 256 coning problems at once, each to 1e-10 rad: β from 10° to 50°, Ω from 0.74π to 2π rad/s, 10 s.
 
-Methods are compared at equal accuracy: each has the loosest of many settings (quarters of decades, or about one step
-in twenty) with which the worst of the 256 problems reaches the target. diffrax takes adaptive and equal steps. SciPy
-solves one problem after the other, with a right-hand side in NumPy arrays, as is common, and in plain numbers, which is
-faster. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the ratios.
+Methods are compared at equal accuracy. Each method has the loosest of many settings with which all 256 problems reach
+the target; successive settings differ by a quarter of a decade, or by about 5 % in the number of steps. diffrax takes
+adaptive and equal steps. SciPy solves one problem after the other, with the usual right-hand side in NumPy arrays, and
+with a faster one in plain numbers. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the ratios.
 """
 
 import functools
@@ -37,7 +37,7 @@ PEERS = {
 
 @functools.cache
 def tuned(name):
-    """(call without arguments, setting, error, seconds of the first call) of a peer."""
+    """Return (call without arguments, setting, error, seconds of the first call) for one of the `PEERS`."""
     call, settings = PEERS[name]
     first = seconds(lambda: call(settings[0])) if "SciPy" not in name else 0.0
     setting, found = loosest(call, settings, BATCH.error, TARGET)

@@ -1,7 +1,8 @@
-"""One long problem to 1e-10 rad: 3700 cones in 10 000 s (β = 10°, Ω = 0.74π), about 1e5 steps of an order of eight.
+"""Solve one long problem to 1e-10 rad: 3700 cones in 10 000 s (β = 10°, Ω = 0.74π).
 
-The steps of a known rate are computed and multiplied in parallel; an ODE solver takes them one after the other. For
-comparison, `one_after_another` has qtraj's steps in a sequential scan.
+An eighth-order method needs about 1e5 steps. For a known rate, qtraj computes and multiplies the steps in parallel,
+whereas an ODE solver takes one step after the other. For comparison, `one_after_another` performs the steps of qtraj in
+a sequential scan.
 """
 
 import functools
@@ -21,7 +22,7 @@ from .race import decades, loosest, race, report, seconds
 
 TARGET, ROUNDS, STEPS = 1e-10, 7, 100_000
 CLOSEST = 5e-10
-"""[rad] The error of DOP853 at the tightest tolerance that SciPy accepts."""
+"""Error [rad] of DOP853 at the tightest tolerance that SciPy accepts."""
 PROBLEM = Batch(np.radians([10.0]), np.array([0.74 * np.pi]), 1e4)
 FEWEST = {"Gauss-Legendre 8": range(9000, 12001, 500), "Gauss-Legendre 4": range(100_000, 120_001, 5000)}
 
@@ -35,7 +36,7 @@ PEERS = {
 
 
 def one_after_another(method, steps):
-    """The same steps as `propagate`, computed and multiplied one after the other."""
+    """Return a function that computes and multiplies the steps of `propagate` one after the other."""
 
     @jax.jit
     def call(first):
@@ -53,7 +54,7 @@ def one_after_another(method, steps):
 
 @functools.cache
 def tuned(name):
-    """(call without arguments, setting, error, seconds of the first call) of a peer."""
+    """Return (call without arguments, setting, error, seconds of the first call) for one of the `PEERS`."""
     call, settings = PEERS[name]
     first = 0.0 if "SciPy" in name else seconds(lambda: call(settings[0]))
     target = CLOSEST if "SciPy" in name else TARGET
@@ -83,7 +84,7 @@ def test_ratios():
 
 @pytest.mark.parametrize("stages", [8, 4])
 def test_parallel_in_time(stages):
-    """The same 1e5 steps in parallel and one after the other."""
+    """Compare 1e5 steps in parallel with the same steps one after the other."""
     method = qt.GaussLegendre(stages)
     at_once = functools.partial(with_steps(PROBLEM, method), STEPS)
     in_turn = one_after_another(method, STEPS)
@@ -97,7 +98,7 @@ def test_parallel_in_time(stages):
 
 
 def test_products_alone():
-    """Only the product of 1e5 known rotations, for which a compiled loop is hard to beat on few cores."""
+    """Time only the product of 1e5 known rotations, for which a compiled loop is hard to beat on few cores."""
     turns = jax.jit(jax.vmap(qt.rotation.from_rotation_vector))(0.1 * np.random.default_rng(0).normal(size=(STEPS, 3)))
 
     @jax.jit

@@ -1,6 +1,7 @@
-"""The benchmarks of `python -m benchmarks` for pytest-benchmark; the table of each is its extra information.
+"""Run the benchmarks of `python -m benchmarks` in pytest-benchmark, and store the table of each as extra information.
 
-The fixture times the whole benchmark, but only the ratios in the table count, because there the candidates alternate.
+The fixture times each benchmark as a whole. Only the ratios in the table are meaningful, because there the candidates
+alternate.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""A spline through 60 attitudes, evaluated at 1e5 instants: attitude, rate and acceleration, against SciPy."""
+"""Compare a spline through 60 attitudes with SciPy: attitude, rate and acceleration at 1e5 instants."""
 
 import functools
 
@@ -13,7 +13,10 @@ from .race import race, report
 
 INSTANTS, KNOTS, ROUNDS = 100_000, 60, 15
 SAME = 1e-6
-"""For accelerations of size 10: SciPy's iteration stops at 1e-9 of the rates, and the knot spacing is 0.1 s."""
+"""Tolerance for accelerations of size 10.
+
+SciPy's iteration stops at 1e-9 of the rates, and the knots are at least 0.1 s apart.
+"""
 _RNG = np.random.default_rng(60)
 TIMES = np.cumsum(_RNG.uniform(0.1, 0.3, KNOTS))
 ROTATIONS = Rotation.from_rotvec(np.cumsum(0.2 * _RNG.normal(size=(KNOTS, 3)), axis=0))

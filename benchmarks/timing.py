@@ -1,13 +1,13 @@
-"""`retime` against TOPPRA on the same paths and limits: durations, run time, and what is exceeded between samples.
+"""Compare `retime` with TOPPRA on the same paths and limits: durations, run times, and violations between samples.
 
-`python -m benchmarks.timing`, with `toppra` installed (extra `dev`). The limits are the speed, the lateral and the
-longitudinal acceleration; the vehicle starts and ends at rest. The paths are circles and helices, whose least time has
-a closed form; turns with a polynomial angle; splines of SciPy as routes; and parts of a recorded drive. TOPPRA gets as
-many grid intervals as `retime` has cells, and ten times as many. Its squared path speed is linear between grid points;
-there the limits are evaluated at 64 places of each interval.
+Run `python -m benchmarks.timing`, with `toppra` installed (extra `dev`). The limits are on speed, lateral acceleration
+and longitudinal acceleration; the vehicle starts and ends at rest. The paths are circles and helices, whose minimum
+time has a closed form; turns with a polynomial angle; SciPy splines as routes; and parts of a recorded drive. TOPPRA
+runs with as many grid intervals as `retime` has cells, and with ten times as many. Its squared path speed is linear
+between grid points. The limits are evaluated at 64 points of each interval.
 
-`--batch N` retimes N turns in blocks on all cores instead, and compares with TOPPRA on finer and finer
-grids. `--drive` measures the whole recorded drive with a limit on the jerk.
+`--batch N` instead retimes N turns in blocks on all cores, and compares them with TOPPRA on successively finer grids.
+`--drive` measures the whole recorded drive with a limit on the jerk.
 """
 
 import argparse
@@ -30,19 +30,19 @@ SPEED, LATERAL, LONGITUDINAL = 15.0, 3.0, 2.0
 LIMITS = {"speed": SPEED, "lateral_acceleration": LATERAL, "longitudinal_acceleration": LONGITUDINAL}
 PLACES = 64
 BLOCK, COMPARED, GRIDS = 32, 3, 7
-"""Paths in a block of a batch; paths of the batch for TOPPRA, and number of its grids, each twice as fine."""
+"""Number of paths in a block, of paths that TOPPRA also retimes, and of its grids; each grid is twice as fine."""
 DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
 
 
 class Sampled(AbstractGeometricPath):
-    """A path of qtraj for TOPPRA."""
+    """A qtraj path with the interface of TOPPRA."""
 
     def __init__(self, path):
         self.evaluate = jax.jit(jax.vmap(lambda u: path.derivatives(u, 2)))
         self._duration = float(path.duration)
 
     def rows(self, u):
-        """r, r' and r'' at many parameters."""
+        """Return r, r' and r'' at many parameters."""
         return np.moveaxis(np.asarray(self.evaluate(jnp.asarray(np.atleast_1d(u), float))), 1, 0)
 
     def __call__(self, path_positions, order=0):
@@ -56,17 +56,17 @@ class Sampled(AbstractGeometricPath):
 
 
 def coefficients(rows):
-    """The speed, the lateral acceleration per a, and (p, q) in the longitudinal acceleration p·a + q·a'/2."""
+    """Return |r'|, c and p: the lateral acceleration is c·a, the longitudinal one is p·a + |r'|·a'/2, with a = u̇²."""
     _, r1, r2 = rows
     speed = np.linalg.norm(r1, axis=-1)
     return speed, np.linalg.norm(np.cross(r1, r2), axis=-1) / speed, np.sum(r1 * r2, axis=-1) / speed
 
 
 class VehicleLimits(LinearConstraint):
-    """The three limits, on x = u̇² and ü."""
+    """The three limits as constraints on x = u̇² and ü."""
 
     def compute_constraint_params(self, path, gridpoints, *args, **kwargs):
-        """Coefficients as TOPPRA defines them."""
+        """Return the coefficients as defined by TOPPRA."""
         speed, across, along = coefficients(path.rows(gridpoints))
         n = len(gridpoints)
         highest = np.minimum((SPEED / speed) ** 2, LATERAL / np.maximum(across, 1e-12))
@@ -76,7 +76,7 @@ class VehicleLimits(LinearConstraint):
 
 
 def with_toppra(path, intervals):
-    """Duration, run time, largest relative excess of a limit between the grid points, and processor time."""
+    """Return duration, run time, largest relative violation between grid points, and processor time."""
     own = Sampled(path)
     grid = np.linspace(0.0, own.duration, intervals + 1)
     fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
@@ -97,7 +97,7 @@ def with_toppra(path, intervals):
 
 
 def round_paths():
-    """Circles and helices, seeded, each with its least time: constant acceleration up to the highest speed."""
+    """Yield random circles and helices with their minimum times, from constant acceleration up to the highest speed."""
     rng = np.random.default_rng(1)
     while True:
         radius, rate, climb, duration = rng.uniform(15, 40), rng.uniform(0.1, 0.3), rng.uniform(0, 2), 20.0
@@ -110,7 +110,7 @@ def round_paths():
 
 
 def turns():
-    """Turns with a polynomial angle, seeded."""
+    """Yield random turns with a polynomial angle."""
     rng = np.random.default_rng(0)
     while True:
         start = qt.BoundaryState([rng.uniform(20, 40), 0, 0], [rng.normal(0, 2), 10.0, 0.5])
@@ -119,7 +119,7 @@ def turns():
 
 
 def splines():
-    """Splines of SciPy as routes, seeded."""
+    """Yield random SciPy splines as routes."""
     rng = np.random.default_rng(2)
     while True:
         points = np.cumsum(rng.normal([12.0, 0, 0], [3.0, 6.0, 0.5], (8, 3)), axis=0)
@@ -127,7 +127,7 @@ def splines():
 
 
 def drives():
-    """Parts of a recorded drive of which each has 60 segments and no slow motion."""
+    """Yield parts of a recorded drive, each with 60 segments and without slow motion."""
     route = qt.fit_route(qt.read_track(DRIVE)).path
     times = np.asarray(route.times)
     for first in range(0, times.size - 60, 20):
@@ -138,7 +138,7 @@ def drives():
 
 
 def cases(count):
-    """(kind, path, closed form or NaN): as many of each kind."""
+    """Yield (kind, path, closed form or NaN), with the kinds in turn."""
     kinds = {"round": round_paths(), "turn": turns(), "spline": splines(), "drive": drives()}
     for k in range(count):
         kind = list(kinds)[k % len(kinds)]
@@ -148,10 +148,11 @@ def cases(count):
 
 
 def batch(count, cells):
-    """Retime `count` turns, with proofs, and some of them with TOPPRA on grids up to one with the same error.
+    """Retime `count` turns, with proofs, and some of them with TOPPRA on finer grids until its error is as small.
 
-    Blocks of `BLOCK` turns are distributed over the cores. The error is that of the duration; the exact duration is
-    extrapolated from TOPPRA's two finest grids, because its error is proportional to the length of the intervals.
+    Blocks of `BLOCK` turns are distributed over the cores. The error is the relative error of the duration. The exact
+    duration is extrapolated from TOPPRA's two finest grids, because TOPPRA's error is proportional to the length of the
+    intervals.
     """
     source = turns()
     many = [next(source) for _ in range(count)]
@@ -172,7 +173,7 @@ def batch(count, cells):
     own, used = (1e3 * x / count for x in (time.perf_counter() - start, time.process_time() - used))
     durations, codes = (np.concatenate(x)[:count] for x in zip(*found, strict=True))
     print(
-        f"batch of {count}, {cells} cells: {own:.2f} ms for each path ({used:.2f} ms of processor time), proved "
+        f"batch of {count}, {cells} cells: {own:.2f} ms for each path ({used:.2f} ms of processor time), proved: "
         f"{np.sum(codes == qt.ResultCode.successful)}; first call {compiled:.0f} s of processor time",
         flush=True,
     )
@@ -185,7 +186,7 @@ def batch(count, cells):
     for n, other, row in zip(grids, others, np.moveaxis(rows, 1, 0), strict=True):
         spent, processor = 1e3 * np.median(row[:, [1, 3]], axis=0)
         print(
-            f"TOPPRA, {n:6d} intervals: error {other:.1e}, excess up to {np.max(row[:, 2]):.1e}, {spent:5.0f} ms "
+            f"TOPPRA, {n:6d} intervals: error {other:.1e}, violation up to {np.max(row[:, 2]):.1e}, {spent:5.0f} ms "
             f"({processor:.0f} ms of processor time): {spent / own:.1f} times as long ({processor / used:.1f} times)",
             flush=True,
         )
@@ -210,7 +211,7 @@ def main():
     """Print a row for each path."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--paths", type=int, default=20)
-    parser.add_argument("--cells", type=int, help="by default 512, and 64 with --batch")
+    parser.add_argument("--cells", type=int, help="default: 512, or 64 with --batch")
     parser.add_argument("--batch", type=int, default=0)
     parser.add_argument("--drive", action="store_true")
     options = parser.parse_args()
@@ -223,7 +224,7 @@ def main():
         return
     limits, cells = qt.Limits(**LIMITS), options.cells or 512
     print(
-        "path    retime: s, ms, proved | toppra: s, ms, excess | 10 × its grid: s, excess | retime / that, closed form"
+        "path    retime: s, ms, proved | toppra: s, ms, violation | finer grid: s, violation | ratio to it, closed form"
     )
     rows = []
     for kind, path, least in cases(options.paths):
@@ -244,8 +245,8 @@ def main():
     spent, same, slower, excess, finer, ratio, closed, holds = (np.array(x) for x in zip(*rows, strict=True))
     print(
         f"median run time {1e3 * np.median(spent):.0f} ms against {1e3 * np.median(same):.1f} ms and "
-        f"{1e3 * np.median(slower):.0f} ms with the finer grid; proved {holds.sum()} of {len(rows)}; excess between "
-        f"samples {excess.min():.1e} to {excess.max():.1e}, "
+        f"{1e3 * np.median(slower):.0f} ms with the finer grid; proved {holds.sum()} of {len(rows)}; violations "
+        f"between samples {excess.min():.1e} to {excess.max():.1e}, "
         f"with the finer grid {finer.min():.1e} to {finer.max():.1e}; "
         f"duration against the finer grid {ratio.min():+.1e} to {ratio.max():+.1e}, against closed forms "
         f"{np.nanmin(closed):+.1e} to {np.nanmax(closed):+.1e}"

@@ -1,11 +1,11 @@
-"""`retime` with a limit on the jerk against TOPP3-SOCP of COPP, on the same paths and limits.
+"""Compare `retime` with a limit on the jerk with TOPP3-SOCP of COPP, on the same paths and limits.
 
-`python -m benchmarks.timing_jerk`, with `copp-py` 0.2.3 installed. The limits are the speed, the lateral and the
-longitudinal acceleration, and the jerk. COPP has linear constraints only, so in its problem the disc of the jerks of a
-plane path is the regular polygon around this disc with `--sides` sides. This relaxes the limit by 1/cos(π/sides).
-COPP gets as many intervals as `retime` has cells, and the speeds and the accelerations at both ends of `retime`'s
-solution. It starts from this solution, and solves its problem twice, each time linearised at its last solution. Its u̇²
-is quadratic between grid points; there the limits are evaluated at 16 places of each interval.
+Run `python -m benchmarks.timing_jerk`, with `copp-py` 0.2.3 installed. The limits are on speed, lateral acceleration,
+longitudinal acceleration and jerk. COPP supports only linear constraints. For a plane path, the jerk limit is a disc,
+which COPP's problem replaces by a circumscribed regular polygon with `--sides` sides. This relaxes the limit by up to
+1/cos(π/sides). COPP uses as many intervals as `retime` has cells. The speeds and accelerations at both ends are those
+of the solution of `retime`. COPP starts from this solution and solves its problem twice, each time linearised at the
+previous solution. Its u̇² is quadratic between grid points. The limits are evaluated at 16 points of each interval.
 """
 
 import argparse
@@ -25,7 +25,7 @@ LIMITS = qt.Limits(speed=SPEED, lateral_acceleration=LATERAL, longitudinal_accel
 
 
 def paths(count):
-    """Plane turns, seeded."""
+    """Yield random plane turns."""
     rng = np.random.default_rng(4)
     for _ in range(count):
         start = qt.BoundaryState([rng.uniform(40, 60), 0, 0], [rng.normal(0, 1), 10.0, 0])
@@ -34,15 +34,15 @@ def paths(count):
 
 
 def rows_of(path):
-    """A function that returns r', r'' and r''' at many parameters."""
+    """Return a function that computes r', r'' and r''' at many parameters."""
     evaluate = jax.jit(jax.vmap(lambda u: path.derivatives(u, 3)[1:]))
     return lambda u: np.moveaxis(np.asarray(evaluate(jnp.asarray(u))), 1, 0)
 
 
 def with_copp(rows, grid, own, sides):
-    """Durations of all rounds, seconds of the last, and the largest excess of each limit between grid points.
+    """Return the durations of all rounds, the time of the last [s], and the largest violations between grid points.
 
-    `own` are u̇² and ü of the solution of `retime` at the grid points.
+    `own` contains u̇² and ü of the solution of `retime` at the grid points.
     """
     r1, r2, r3 = rows(grid)
     n = grid.size
@@ -76,7 +76,7 @@ def with_copp(rows, grid, own, sides):
 
 
 def excess(rows, values):
-    """The largest relative excess of the speed, the lateral and longitudinal acceleration, and the jerk."""
+    """Return the largest relative violations by speed, lateral acceleration, longitudinal acceleration and jerk."""
     (r1, r2, r3), (a, b, c) = rows, values
     speed, across, along = coefficients((None, r1, r2))
     jerk = np.sqrt(a)[:, None] * (a[:, None] * r3 + 3 * b[:, None] * r2 + c[:, None] * r1)
@@ -96,7 +96,7 @@ def main():
     parser.add_argument("--cells", type=int, default=256)
     parser.add_argument("--sides", type=int, default=SIDES)
     options = parser.parse_args()
-    print("retime: s, ms of processor time, proved | COPP: s (each round), ms, excess (v, lateral, longitudinal, jerk)")
+    print("retime: s, ms of processor time, proved | COPP: s (each round), ms, violations (speed, lat., long., jerk)")
     for path in paths(options.paths):
         call = lambda path=path: jax.block_until_ready(  # noqa: E731
             qt.retime(path, LIMITS, start_speed=END_SPEED, end_speed=END_SPEED, knots=options.cells)

@@ -1,17 +1,17 @@
-"""Whole routes tuned: time against the number of segments, and other solvers on the same problem.
+"""Tune whole routes: measure the time against the number of segments, and compare with other solvers.
 
-`python -m benchmarks.tune_route` tunes drives in bends of 50 to 5 000 segments (curvature, lateral acceleration, speed;
-tube 0.5 m). With `--compare` the problem is also solved by IPOPT (through CasADi, where it is installed), with limits
-at `NODES` instants of each segment and exact derivatives, and by L-BFGS (SciPy) on penalties of increasing weight. Both
-stop after `--seconds` of processor time, and the result says so. IPOPT does not know the limits between its instants,
-so its objective may be slightly smaller than the minimum of the problem. The limits of each result are then sampled at
-a million instants. Times are processor times.
+`python -m benchmarks.tune_route` tunes winding drives of 50 to 5 000 segments, with limits on curvature, lateral
+acceleration and speed, within a tube of 0.5 m. With `--compare`, two other solvers solve the same problem. IPOPT
+(through CasADi, if installed) imposes the limits at `NODES` instants of each segment, and uses exact derivatives.
+L-BFGS (SciPy) minimises penalties with increasing weight. Both stop after `--seconds` of processor time, which the
+output then mentions. IPOPT does not impose the limits between its instants, so its objective may be slightly smaller
+than the minimum of the problem. The limits of each result are checked at a million samples. Times are processor times.
 
-The package spline-trajectory 0.1.0 also minimises penalties by L-BFGS, with SciPy's implementation, but it cannot
-express this problem: its variables are waypoints and durations, and the velocities and accelerations at the joints
-follow from them (minimum jerk, C⁴). So the given route is not in its space, a velocity or acceleration cannot be moved,
-and its cost is one call of a Python function for each sample. The penalties here are on the problem that the others
-solve, compiled and with the same variables.
+The package spline-trajectory 0.1.0 also minimises penalties with SciPy's L-BFGS, but it cannot represent this problem.
+Its variables are waypoints and durations, which determine the velocities and accelerations at the joints (minimum jerk,
+C⁴). Therefore it cannot represent the given route or change a velocity or an acceleration independently. It also calls
+a Python function for each sample. The penalties in this benchmark are compiled, and have the same variables as the
+other solvers.
 """
 
 import argparse
@@ -33,13 +33,13 @@ SAMPLES = 1_000_000
 
 
 def position(t):
-    """A drive in bends at a changing speed, too fast in some of them."""
+    """Return the positions of a winding drive with varying speed, which is too fast in some bends."""
     s = 8 * t - 6 * np.sin(0.15 * t)
     return np.stack([s, 6 * np.sin(0.06 * s), 0.5 * np.cos(0.02 * s)], axis=-1)
 
 
 def drive(count, h=1e-3):
-    """A route with one segment for each second; both ends satisfy the limits."""
+    """Return a route with one segment for each second; both ends satisfy the limits."""
     t = np.arange(count + 1.0)
     before, here, after = position(t - h), position(t), position(t + h)
     slow = np.linalg.norm(after - before, axis=1) / (2 * h) < 0.95 * BOUNDS[1]
@@ -55,7 +55,7 @@ def _lateral(here, before, after, h):
 
 
 def problem_of(route):
-    """The arrays that the search works on."""
+    """Return the parts of the route, and the arrays of the search."""
     given = setup.parts(route)
     joints = len(given.h) + 1
     fixed = np.zeros((joints, 3), bool)
@@ -65,14 +65,14 @@ def problem_of(route):
 
 
 def sampled(route):
-    """The largest relative violation of each limit among a million samples."""
+    """Return the largest relative violation of each limit at a million samples."""
     t = np.linspace(0, float(route.duration), SAMPLES)
     table = qt.evaluate(route, t, NAMES)
     return {name: float(np.max(table.values[name])) / bound - 1 for name, bound in zip(NAMES, BOUNDS, strict=True)}
 
 
 def with_ipopt(problem, count, seconds):
-    """Variables, objective and time of IPOPT, with limits at `NODES` instants of each segment."""
+    """Run IPOPT with limits at `NODES` instants of each segment; return variables, time and status."""
     import casadi as ca
 
     z0, z1 = ca.SX.sym("z0", 10), ca.SX.sym("z1", 10)
@@ -86,7 +86,7 @@ def with_ipopt(problem, count, seconds):
     h = h0 + moves[1][9] - moves[0][9]
     shifts = []
     for side in range(2):
-        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # a column for each axis
+        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # one column for each axis
         shifts += [axes @ moves[side][3 * k : 3 * k + 3] for k in range(3)]
     ends = ca.reshape(given["ends"], 3, 6).T
     change = [h**e * shifts[k].T + ((h**e / h0**e) - 1) * ends[k, :] for k, e in enumerate(basis.POWERS)]
@@ -123,7 +123,7 @@ def with_ipopt(problem, count, seconds):
 
 
 def with_penalties(problem, seconds):
-    """The same of L-BFGS on quadratic penalties at the nodes, with a weight that grows to 1e4."""
+    """Minimise quadratic penalties at the nodes with L-BFGS, with weights up to 1e4; returns are as in `with_ipopt`."""
     from scipy.optimize import minimize
 
     free = np.flatnonzero(np.asarray(problem.free))
@@ -163,14 +163,14 @@ def with_penalties(problem, seconds):
 
 
 def timed(route, limits):
-    """The tuned route and the processor time [s]."""
+    """Return the tuned route and the processor time [s]."""
     start = time.process_time()
     best = qt.tune_route(route, limits, tube=TUBE)
     return best, time.process_time() - start
 
 
 def report(name, route, given, problem, z, spent, text):
-    """One line: objective, time, and the violations among the samples."""
+    """Print one line with objective, time and the violations at the samples."""
     judged = rounds.judge(route, given, qt.Limits(), np.full((len(given.h) + 1, 2), TUBE), problem, z)
     value = float(rounds.attained(problem, jnp.asarray(z)))
     worst = ", ".join(f"{key} {x:+.1e}" for key, x in sampled(judged.route).items())

@@ -1,4 +1,4 @@
-"""Random turns for proofs and tuning, and the squares of their path quantities in 50 digits."""
+"""Create random turns for proofs and tuning, and compute squared path quantities with 50 digits."""
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ import qtraj as qt
 
 
 def random_turn(key, motion):
-    """A turn of 0.6 to 3 rad between radii of 10 to 40 m at about 8 m/s, with random other end velocities."""
+    """Return a random turn of 0.6 to 3 rad between radii of 10 to 40 m, which starts at about 8 m/s."""
     keys = jax.random.split(key, 4)
     r0, r1 = 10 + 30 * jax.random.uniform(keys[0], (2,))
     turn = 0.6 + 2.4 * jax.random.uniform(keys[1])
@@ -34,7 +34,7 @@ def element(paths, k):
 
 
 def exact_square(path, name, t):
-    """The square of a path quantity in 50 digits, from the path coefficients."""
+    """Return the square of a path quantity with 50 digits, from the path coefficients."""
     t = mpmath.mpf(t)
     rho, phi, h = ([mpmath.mpf(float(c)) for c in x] for x in (path.radius, path.angle, path.height))
 

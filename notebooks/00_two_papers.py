@@ -18,9 +18,10 @@
 #   of Solids, 1993): how a body must rotate to reach an attitude, and how to correct errors.
 #
 # This notebook follows both papers in the order of their formulas, computes each formula in plain NumPy and with the
-# library, and redraws the figures of S (C has none). Where the print or its scan is wrong, the notebook computes both
-# forms, and fails unless the printed form is wrong by more than one percent and the corrected form is correct to within
-# rounding errors. The complete list, with remarks on errors of the scan, is on the page [Errata](../docs/errata.md).
+# library, and redraws the figures of S (C has none). Where a printed formula or its scan is wrong, the notebook
+# computes both forms. It fails unless the printed form is wrong by more than one percent and the corrected form is
+# correct to within rounding errors. The page [Errata](../docs/errata.md) contains the complete list, with remarks on
+# scan errors.
 
 # %%
 # %matplotlib inline
@@ -91,8 +92,8 @@ data = path_dataset(
 path_figure(data, trihedra=0, velocities=True, reference=True, view=(24, 35))
 
 # %% [markdown]
-# Data that violate the condition are rejected, with a message that states both rates; `hermite` uses a polynomial angle
-# and satisfies all ten values.
+# Data that violate the condition are rejected, with a message that contains both rates. `hermite` uses a polynomial
+# angle and satisfies all ten values.
 
 # %%
 faster = qt.BoundaryState(B.position, [-1.3 * V1B, V2B, V3B])
@@ -111,8 +112,9 @@ holds(complete.velocity(tk), faster.velocity)
 # $$\rho_2 = \frac{3\Delta}{t_k^2} - \frac{V_{2B}+2V_{1A}}{t_k},\qquad
 #   \rho_3 = -\frac{2\Delta}{t_k^3} + \frac{V_{2B}+V_{1A}}{t_k^2},\qquad \Delta = r_{2B}-r_{1A},$$
 #
-# and the same for $h$. The print has a minus in $\rho_3$, and after substitution of $t_k=\pi r_{1A}/2V_{2A}$ an extra
-# factor 2 in $\rho_3$ and $h_3$. The paper's own full $\bar r(t)$ contradicts both, and is correct.
+# and $h$ has the same form. The second term of the printed $\rho_3$ has a minus sign. After the substitution of
+# $t_k=\pi r_{1A}/2V_{2A}$, the printed $\rho_3$ and $h_3$ also contain an extra factor of 2. The paper's complete
+# expression for $\bar r(t)$ contradicts both misprints, and is correct.
 
 
 # %%
@@ -169,8 +171,8 @@ for end, state in ((0.0, A), (tk, B)):
 # $$\rho = r_{1A} + \frac{12}{\pi^2}\left(\frac{V_{2A}}{r_{1A}}\right)^2(r_{2B}-r_{1A})\,t^2
 #        - \frac{16}{\pi^3}\left(\frac{V_{2A}}{r_{1A}}\right)^3(r_{2B}-r_{1A})\,t^3,$$
 #
-# and the same for $h$; with $r_{3A}=r_{3B}=0$ the turn is horizontal. The vehicle does not stop at its ends: its
-# velocities there are circumferential.
+# and $h$ has the same form. With $r_{3A}=r_{3B}=0$ the turn is horizontal. The vehicle does not stop at the ends, where
+# its velocities are circumferential.
 
 
 # %%
@@ -204,8 +206,8 @@ path_figure(data, trihedra=5, reference=True, view=(24, 35))
 
 # %% [markdown]
 # The paper prints $K = |d\bar r/ds|$, which is 1 on every curve; the curvature is $|d^2\bar r/ds^2| = |\dot
-# r\times\ddot r|/|\dot r|^3$. With derivatives with respect to time, each vector product multiplies the magnitude by a
-# factor; some of these factors are missing in print:
+# r\times\ddot r|/|\dot r|^3$. With time derivatives, each vector product multiplies the magnitude by a factor; some of
+# these factors are missing in the printed formulas:
 #
 # $$\bar n = -\frac{\dot r\times(\dot r\times\ddot r)}{|\dot r||\dot r\times\ddot r|}
 #   = \frac{(\dot r\cdot\dot r)\ddot r-(\dot r\cdot\ddot r)\dot r}{|\dot r||\dot r\times\ddot r|},\qquad
@@ -228,10 +230,10 @@ erratum("S: b, denominator", -triple / area, -triple / (speed**2 * area), frame.
 holds(c / area, frame.binormal)
 
 # %% [markdown]
-# The paper does its vector algebra with quaternion matrices: $\frac12(\dot R_0-\dot R_0')$ acting on $(0,\ddot r)$ is
-# the vector product with $\dot r$, its square and cube the double and triple products. The components of the double
-# product are printed as zero. The determinants of the direction cosines are zero too, because their two rows are
-# printed equal.
+# The paper expresses vector products by quaternion matrices: $\frac12(\dot R_0-\dot R_0')$ applied to $(0,\ddot r)$ is
+# the vector product with $\dot r$, and the square and the cube of this matrix yield the double and triple products. The
+# components of the double product are printed as zero. The printed determinants of the direction cosines are also zero,
+# because their two rows are equal.
 
 # %%
 v1, v2, v3 = v
@@ -271,8 +273,9 @@ holds(alpha[0], v / speed)
 # %% [markdown]
 # ## Derivatives of the hodograph
 #
-# The derivatives are columns of powers of $t$, multiplied by the row of coefficients. In print the row multiplies the
-# first column only, the last entry of the acceleration has $t^2$ instead of $t^3$, and $\ddot r_2$ has a wrong sign.
+# The derivatives are columns of powers of $t$, multiplied by the row of coefficients. In the paper, the row multiplies
+# only the first column, the last entry of the acceleration has $t^2$ instead of $t^3$, and $\ddot r_2$ has a wrong
+# sign.
 
 # %%
 value, slope = t ** np.arange(4), np.array([0, 1, 2 * t, 3 * t**2])
@@ -295,7 +298,7 @@ holds([np.asarray(path.height) @ slope, np.asarray(path.height) @ [0, 0, 2, 6 * 
 #
 # With the quaternion matrices $A^t\cdot{}^tA^t = \mathrm{diag}(1, \alpha)$; its diagonal gives a linear system for the
 # *squares* of the parameters. The printed solution lacks the leading 1 of the right-hand side. The squares do not
-# determine the signs: seven of the eight sign patterns are wrong, so the off-diagonal cosines are needed, too.
+# determine the signs: seven of the eight sign patterns are wrong, so the off-diagonal cosines are also needed.
 # `rotation.from_dcm` uses them.
 
 # %%
@@ -334,9 +337,9 @@ holds(0.5 * matrices.kinematic(jnp.asarray([speed * chi, 0.0, speed * K])) @ lam
 # %% [markdown]
 # ## The Gibbs vector
 #
-# $G_k=\alpha_k/\alpha_0$ has the same components in both axes, $\alpha G = G$. The paper prints six ratios of direction
-# cosines for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal turn both
-# ratios for $G_3$, the only nonzero component, are undefined. The following forms are regular up to 180°:
+# $G_k=\alpha_k/\alpha_0$ has the same components in both bases, $\alpha G = G$. The paper prints six ratios of
+# direction cosines for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal
+# turn both ratios for $G_3$, the only nonzero component, are undefined. The following forms are regular up to 180°:
 # $G_1=(\alpha_{23}-\alpha_{32})/(1+\mathrm{tr}\,\alpha)$, and cyclically.
 
 # %%
@@ -381,7 +384,7 @@ orientation_figure(
 # %% [markdown]
 # ## Contact forces and power (conclusions)
 #
-# The paper concludes with the contact forces that keep a vehicle on the path, and with the power that they need.
+# The paper concludes with the contact forces that keep a vehicle on the path, and with the power of these forces.
 # $\bar F = m\ddot r - m\bar g$ has the components $m\dot v - m g_\tau$ along $\bar\tau$, $m\kappa v^2 - m g_n$ along
 # $\bar n$ and $-m g_b$ along $\bar b$. Its power $\bar F\cdot\dot r$ is the rate of the energy $\frac12mv^2+mgh$, so
 # over the whole turn its work is the difference of that energy, which the quadrature below confirms to round-off.
@@ -405,13 +408,14 @@ powers = jax.vmap(lambda t: qt.dynamics.power(path, t, MASS, GRAVITY))(0.5 * tk 
 holds(0.5 * tk * weights @ np.asarray(powers), energy(tk) - energy(0.0))
 
 # %% [markdown]
-# A `Vehicle` adds air, tyres and the bank of the road. The force $\bar F$ then includes the drag
-# $\frac12\rho C_dA\,v\dot r$, and the power of the drive the rolling resistance $C_{rr}F_b$. `friction` is the used
-# part of the grip, by the friction ellipse of the tyres, and `moment` the moments $J\varepsilon+\omega\times J\omega$
-# about $\bar\tau$, $\bar n$, $\bar b$ of a body that turns with the trihedral. The balance of energy holds again: the
-# work of the drive is the gain of energy plus the losses, and the work of the moments is the gain of
-# $\frac12\omega\cdot J\omega$. Along principal axes the three moments are quantities of their own: their limits are
-# proved like those on the forces. In the figure `friction` exceeds 1: this turn is too fast for these tyres.
+# A `Vehicle` adds air drag, tyres and the bank of the road. The force $\bar F$ then includes the drag
+# $\frac12\rho C_dA\,v\dot r$, and the drive power includes the rolling resistance $C_{rr}F_b$. `friction` is the used
+# fraction of the grip, according to the friction ellipse of the tyres. `moment` contains the moments
+# $J\varepsilon+\omega\times J\omega$ about $\bar\tau$, $\bar n$, $\bar b$ for a body that rotates with the trihedral.
+# The energy balance is satisfied again: the work of the drive equals the gain of energy plus the losses, and the work
+# of the moments equals the gain of $\frac12\omega\cdot J\omega$. If $\bar\tau$, $\bar n$, $\bar b$ are principal axes,
+# each of the three moments can also be limited, and its limit is proved like a limit on a force. In the figure,
+# `friction` exceeds 1, because this turn is too fast for these tyres.
 
 # %%
 J = np.diag([15e3, 60e3, 66e3])  # [kg m²]
@@ -577,8 +581,8 @@ for rate in (
 
 # %% [markdown]
 # $\Phi(t)$ follows from limits on rate and acceleration. The paper names relay laws, polynomials and prescribed
-# durations. A cubic of prescribed duration has no coefficient left for limits: its peaks are $1.5\Phi/T$ and
-# $6\Phi/T^2$.
+# durations. A cubic with a prescribed duration has no free coefficient for limits; its peaks are $1.5\Phi/T$
+# and $6\Phi/T^2$.
 
 # %%
 limits = np.radians(1.0), np.radians(0.05)
@@ -589,9 +593,9 @@ assert abs(float(profiles["cubic"].duration) - max(1.5 * angle / limits[0], np.s
 profiles_figure(profiles, *limits, title="C, section 3: an Euler turn by 90° under 1 °/s and 0.05 °/s²")
 
 # %% [markdown]
-# A cubic *spline* has knots, and with them both: 90° in 2.8 s within 0.8 rad/s and 2 rad/s² are impossible for a single
-# cubic, which needs 2.95 s, but not for the spline with the smallest $\int\ddot\Phi^2dt$, down to the minimum time of
-# 2.36 s.
+# A cubic *spline* has knots, so it can have a prescribed duration and satisfy limits. The example is a slew of 90°
+# within 0.8 rad/s and 2 rad/s². A single cubic needs at least 2.95 s. The spline with the smallest $\int\ddot\Phi^2dt$
+# also satisfies the limits in 2.8 s, and in shorter durations down to the minimum time of 2.36 s.
 
 # %%
 try:
@@ -624,8 +628,8 @@ holds(short.end, -far)
 #
 # $\varepsilon^0(t)$ is itself a control: under this acceleration, a body that starts with the state of the program
 # follows the program, in body axes (3.15) and in inertial axes (3.14). Open-loop control does not correct errors. Under
-# a constant disturbance of 0.003 °/s² the final attitude error of the slew of 110 s is 17°. Under feedback, with the
-# error equation below, the error of the same body is small and does not grow.
+# a constant disturbance of 0.003 °/s² the final attitude error of this slew, which takes 110 s, is 17°. Under feedback
+# with the error equation below, the error of the same body is small and does not grow.
 
 # %%
 instants = jnp.linspace(0.0, turn.duration, 111)
@@ -708,8 +712,9 @@ for form in ("body", "inertial", "additive"):
 # %% [markdown]
 # ## Optimal gains
 #
-# A linear error equation has optimal gains. The gains that minimise $\int(q_1x^2+q_2\dot x^2+ru^2)\,dt$ for $\ddot x=u$
-# are $K_2=\sqrt{q_1/r}$, $K_1=\sqrt{q_2/r+2K_2}$. SciPy's solver of the Riccati equation returns the same gains.
+# For this linear error equation, optimal gains are known in closed form. The gains that minimise $\int(q_1x^2+q_2\dot
+# x^2+ru^2)\,dt$ for $\ddot x=u$ are $K_2=\sqrt{q_1/r}$, $K_1=\sqrt{q_2/r+2K_2}$. SciPy's solver of the Riccati equation
+# returns the same gains.
 
 # %%
 from scipy.linalg import solve_continuous_are

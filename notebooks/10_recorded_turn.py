@@ -36,7 +36,7 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 #
 # Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times more
 # closely. The closer the axis, the sharper the best turn about this axis. To make the turn drivable for a bus, we keep
-# the axis at least 12 m away, which makes the fit slightly worse. The result states that this bound is active, and
+# the axis at least 12 m away, which makes the fit slightly worse. The result reports that this bound is active, and
 # gives advice in case this is not intended.
 
 # %%

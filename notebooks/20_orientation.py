@@ -63,8 +63,8 @@ assert np.allclose(alpha @ rotation.to_gibbs(q), rotation.to_gibbs(q), atol=1e-1
 # ## Where each description fails
 #
 # For some special attitudes, and attitudes close to them, we compute the derivative of each description with respect to
-# the attitude. The table shows the largest entry of the Jacobian. Small numbers mean that gradients are usable at this
-# attitude, and huge numbers that the description is close to its singularity. *At* the singular attitudes the library
+# the attitude. The table shows the largest entry of the Jacobian. If the numbers are small, gradients are usable at
+# this attitude. If they are huge, the description is close to its singularity. *At* the singular attitudes the library
 # always returns a finite derivative, never NaN, so that an optimiser can pass through them. (For the Gibbs vector of a
 # rotation by 180°, which has no derivative, it returns 0.)
 
@@ -242,7 +242,7 @@ assert np.allclose(left, right, atol=1e-12)
 # |---|---|
 # | which description for computations? | quaternions; keep the sign continuous |
 # | which description for people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
-# | when is the Gibbs vector useful? | for rotations well below 180°: three numbers, the same in both axes |
+# | when is the Gibbs vector useful? | for rotations well below 180°: three numbers, the same in both bases |
 # | which frame for a road vehicle? | `Upright()` |
 # | which frame for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural on curved paths |
 # | is a frame defined? | `trihedral(...).defined`; `certify` with `angular_rate` proves the whole path |

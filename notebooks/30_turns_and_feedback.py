@@ -67,9 +67,9 @@ profiles_figure(profiles, RATE, ACCELERATION, "Five laws for 90° within 1 °/s 
 
 # %% [markdown]
 # **Validity.** A slew about one fixed axis is the shortest in angle, and the fastest if the *norm* of the angular
-# acceleration is bounded (a spherical body). With a bound on each component it is not the fastest: for unit inertia and
-# unit torques about three axes, 180° about a body axis take $2\sqrt\pi = 3.54491$ s with the Euler turn, but 3.24308 s
-# with the optimal motion of Bilimoria and Wie (1993), whose axis varies.
+# acceleration is bounded (a spherical body). With a bound on each component it is not the fastest. For example, a slew
+# of 180° about a body axis, with unit inertia and unit torques about three axes, takes $2\sqrt\pi = 3.54491$ s with the
+# Euler turn. The optimal motion of Bilimoria and Wie (1993), whose axis varies, takes 3.24308 s.
 
 # %%
 half_turn = qt.TimeOptimal(None, 1.0).profile(np.pi)
@@ -145,7 +145,7 @@ loops_figure(element, closed, np.radians(1.0), "Four feedbacks, released at rest
 #
 # The error equation of paper C, $\ddot\mu+K_1\dot\mu+K_2(\mu-1)=0$, is the same for any program. So the error during a
 # fast slew equals the error at rest to within rounding errors, and the same gains can be used for all programs. (The
-# other laws include the same feedforward, so this is true for them, too; but they have no closed form.)
+# other laws include the same feedforward, so this also applies to them, but they have no closed form.)
 
 # %%
 law = FEEDBACKS["acceleration law"]
@@ -183,7 +183,7 @@ for name, rate in {"at rest": jnp.zeros(4), "6 rad/s away": spin}.items():
 
 # %% [markdown]
 # `simulate` therefore starts with the nearer sign, unless `sign="as given"` asks for the other. Here the slew starts
-# 35° beside the program, and −λ is given.
+# with an error of 35°, and −λ is given.
 
 # %%
 aside = -quaternion.exp(jnp.asarray(0.5 * np.radians(35.0) * AXIS))
@@ -224,10 +224,10 @@ loops_figure({"disturbed, limited, 10 Hz": real}, title="A slew of 8 s with all 
 # %% [markdown]
 # ## A rigid body with reaction wheels
 #
-# So far the body had the commanded acceleration. A `RigidBody` obeys Euler's equations: the computer forms the torques
-# with the inertia that it assumes, and four wheels exert them, as long as they do not saturate. The error equation is
-# then no longer exact; `body.residual` is $\ddot\mu+K_1\dot\mu+K_2(\mu-1)$, and `body.deviation` the distance of the
-# error from its closed form.
+# So far, the acceleration of the body equalled the command. A `RigidBody` obeys Euler's equations. The on-board
+# computer calculates the torques with an assumed inertia, and four wheels exert these torques unless they saturate. The
+# error equation is then no longer exact: `body.residual` is $\ddot\mu+K_1\dot\mu+K_2(\mu-1)$, and `body.deviation` is
+# the distance of the error from its closed form.
 
 # %%
 INERTIA = np.array([80.0, 100.0, 120.0])  # [kg m²]
@@ -350,8 +350,8 @@ assert gap < 1e-6
 # %% [markdown]
 # ## Position and attitude together
 #
-# A vehicle follows a path in position, too: a linear law of the same form acts on the offset, and the error of the pose
-# is one dual quaternion. Both errors have closed forms, whatever the path and the program are.
+# A vehicle can also follow a path in position. A linear law of the same form acts on the position error, and one dual
+# quaternion represents the pose error. Position and attitude errors have closed forms for any path and program.
 
 # %%
 path = qt.SpiralHelix([8.0, 0.3, 0.1], [0.4, 0.5, 0.05], [1.0, 0.4, -0.2, 0.03], 2.5)

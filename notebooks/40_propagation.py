@@ -99,8 +99,8 @@ assert np.isfinite(drift).all()
 # %% [markdown]
 # ## A recorded gyro
 #
-# The unit is at rest for 14 s, from which we estimate the bias of the gyro. Then we propagate the gyro from one optical
-# attitude; the optical reference shows the remaining error of the sensor.
+# The unit is at rest for 14 s, from which we estimate the bias of the gyro. Then we propagate the attitude from one
+# optical attitude, with the rates of the gyro. The optical reference shows the remaining error of the sensor.
 
 # %%
 with as_file(files("qtraj.io") / "data" / "broad_02_slow_rotation.npz") as path, np.load(path) as file:

@@ -143,9 +143,9 @@ assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps 
 # %% [markdown]
 # ## Random turns
 #
-# 32 turns between random states, each with a limit of 0.7 times the largest curvature of the nearest uniform rotation.
-# The problem is not convex, so some searches that start only from the initial states end without a solution. We repeat
-# these searches with eight starts each and keep the best result.
+# This section tunes 32 turns between random states. The limit of each turn is 0.7 times the largest curvature of the
+# nearest uniform rotation. The problem is not convex, so some searches that start only from the initial states end
+# without a solution. We repeat these searches with eight starts each and keep the best result.
 
 # %%
 angles, radii = RANDOM.uniform(0.6, 2.5, COUNT), RANDOM.uniform(15.0, 35.0, (2, COUNT))
@@ -193,8 +193,8 @@ for k in left:
 #
 # By default `tune` uses sequential quadratic programming, "sqp", written for these problems. It also accepts any optax
 # optimiser, which then minimises an augmented Lagrangian in rounds; the multipliers of the limits are updated between
-# the rounds. Path and certificate are the same, but the computational cost differs: the number of steps, and the times
-# of the first call, with compilation, and of the second call (on stderr).
+# the rounds. Path and certificate are the same, but the computational cost differs. The cell prints the number of
+# steps and, to stderr, the times of the first call, which includes compilation, and of the second call.
 
 # %%
 limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)

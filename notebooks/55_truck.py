@@ -8,11 +8,11 @@
 # ---
 
 # %% [markdown]
-# # A truck whose grip binds
+# # A truck limited by its grip
 #
 # Friction and power depend on the vehicle and the road. The example is a loaded truck of 32 t on a banked, climbing
 # ramp, with air drag and rolling resistance. It may use at most 80 % of the grip, according to the friction ellipse of
-# the tyres, and 210 kW of the power of the engine. How fast may the truck drive on roads from slippery to dry? Each
+# the tyres, and 210 kW of engine power. How fast may the truck drive on roads from slippery to dry? Each
 # problem of the batch has its own vehicle; one call tunes all of them, and one call evaluates their forces.
 
 # %%
@@ -66,9 +66,9 @@ print(wet.result)
 wet.plot(frame=qt.Upright())
 
 # %% [markdown]
-# The figure shows the wet road (0.45). On slippery roads the limit on friction is active, on dry roads the limit on
-# power. The work of the drive on the ramp equals the gain of energy plus the losses by drag and rolling resistance, to
-# within rounding error.
+# The figure shows the wet road (0.45). On slippery roads the limit on friction is active; on dry roads the limit on
+# power is active. The work of the drive on the ramp equals the gain of energy plus the losses by drag and rolling
+# resistance, to within rounding error.
 
 # %%
 nodes, weights = np.polynomial.legendre.leggauss(60)

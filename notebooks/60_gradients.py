@@ -131,7 +131,7 @@ loops_figure(
 #
 # A body tumbles under known torques of two small thrusters at different frequencies, and we read its gyro. The rates
 # alone determine the six components of the inertia tensor: the torques determine the scale, and the gyroscopic term
-# $\omega\times J\omega$ the products of inertia.
+# $\omega\times J\omega$ determines the products of inertia.
 
 # %%
 instants = jnp.linspace(0.0, 12.0, 121)

@@ -71,7 +71,7 @@ last
 # ## Peaks without samples
 #
 # Often only the peaks, integrals or means are needed, not the samples. With `reduce` each block is reduced while it is
-# still in the cache, and no samples are stored. Peaks come with the times at which they are attained.
+# still in the cache, and no samples are stored. Each peak is returned with the time at which it is attained.
 
 # %%
 peaks = qt.evaluate(paths, instants, ("speed", "curvature"), reduce="max")
@@ -116,9 +116,9 @@ for count, a, b in zip(COUNTS, 1e9 * np.array(whole) / samples, 1e9 * np.array(r
 assert whole[-1] / samples[-1] < whole[0] / samples[0]  # an instant of many is cheaper than one of few
 
 # %% [markdown]
-# A function of your own over one instant costs about as much, compiled: here the whole trihedral at 200 000 instants of
-# one path, by `jit(vmap(trihedral))` and by `evaluate` with the same numbers. A direct call of `trihedral` runs one
-# compiled function, and takes about a millisecond.
+# A compiled function of your own over one instant costs about as much as `evaluate`. The next cell computes the whole
+# trihedral at 200 000 instants of one path with `jit(vmap(trihedral))`, and the same outputs with `evaluate`. A direct
+# call of `trihedral` runs one compiled function, and takes about a millisecond.
 
 # %%
 alone, many = jax.tree.map(lambda x: x[0], paths), jnp.linspace(0.0, DURATION, 200_000)

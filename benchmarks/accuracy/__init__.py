@@ -1,4 +1,6 @@
-"""How accurate motion is: `python -m benchmarks.accuracy` in the root of the repository measures and prints the tables.
+"""Measure the accuracy of motion.
 
-`--write` puts them between the markers of docs/accuracy.md and draws docs/figures; names limit it to these.
+Run `python -m benchmarks.accuracy` in the root of the repository to measure and print the tables.
+`--write` also inserts the tables between the markers in docs/accuracy.md and draws the figures in docs/figures. To
+select tables and figures, pass their names.
 """

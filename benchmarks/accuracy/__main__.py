@@ -1,4 +1,4 @@
-"""Measures the tables of docs/accuracy.md, prints them and, with --write, updates the page."""
+"""Measure and print the tables of docs/accuracy.md; with --write, also update the page."""
 
 import argparse
 import time
@@ -29,7 +29,7 @@ TABLES = {
 def main():
     parser = argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description=__doc__)
     parser.add_argument("--write", action="store_true", help="update docs/accuracy.md and docs/figures")
-    parser.add_argument("names", nargs="*", help=f"{', '.join(TABLES)}, or names of figures; by default all")
+    parser.add_argument("names", nargs="*", help=f"{', '.join(TABLES)}, or names of figures; default: all")
     given = parser.parse_args()
     for name, measure in TABLES.items():
         if given.names and name not in given.names:

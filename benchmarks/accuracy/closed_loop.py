@@ -1,4 +1,4 @@
-"""Closed loops compared with their closed form, and the settling times of the laws."""
+"""Compare closed loops with their closed forms, and compute the settling times of the laws."""
 
 import jax
 import numpy as np
@@ -15,12 +15,12 @@ TIMES = tests.TIMES
 
 
 def deviations(times=TIMES):
-    """(law, gains) → deviations (n,) from SciPy's matrix exponential, with default and with tight tolerances."""
+    """Return deviations (n,) from SciPy's matrix exponential, by (law, gains), with default and tight tolerances."""
     program = ThreeAxis()
     at, found = program(0.0), {}
     for gains, (k1, k2) in zip(("scalar", "diagonal", "full"), random_gains(np.random.default_rng(9)), strict=True):
         k1, k2 = (k if np.ndim(k) == 2 else np.eye(4) * k for k in (k1, k2))
-        laws = tuple(qt.AccelerationLaw(k1, k2, kind) for kind in tests.KINDS)  # equal shapes: compiled once
+        laws = tuple(qt.AccelerationLaw(k1, k2, kind) for kind in tests.KINDS)  # equal shapes, so compiled once
         for index, kind in enumerate(tests.KINDS):
             x = control.error_quaternion(at, tests.START, kind)
             v = control.error_rate(at, tests.START, tests.RATE, kind)
@@ -47,7 +47,10 @@ def _deviation(program, law, expected, how):
 
 
 def settling():
-    """Time to 1° and peak acceleration of rest-to-rest slews at k = 1: closed form, and SciPy for the baselines."""
+    """Tabulate the time to 1° and the peak acceleration of rest-to-rest slews at k = 1.
+
+    The values of paper C's law are in closed form; SciPy computes those of the other laws.
+    """
     names = ("this law", "quaternion feedback (Wie–Barba)", "geometric feedback", "logarithmic feedback")
     figures = [tests.exact_figures(np.radians(angle)) for angle in (90, 150, 179.99)]
     rows = [

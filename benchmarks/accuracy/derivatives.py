@@ -1,4 +1,4 @@
-"""Gradients compared with central differences, as in the tests."""
+"""Compare gradients with central differences, as the tests do."""
 
 from tests.motion import test_gradients as tests
 
@@ -18,7 +18,7 @@ def gradients():
         monitor = []
         with recorded(monitor):
             test(*arguments)
-        # For each point the tests compare the gradient, and then the derivatives in two directions.
+        # At each point, the tests compare the gradient first, and then the derivatives in two directions.
         reverse = max(part for _, part in monitor[0::3]) * tests.RELATIVE
         forward = max(part for k, (_, part) in enumerate(monitor) if k % 3) * tests.RELATIVE
         rows.append([name, reverse, forward, f"`{test.__name__}`"])

@@ -1,4 +1,4 @@
-"""The figures of docs/accuracy.md."""
+"""Draw the figures of docs/accuracy.md."""
 
 import time
 
@@ -18,7 +18,7 @@ from . import closed_loop, recorded_gyro
 
 
 def recorded_gyro_figure():
-    """A recorded gyro: its rates, and the error of the attitude propagated from them."""
+    """Plot the rates of a recorded gyro, and the error of the attitude propagated from these rates."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(7, 4.6), layout="constrained")
         rate, error = figure.subplots(2, 1, sharex=True)
@@ -40,7 +40,7 @@ def recorded_gyro_figure():
 
 
 def closed_loop_errors_figure():
-    """Deviation of simulated loops from the closed form, by kind of error (columns) and tolerance (rows)."""
+    """Plot the deviation of simulated loops from the closed form, by kind of error (columns) and tolerance (rows)."""
     deviations = closed_loop.deviations()
     kinds = list(dict.fromkeys(kind for kind, _ in deviations))
     with mpl.rc_context(RC):
@@ -63,7 +63,7 @@ def closed_loop_errors_figure():
 
 
 def work_precision_figure():
-    """Work and precision of propagation, for a batch of 256 coning problems."""
+    """Plot work against precision of propagation, for a batch of 256 coning problems."""
     ladders = {
         "Gauss–Legendre 8": (with_steps(BATCH, qt.GaussLegendre(8)), (8, 11, 14, 18, 22, 26, 30)),
         "Gauss–Legendre 12": (with_steps(BATCH, qt.GaussLegendre(12)), (5, 6, 7, 8, 10, 12)),
@@ -73,7 +73,7 @@ def work_precision_figure():
     }
     curves = {}
     for name, (call, settings) in ladders.items():
-        errors = [BATCH.error(call(setting)) for setting in settings]  # compiles
+        errors = [BATCH.error(call(setting)) for setting in settings]  # also compiles the call
         curves[name] = ([_median_ms(call, setting) for setting in settings], errors)
     return precision_figure(curves, work="time for all 256 problems [ms]", error="largest angle error [rad]")
 

@@ -1,4 +1,4 @@
-"""Records the deviations that tests compare with their tolerances, for tables in documents."""
+"""Record the deviations that tests compare with their tolerances, for tables in documents."""
 
 import contextlib
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @contextlib.contextmanager
 def recorded(monitor):
-    """Every comparison in this context appends (largest deviation, largest fraction of the tolerance) to `monitor`."""
+    """Append (largest deviation, largest fraction of the tolerance) to `monitor` for each comparison in the context."""
     compare = np.testing.assert_allclose
 
     def note(actual, desired, rtol=1e-7, atol=0, **how):
@@ -26,7 +26,7 @@ def recorded(monitor):
 
 
 def used(test, *arguments):
-    """The largest fraction of its tolerances that a test uses."""
+    """Return the largest fraction of its tolerances that a test uses."""
     monitor = []
     with recorded(monitor):
         test(*arguments)

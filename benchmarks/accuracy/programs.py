@@ -1,4 +1,4 @@
-"""Programs and profiles: slews, random profiles, and frames along the reference paths."""
+"""Check programs and profiles: slews, random profiles, and frames along the reference paths."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ SCALES = (1.0, -3.0, 1e-3, 1e6)
 
 
 def turns():
-    """Durations of time-optimal slews, and peaks of polynomial slews of one radian in one second."""
+    """Tabulate durations of time-optimal slews, and peaks of polynomial slews of one radian in one second."""
     rows = [
         [f"{angle}°, 1°/s, 0.05°/s²: duration [s]", f"{found:.6f}", expected]
         for angle, expected in ((90, "110"), (10, "√800 = 28.284271"))
@@ -38,7 +38,7 @@ def turns():
 
 
 def brute_force():
-    """Deviations in the comparisons with integrations and searches in plain NumPy."""
+    """Tabulate the deviations from integrations and searches in plain NumPy."""
     tests = {
         "end rates, minimum time": brute.test_slews_with_end_rates,
         "end rates, prescribed time": brute.test_slews_with_end_rates_of_a_fixed_duration,
@@ -49,7 +49,7 @@ def brute_force():
 
 
 def frames():
-    """Error of the final attitude of each program, propagated by its own rate, for each scale of λ."""
+    """Tabulate, for each scale of λ, the error of the final attitude propagated with the program's own rate."""
     rows, programs = [], [qt.FrameProgram(build(case)) for case in CASES]
     last = [program(program.duration).quaternion for program in programs]
     first = [program(0.0).quaternion for program in programs]
@@ -64,7 +64,7 @@ def frames():
 
 
 class Rate(eqx.Module):
-    """ω⁰ of a program; a Module, so that one compilation serves all paths."""
+    """The rate ω⁰ of a program; it is a Module, so that one executable serves all paths."""
 
     program: qt.FrameProgram
 

@@ -1,4 +1,4 @@
-"""The recorded gyro compared with the optical attitude."""
+"""Compare the attitude from the recorded gyro with the optical attitude."""
 
 import numpy as np
 from tests.motion.propagation import test_recorded_gyro as tests
@@ -10,12 +10,12 @@ from .tables import table
 
 
 def recording():
-    """Times, unbiased gyro, bias, stride and optical attitudes of the whole recording."""
+    """Return times, bias-corrected gyro, bias, stride and optical attitudes of the whole recording."""
     return tests.recording.__wrapped__()
 
 
 def deviations(start=0):
-    """Times [s], and angles [deg] between propagated and optical attitude, from sample `start`."""
+    """Return times [s], and angles [°] between the propagated and the optical attitude, from sample `start` on."""
     times, rates, _, every, optical = recording()
     found = qt.propagate_samples(times[start:], rates[start:], optical[start // every])[::every]
     return times[start::every], np.degrees(angles(found, optical[start // every :]))

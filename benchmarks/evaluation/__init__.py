@@ -1,1 +1,1 @@
-"""The benchmark of batched evaluation: a C kernel, NumPy with SciPy, and `qtraj.evaluate`, in one run."""
+"""Benchmark batched evaluation: a C kernel, NumPy with SciPy, and `qtraj.evaluate`, in one run."""

@@ -1,4 +1,4 @@
-"""References for `qtraj.evaluate`: NumPy with SciPy's Rotation, and a kernel in C if gcc is installed."""
+"""Provide references for `qtraj.evaluate`: NumPy with SciPy's Rotation, and a kernel in C if gcc is installed."""
 
 import ctypes
 import shutil
@@ -15,10 +15,10 @@ FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC"]
 
 
 def numpy_and_scipy(times, **options):
-    """The textbook evaluation with NumPy arrays, each product formed once.
+    """Evaluate the textbook formulas with NumPy arrays; each product is computed once.
 
-    To SciPy, matrices in float32 are not quite orthogonal, so it computes the singular values of each, unless `options`
-    has assume_valid=True.
+    SciPy considers float32 matrices as not quite orthogonal. It therefore computes the singular values of each matrix,
+    unless `options` contains assume_valid=True.
     """
     kind = times.dtype.type
     rho, h = [np.polynomial.Polynomial(np.asarray(c, kind)) for c in (RADIUS, HEIGHT)]
@@ -43,7 +43,7 @@ def numpy_and_scipy(times, **options):
 
 
 class Kernel:
-    """The kernel in C for one kind of float; `plain` calls libm for sine and cosine, else they are vectorised too."""
+    """The kernel in C for one dtype; with `plain`, sine and cosine are calls of libm, otherwise they are vectorised."""
 
     def __init__(self, kind, plain):
         self.kind = np.dtype(kind)

@@ -1,4 +1,4 @@
-"""The benchmarks of `python -m benchmarks`: one module for each, with `measure(quick)` → `Measured`."""
+"""Define the benchmarks of `python -m benchmarks`, one in each module; `measure(quick)` returns `Measured`."""
 
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ RACES = (
 
 
 class Measured(NamedTuple):
-    """The rows of a table, all with the same keys, which are its header; numbers with units in the keys."""
+    """The rows of a table; all rows have the same keys, which form the header and contain the units."""
 
     title: str
     rows: list[dict[str, Any]]

@@ -1,4 +1,4 @@
-"""Evaluation relative to the copy bandwidth of the device: one path, and many paths with 10³ instants each.
+"""Compare evaluation with the copy bandwidth of the device: one path, and many paths with 10³ instants each.
 
 On a GPU the goal is 70 % of the bandwidth of a compiled copy of a large array, counting reads and writes.
 """
@@ -19,7 +19,7 @@ CHANNELS = 18
 
 
 def copy_rate(megabytes, rounds):
-    """Bytes read and written in a second by a compiled copy."""
+    """Return the bytes per second that a compiled copy reads and writes."""
     given = jnp.ones(megabytes * 125_000, jnp.float64)
     copy = jax.jit(lambda x: x + 1)
     spent = race({"copy": lambda: copy(given)}, rounds)["copy"]

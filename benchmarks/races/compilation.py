@@ -1,6 +1,6 @@
-"""Compile time, separately from other times: the first and the second call of each function.
+"""Measure the compile time: compare the first and the second call of each function.
 
-Each runs in its own process without the persistent cache, so that no compiled code is shared.
+Each function runs in its own process without the persistent cache, so no compiled code is shared.
 """
 
 import json
@@ -22,7 +22,7 @@ from .evaluation import helix
 INSTANTS = 12_345
 NAMES = ("evaluate", 'evaluate, reduce="max"', "certify", "tune", "propagate")
 ENVIRONMENT = {"JAX_ENABLE_COMPILATION_CACHE": "false", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-"""No cache; on a GPU, memory is shared with the process of the benchmarks."""
+"""Settings without a cache; on a GPU, the memory is shared with the process of the benchmarks."""
 
 
 def cases():

@@ -1,7 +1,8 @@
-"""`evaluate` of one path compared with a kernel in C, NumPy with SciPy, and plain writing of the same bytes.
+"""Compare `evaluate` for one path with a kernel in C, NumPy with SciPy, and plain writing of the same bytes.
 
-Position, velocity, acceleration, quaternion, curvature, torsion and rate: 17 channels (18 for qtraj, which also writes
-the zero component of the rate). All are compiled and alternate, and their results are compared before timing.
+The outputs are position, velocity, acceleration, quaternion, curvature, torsion and rate: 17 channels (18 for qtraj,
+which also writes the zero component of the rate). The candidates alternate, and their results are compared before
+timing.
 """
 
 import inspect
@@ -29,7 +30,7 @@ def helix(kind):
 
 
 def runners(kind, instants):
-    """Name → call, for one kind of float."""
+    """Return the calls by name, for one dtype."""
     times, path = np.linspace(0.0, DURATION, instants).astype(kind), helix(kind)
     given, table, out = jnp.asarray(times), {}, np.zeros((CHANNELS, instants), kind)
 
@@ -60,7 +61,7 @@ def runners(kind, instants):
 
 
 def channels(found):
-    """The 17 channels (17, n) of the result of any runner, or their maxima (17,)."""
+    """Return the 17 channels (17, n) of the result of any runner, or their maxima (17,)."""
     if isinstance(found, np.ndarray):
         return found
     if isinstance(found, tuple):
@@ -71,7 +72,7 @@ def channels(found):
 
 
 def check(calls, kind):
-    """Raise an error if results disagree; a quaternion may have either sign."""
+    """Raise a ValueError if results disagree; a quaternion may have either sign."""
     ours = channels(calls["qtraj"]())
     scale = np.abs(ours).max(axis=1)
     for name, call in calls.items():

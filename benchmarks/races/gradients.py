@@ -1,4 +1,4 @@
-"""Reverse mode: value and gradient of a scalar loss against its value, and the temporary memory of both."""
+"""Measure reverse mode: compare the value and gradient of a scalar loss with the value alone, in time and memory."""
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ LOSSES = {
 
 
 def compiled(name, instants):
-    """The compiled value, and value with gradient, as functions of path coefficients."""
+    """Return compiled functions of the path coefficients: the value, and the value with its gradient."""
 
     def loss(numbers, times):
         return LOSSES[name](qt.SpiralHelix(*numbers, DURATION), times)

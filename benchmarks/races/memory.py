@@ -1,7 +1,7 @@
-"""Peak memory compared with the prediction, each case in its own process.
+"""Compare the peak memory with the prediction, each case in its own process.
 
-The measurement is the difference of the largest resident sets after a large and a small call. The prediction is 18
-results and one time per instant; with `reduce`, the times and one reordered copy of them.
+The measurement is the peak resident memory after a large call minus that after a small call. The prediction is the
+memory of 18 results and one time per instant; with `reduce`, the memory of the times and one reordered copy of them.
 """
 
 import resource
@@ -14,11 +14,11 @@ from . import Measured
 SMALL = 300_000
 CASES = (("stored", 10**7), ("max", 10**7), ("max", 10**8))
 NUMBERS = {"stored": 19, "max": 2}
-"""Number of values of 8 bytes per instant."""
+"""Number of 8-byte values per instant."""
 
 
 def peak_mb(how, instants):
-    """The growth of the largest resident set of this process by a call [MB]."""
+    """Return by how much a large call increases the peak resident memory of this process [MB]."""
     import jax
     import jax.numpy as jnp
 
@@ -38,7 +38,7 @@ def peak_mb(how, instants):
 
 
 def _largest_mb():
-    """The largest resident set of this process [MB]; on Linux the value of `getrusage` is inherited from the parent."""
+    """Return the peak resident memory [MB]; on Linux, `getrusage` would return a value inherited from the parent."""
     status = Path("/proc/self/status")
     if not status.exists():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 * 1.048576

@@ -1,6 +1,6 @@
-"""The amount of compilation: the StableHLO operations of the executables that successive calls compile.
+"""Measure the amount of compilation: count the StableHLO operations that successive calls compile.
 
-The calls of rows with the same "process" run in one process, in this order, without the persistent cache. The counts
+Rows with the same "process" are calls in one process, in this order, without the persistent cache. The counts
 are exact, even on a busy machine.
 """
 
@@ -48,7 +48,7 @@ def tune(limits, motion="uniform", count=None):
 
 
 def drive():
-    """The program for limits that need a vehicle, which also serves all others."""
+    """Tune with limits that need a vehicle; the executable also serves all other limits."""
     limits = qt.Limits(friction=0.42, power=58e3, vehicle=qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05))
     return lambda: qt.tune(qt.BoundaryState(*START), qt.BoundaryState(*END), limits)
 
@@ -97,7 +97,7 @@ def measure(quick):
 
 
 def compiled(process):
-    """The files of the executables that each call of a process compiles."""
+    """Return the files of the executables that each call of a process compiles."""
     folder, found = Path(os.environ["JAX_DUMP_IR_TO"]), []
     for name, case in PROCESSES[process].items():
         call = case()

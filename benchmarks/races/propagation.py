@@ -1,8 +1,9 @@
-"""λ(t) of coning problems: work against precision, and the smallest work for one precision.
+"""Propagate λ(t) of coning problems: work against precision, and the least work for one precision.
 
-The methods are `propagate` with equal steps, diffrax with adaptive steps (both in a batch), and SciPy's DOP853 for
-one problem after the other, with a right-hand side in plain numbers, which is faster than NumPy arrays. All settings of
-all methods alternate, SciPy's in the first two rounds; errors are relative to the closed form.
+The methods are `propagate` with equal steps, diffrax with adaptive steps (both in a batch), and SciPy's DOP853, which
+solves one problem after the other. Its right-hand side uses plain numbers, which are faster than NumPy arrays. All
+settings of all methods alternate, but SciPy runs only in the first two rounds. Errors are deviations from the closed
+form.
 """
 
 import diffrax
@@ -15,12 +16,12 @@ from ..race import first_within, race
 from . import Measured
 
 TARGET = 1e-9
-"""[rad] The precision of the table."""
+"""Precision [rad] of the table."""
 PROBLEMS, SPAN = 64, 10.0
 
 
 def ladders(batch, quick):
-    """Name → (call, settings from loose to tight)."""
+    """Return (call, settings from loose to tight) by the name of the method."""
     few = slice(None, None, 3) if quick else slice(None)
     tolerances = [10.0**-k for k in range(4, 14)]
     return {
@@ -44,7 +45,9 @@ def measure(quick):
         for k, setting in enumerate(settings)
     }
     slow = [key for key in calls if "SciPy" in key[0]]
-    spent = race(calls, 3 if quick else 7, few=slow, warm=False)  # computing the errors has compiled all of them
+    spent = race(
+        calls, 3 if quick else 7, few=slow, warm=False
+    )  # everything was compiled when the errors were computed
     ms = {name: [1e3 * float(np.median(spent[name, k])) for k in range(len(errors[name]))] for name in ways}
     rows = [row(name, ways[name][1], errors[name], ms[name]) for name in ways]
     base = rows[0]["time [ms]"]
@@ -60,7 +63,7 @@ def measure(quick):
 
 
 def row(name, settings, errors, ms):
-    """The loosest setting that reaches the target, its error and time; dashes if none does."""
+    """Return the loosest setting that reaches the target, its error and its time; dashes if none reaches it."""
     found = first_within(errors, TARGET)
     if found is None:
         return {"method": name, "setting": "—", "error [rad]": "—", "time [ms]": "—"}

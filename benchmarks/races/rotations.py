@@ -1,4 +1,4 @@
-"""Operations on a batch of rotations: qtraj, jaxlie and SciPy, the first two compiled in the same way."""
+"""Compare operations on a batch of rotations: qtraj and jaxlie, compiled in the same way, and SciPy."""
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ SO3 = jaxlie.SO3
 
 
 def operations(count):
-    """Name → (qtraj, jaxlie, SciPy), calls without arguments that return arrays."""
+    """Return (qtraj, jaxlie, SciPy) by the name of the operation: calls without arguments that return arrays."""
     rng = np.random.default_rng(0)
     vectors = rng.normal(size=(count, 3))
     p, q = (rng.normal(size=(count, 4)) for _ in range(2))
@@ -67,7 +67,7 @@ def measure(quick):
 
 
 def same(name, own, lie, scipy):
-    """Raise an error if results disagree; a matrix is inertial to body, a quaternion may have either sign."""
+    """Raise a ValueError if results disagree; matrices are inertial to body, and quaternions may have either sign."""
     if name == "to a matrix":
         own = own.swapaxes(1, 2)
     for other in (lie, scipy):

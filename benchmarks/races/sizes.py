@@ -1,4 +1,4 @@
-"""Cost against size: `evaluate` from 10² to 10⁷ instants, and its maxima (nothing is stored) from 10² to 10⁸."""
+"""Measure cost against size: `evaluate` for 10² to 10⁷ instants, and maxima without stored samples for 10² to 10⁸."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""A spline through 60 attitudes against SciPy's RotationSpline: attitude, rate and acceleration at many instants."""
+"""Compare a spline through 60 attitudes with SciPy's RotationSpline: attitude, rate and acceleration."""
 
 import functools
 

@@ -1,7 +1,7 @@
-"""Whole processes: imports, and `qtraj tune` compared with a bare process that uses the same libraries once.
+"""Measure whole processes: imports, and `qtraj tune` compared with a process that only uses the same libraries once.
 
-Users wait for the wall time; the user and system time of the process and its children is more reliable on a shared
-machine. Commands alternate.
+Wall time is what a user waits for. The user and system time of the process and its children is more reliable on a
+shared machine. The commands alternate.
 """
 
 import os
@@ -25,11 +25,11 @@ PLAIN = (
     "import sys; from types import SimpleNamespace; "
     "sys.modules['qtraj.viz.figures'] = SimpleNamespace(tuning_figure=id, save=lambda figure, file: file.touch()); "
 )
-"""Code run first: figures become empty files."""
+"""Code that runs first and replaces figures by empty files."""
 
 
 def spent(code, folder):
-    """Processor time and wall time [s] of one process."""
+    """Return the processor time and the wall time [s] of one process."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-c", code]

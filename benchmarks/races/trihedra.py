@@ -1,4 +1,4 @@
-"""A user's own `jit(vmap(trihedral))` over many instants, and direct calls, against `qtraj.evaluate`."""
+"""Compare a user's own `jit(vmap(trihedral))` over many instants, and direct calls, with `qtraj.evaluate`."""
 
 import time
 
@@ -16,7 +16,7 @@ FRAME_OUTPUTS = ("dcm", "quaternion", "speed", "curvature", "torsion", "rate", "
 
 
 def calls(path, times):
-    """The calls by name, all on the same instants."""
+    """Return the calls by name, all with the same instants."""
     over_times = lambda f: jax.jit(lambda path, times: jax.vmap(lambda t: f(path, t))(times))  # noqa: E731
     own = {
         "jit(vmap(trihedral))": over_times(qt.trihedral),
@@ -31,7 +31,7 @@ def calls(path, times):
 
 
 def spent(call, repeats=1):
-    """Wall and processor time of one call [s]."""
+    """Return the wall time and the processor time [s] of one call."""
     wall, processor = time.perf_counter(), time.process_time()
     for _ in range(repeats):
         jax.block_until_ready(call())

@@ -1,4 +1,4 @@
-"""`tune` against SciPy's SLSQP and IPOPT: the table that `python -m benchmarks.tuning` prints, on fewer problems."""
+"""Compare `tune` with SciPy's SLSQP and IPOPT: the table of `python -m benchmarks.tuning`, for fewer problems."""
 
 import subprocess
 import sys

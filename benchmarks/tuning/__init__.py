@@ -1,1 +1,1 @@
-"""Tuning compared with general optimisers: the same problems, the same derivatives, one run."""
+"""Compare tuning with general optimisers on the same problems, in one run."""

@@ -1,4 +1,4 @@
-"""qtraj, SLSQP and IPOPT on the same random problems:  python -m benchmarks.tuning [--problems N]"""
+"""Compare qtraj, SLSQP and IPOPT on the same random problems:  python -m benchmarks.tuning [--problems N]"""
 
 import argparse
 import time
@@ -7,7 +7,7 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402  (after float64 is on)
+import jax.numpy as jnp  # noqa: E402  (after float64 is enabled)
 import numpy as np  # noqa: E402
 
 import qtraj as qt  # noqa: E402
@@ -17,10 +17,10 @@ from qtraj.design.tuning.multistart import starting_points  # noqa: E402
 
 SEED = 7
 FEASIBLE = 1 + 1e-10
-WORSE = 1e-6  # relative to the best cost, or to a thousandth of V_ref² if that is larger
+WORSE = 1e-6  # tolerance relative to the best cost, or to a thousandth of V_ref² if that is larger
 REPEATS = 3
-SOLVED_BY_SLSQP = 200  # problems of the comparison of speed
-RACED = (1, 8)  # starts
+SOLVED_BY_SLSQP = 200  # number of problems in the comparison of speed
+RACED = (1, 8)  # numbers of starts
 NONE = np.zeros(slsqp.ADDED)
 
 
@@ -29,8 +29,10 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--slsqp-starts", type=int, default=16)
     parser.add_argument("--ipopt-starts", type=int, default=4)
-    parser.add_argument("--own-starts", type=int, default=8, help="starts of qtraj")
-    parser.add_argument("--batch", type=int, default=1000, help="problems of the comparison of speed (0: none)")
+    parser.add_argument("--own-starts", type=int, default=8, help="number of starts for qtraj")
+    parser.add_argument(
+        "--batch", type=int, default=1000, help="number of problems in the comparison of speed (0: none)"
+    )
     chosen = parser.parse_args()
     if chosen.batch:
         race(chosen.batch)
@@ -45,7 +47,7 @@ def main() -> None:
 
 
 def race(count: int) -> None:
-    """Solve a batch of problems with qtraj, with certificates, and some of them with SLSQP, without checks.
+    """Solve a batch of problems with qtraj, including certificates, and some of them with SLSQP, without checks.
 
     SLSQP starts from the initial states only. qtraj runs before and after SLSQP, because the speed of the machine may
     change.
@@ -53,15 +55,15 @@ def race(count: int) -> None:
     given = problems(count, SEED)
     before = {starts: own(given, starts) for starts in RACED}
     rival, median = by_slsqp(given, min(count, SOLVED_BY_SLSQP))
-    print(f"SLSQP, one by one: {1e3 * rival:.2f} ms a problem in the mean, {1e3 * median:.2f} in the median")
+    print(f"SLSQP, one by one: {1e3 * rival:.2f} ms per problem on average, {1e3 * median:.2f} ms median")
     for starts, (best, spent) in before.items():
         each = (spent + own(given, starts)[1]) / 2 / count
-        print(f"qtraj, {starts} start(s): {1e3 * each:.2f} ms a problem, amortised over a batch of {count},", end=" ")
-        print(f"{rival / each:.1f} times as fast as SLSQP's mean; {best}\n")
+        print(f"qtraj, {starts} start(s): {1e3 * each:.2f} ms per problem, amortised over a batch of {count},", end=" ")
+        print(f"{rival / each:.1f} times as fast as SLSQP on average; {best}\n")
 
 
 def by_slsqp(given: Problems, tried: int) -> tuple[float, float]:
-    """The mean and the median time of a run [s]."""
+    """Return the mean and the median time [s] of one run."""
     seconds, solved = [], 0
     compile_first(given, slsqp.solve)
     for k in range(tried):
@@ -71,7 +73,7 @@ def by_slsqp(given: Problems, tried: int) -> tuple[float, float]:
         seconds.append(time.perf_counter() - begun)
         found = slsqp.exchanged(problem, limit, slsqp.outcome(problem, limit, z))
         solved += found.ratio <= FEASIBLE
-    print(f"SLSQP keeps the limit in {solved} of {tried}, once its own peaks are among the instants")
+    print(f"SLSQP satisfies the limit in {solved} of {tried} problems, after its own peaks are added to the instants")
     return float(np.mean(seconds)), float(np.median(seconds))
 
 
@@ -82,7 +84,7 @@ def compile_first(given: Problems, solve) -> None:
 
 
 def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
-    """The result of one batch, and its time without compilation [s]."""
+    """Return the result of one batch, and its time [s] without compilation."""
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
     seconds = []
@@ -94,7 +96,7 @@ def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
 
 
 def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
-    """The smallest feasible cost of each problem, and the time of one run from the initial states [s]."""
+    """Return the smallest feasible cost of each problem, and the time [s] of one run from the initial states."""
     costs, seconds = np.full(given.limits.size, np.inf), []
     points = starting_points(given.posed.names, starts)
     compile_first(given, solve)
@@ -115,7 +117,7 @@ def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
 
 
 def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: float, rivals: dict) -> None:
-    """Print the table of docs/tuning.md, and the problems in which qtraj was not among the best."""
+    """Print the table of docs/tuning.md, and the problems for which qtraj was not among the best."""
     own_costs = np.asarray(ours.objective) / np.asarray(given.posed.scale)
     own_costs = np.where(ours.converged, own_costs, np.inf)
     least = np.min([own_costs, *(costs for costs, _ in rivals.values())], axis=0)
@@ -130,9 +132,9 @@ def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: floa
         good = int(np.sum(costs <= allowed))
         print(f"| {name} | {starts} | {int(np.isfinite(costs).sum())} | {good} | {1e3 * one:.2f} ms |")
     print(
-        "\nSolved and best: with all starts. The time: of one start with its check, qtraj's amortised over the batch."
+        "\n'Solved' and 'best of all' use all starts. The time is for one start with its check; for qtraj, amortised."
     )
-    print(f"qtraj with {chosen.own_starts} starts: {each * seconds:.2f} ms a problem, certificates included.")
+    print(f"qtraj with {chosen.own_starts} starts: {each * seconds:.2f} ms per problem, certificates included.")
     print(ours)
     for k in np.flatnonzero(~(own_costs <= allowed)):
         others = ", ".join(f"{name} {costs[k]:.9g}" for name, (costs, _) in rivals.items())

@@ -1,4 +1,4 @@
-"""IPOPT on tuning problems, through CasADi: path and curvature as CasADi expressions, with CasADi's derivatives."""
+"""Solve tuning problems with IPOPT; path and curvature are CasADi expressions, with CasADi's derivatives."""
 
 from functools import cache
 
@@ -18,7 +18,7 @@ OPTIONS = {
 
 @cache
 def _solver(added: int) -> casadi.Function:
-    """The symbolic problem: variables z as in qtraj; parameters: data, limit, additional instants."""
+    """Create the solver; z are the variables of qtraj, and the parameters are data, limit and additional instants."""
     z, data, limit, more = (casadi.SX.sym(n, k) for n, k in (("z", 5), ("p", PARAMETERS), ("k", 1), ("u", added)))
     rho_a, rho_b, h_a, h_b, va_r, va_p, va_h, vb_r, vb_p, vb_h, turn, t0, speed = casadi.vertsplit(data)
     period = t0 * casadi.exp(z[4])
@@ -35,7 +35,7 @@ def _solver(added: int) -> casadi.Function:
 
 
 def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray) -> Solved:
-    """One run of IPOPT from one start."""
+    """Run IPOPT once from one start."""
     a, b = problem.start, problem.end
     data = [a.radius, b.radius, a.height, b.height, *a.velocity, *b.velocity, problem.turn, problem.duration]
     parameters = np.asarray([*map(float, data), float(problem.speed), limit, *added])

@@ -1,6 +1,6 @@
-"""Random tuning problems: a turn of 0.6 to 3 rad between radii of 10 to 40 m, and a feasible curvature limit.
+"""Create random tuning problems: turns of 0.6 to 3 rad between radii of 10 to 40 m, with feasible curvature limits.
 
-The limit is between the peak of the initial path and the smallest peak that SLSQP finds from there.
+Each limit is between the peak of the initial path and the smallest peak that SLSQP finds from this path.
 """
 
 from typing import NamedTuple
@@ -16,12 +16,12 @@ from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.problem import Problem, pose
 
 SPEED = 8.0
-SCATTER = np.array([1.5, 0.5, 1.5, 0.5])  # [m/s] of V_rho and V_h at both ends
-SHARE = (0.05, 0.95)  # of the interval from the smallest reachable peak to the initial one
+SCATTER = np.array([1.5, 0.5, 1.5, 0.5])  # standard deviation [m/s] of V_rho and V_h at both ends
+SHARE = (0.05, 0.95)  # range of limits, as a fraction from the smallest to the initial peak
 
 
 class Problems(NamedTuple):
-    """Batches of boundary states and limits, and the same problems in the form of the solvers."""
+    """Batches of boundary states and limits, and the same problems in the form that the solvers need."""
 
     starts: qt.BoundaryState
     ends: qt.BoundaryState
@@ -31,7 +31,7 @@ class Problems(NamedTuple):
 
 
 def problems(count: int, seed: int) -> Problems:
-    """`count` problems, reproducible by the seed."""
+    """Return `count` random problems, reproducible by `seed`."""
     rng = np.random.default_rng(seed)
     radii, turns = rng.uniform(10, 40, (count, 2)), rng.uniform(0.6, 3.0, count)
     heights, velocities = rng.uniform(-2, 2, count), rng.normal(size=(count, 4)) * SCATTER
@@ -48,7 +48,7 @@ def problems(count: int, seed: int) -> Problems:
 def _states(
     radii: jax.Array, turn: jax.Array, height: jax.Array, velocity: jax.Array, rate: jax.Array
 ) -> tuple[qt.BoundaryState, qt.BoundaryState]:
-    """A start on the x axis and an end a turn later, their velocities from cylindrical components."""
+    """Return a start on the x axis and an end after the turn; velocities are from cylindrical components."""
     zero, one = jnp.zeros_like(turn), jnp.ones_like(turn)
     out = jnp.stack([jnp.cos(turn), jnp.sin(turn), zero])
     along = jnp.stack([-jnp.sin(turn), jnp.cos(turn), zero])

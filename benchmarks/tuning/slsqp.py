@@ -1,4 +1,4 @@
-"""SciPy's SLSQP on tuning problems, with JAX's derivatives, compiled once for all problems."""
+"""Solve tuning problems with SciPy's SLSQP and JAX's derivatives, compiled once for all problems."""
 
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -13,18 +13,18 @@ from qtraj.path.values import squared
 
 INSTANTS = 129
 ADDED = 8
-"""Additional instants, at the peaks of an earlier solution, so that the limit is satisfied between samples too."""
+"""Number of additional instants, at peaks of an earlier solution, to satisfy the limit between samples too."""
 
 EXCHANGES = 3
 
 REACH = 1.0
-"""Bounds of the search for the smallest peak: changes of velocities in reference speeds, and of log(duration)."""
+"""Bounds on the changes in the search for the smallest peak: velocities / reference speed, and log(duration)."""
 
 OPTIONS = {"ftol": 1e-12, "maxiter": 300}
 
 
 class Solved(NamedTuple):
-    """Variables, cost, and the largest curvature over its limit."""
+    """Variables, cost, and the ratio of the largest curvature to its limit."""
 
     z: np.ndarray
     cost: float
@@ -33,7 +33,7 @@ class Solved(NamedTuple):
 
 @jax.jit
 def functions(problem: Problem, limit: Any, added: Any, z: Any) -> tuple[Any, Any, Any, Any]:
-    """Cost, constraint values at all instants, and the derivatives of both."""
+    """Return the cost, the constraint values at all instants, and the derivatives of both."""
 
     def both(z: Any) -> tuple[Any, Any]:
         path = problem.path(z)
@@ -47,7 +47,7 @@ def functions(problem: Problem, limit: Any, added: Any, z: Any) -> tuple[Any, An
 
 @jax.jit
 def refined_peak(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
-    """The instant of the peak among many, and the largest curvature relative to the limit."""
+    """Return the instants of the highest peaks among many samples, and the largest curvature relative to the limit."""
     path = problem.path(z)
     u = jnp.linspace(0.0, 1.0, 20001)
     values = jax.vmap(lambda u: squared(path, u * path.duration, "curvature"))(u)
@@ -57,12 +57,12 @@ def refined_peak(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
 
 
 def take(problems: Problem, k: int) -> Problem:
-    """One problem of a batch."""
+    """Return one problem of a batch."""
     return jax.tree.map(lambda x: x[k], problems)
 
 
 def minimised(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> np.ndarray:
-    """The final point of one run of SLSQP from one start."""
+    """Run SLSQP once from one start, and return the final point."""
     added = np.zeros(ADDED) if added is None else added
 
     @lru_cache(maxsize=1)
@@ -81,18 +81,18 @@ def minimised(problem: Problem, limit: float, start: np.ndarray, added: np.ndarr
 
 
 def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> Solved:
-    """One run and its result."""
+    """Run SLSQP once, and return the checked result."""
     return outcome(problem, limit, minimised(problem, limit, start, added))
 
 
 def outcome(problem: Problem, limit: float, z: np.ndarray) -> Solved:
-    """Cost and curvature for given variables, checked at many instants."""
+    """Return the result for given variables, with the curvature checked at many instants."""
     cost = functions(problem, limit, np.zeros(ADDED), z)[0]
     return Solved(z, float(cost), float(refined_peak(problem, limit, z)[1]))
 
 
 def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
-    """The solution with its own peaks among the instants, so that nothing is gained between samples."""
+    """Repeat the run with the peaks of its solution as additional instants, to satisfy the limit there too."""
     for _ in range(EXCHANGES):
         if found.ratio <= 1 + 1e-10:
             break
@@ -101,7 +101,7 @@ def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
 
 
 def least_peaks(problems: Problem, nominal: np.ndarray) -> np.ndarray:
-    """The smallest peak curvature of each problem that SLSQP finds: a minimax in epigraph form."""
+    """Return the smallest peak curvature that SLSQP finds for each problem, as a minimax in epigraph form."""
     return np.asarray([_least_peak(take(problems, k), float(limit)) for k, limit in enumerate(nominal)])
 
 

@@ -83,7 +83,7 @@ def test_further_outputs_are_added_to_the_files_and_to_json(qtraj, tmp_path):
 def test_outputs_of_a_vehicle_need_its_keys(qtraj, tmp_path):
     states = (EXAMPLES / "ramp_from_states.toml").read_text()
     for vehicle, name, expected in (
-        ("", "power", "--also power needs a vehicle: give the scenario a table [vehicle] with its mass"),
+        ("", "power", "--also power needs a vehicle: add a table [vehicle] with the mass"),
         ("\n[vehicle]\nmass = 1e3\n", "moment", "--also moment needs the vehicle's inertia: set the key"),
     ):
         (tmp_path / "scenario.toml").write_text(states + vehicle)

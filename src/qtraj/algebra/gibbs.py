@@ -17,8 +17,8 @@ def to_gibbs(q: Quat) -> Vec3:
     """Return the Gibbs vector G_k = λ_k/λ0; `q` and `c*q` give the same result for any c ≠ 0.
 
     A half turn (λ0 = 0) has no finite Gibbs vector. The components of the result are then 0 where the axis has a zero
-    component, and inf or −inf elsewhere. Of the two opposite axes, the signs are those of the axis whose first non-zero
-    component is positive. The derivative is 0, never NaN.
+    component, and inf or −inf elsewhere. Two opposite axes describe the same half turn; the signs are those of the axis
+    whose first non-zero component is positive. The derivative is 0, never NaN.
     """
     q = canonical(balanced(q))
     s, u = q[0], q[1:]

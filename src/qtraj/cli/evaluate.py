@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
 SAMPLES = 25
 MAX_INSTANTS = 1_000_000
-"""Maximum number of instants, because a larger number is probably a mistake."""
+"""Maximum number of instants; a larger number is probably a mistake."""
 
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
@@ -47,10 +47,10 @@ def evaluate(
 ) -> None:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
-    The path of a scenario is not tuned. Attitude and rate are of the upright frame, unless --frame selects another
-    frame; the quaternion is scalar first, body to world. If the scenario has a table `vehicle`, the output includes
-    forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The exit code
-    is 1 if the path does not fit its recording.
+    The path of a scenario is not tuned. Attitude and rate are those of the upright frame, unless --frame selects
+    another frame. The quaternion is scalar first, body to world. If the scenario has a table `vehicle`, the output
+    includes forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The
+    exit code is 1 if the path does not fit its recording.
     """
     with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
@@ -112,7 +112,7 @@ def run(
 
 
 def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
-    """Raise a ValueError if an output in `also` needs a vehicle, or a property of it, that the scenario lacks."""
+    """Raise a ValueError if an output in `also` needs a vehicle or a vehicle property that the scenario lacks."""
     from qtraj.path.channel import CHANNELS
     from qtraj.path.path_quantity import INERTIA, PRINCIPAL
     from qtraj.path.vehicle import require
@@ -120,7 +120,7 @@ def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
     for name in also:
         needs = CHANNELS[name].needs if name in CHANNELS else ""
         if needs and vehicle is None:
-            raise ValueError(f"--also {name} needs a vehicle: give the scenario a table [vehicle] with its mass")
+            raise ValueError(f"--also {name} needs a vehicle: add a table [vehicle] with the mass")
         if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
             raise ValueError(f"--also {name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
         require(vehicle, needs, f"--also {name}")

@@ -13,7 +13,7 @@ from rich.text import Text
 from qtraj.foundation.number_text import decimals, digits
 
 MAX_ROWS = 100
-"""Maximum number of rows of a table of numbers; of longer tables, only the first and the last rows are printed."""
+"""Maximum number of rows of a table of numbers; for longer tables, only the first and last rows are printed."""
 
 ROWS = 21
 """Maximum number of instants of a motion that are printed; the files and --json contain all instants."""

@@ -14,7 +14,7 @@ NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """Packages that the command line needs in addition to the core of qtraj."""
 
 GC_THRESHOLDS = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector; with the default thresholds, it uses a tenth of the run time."""
+"""Thresholds of Python's garbage collector; with the defaults, garbage collection takes a tenth of the run time."""
 
 
 def main() -> None:

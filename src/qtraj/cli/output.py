@@ -30,7 +30,7 @@ def header(command: str, loaded: ScenarioFile[Any]) -> dict[str, Any]:
 
 
 def provenance(loaded: ScenarioFile[Any]) -> dict[str, str]:
-    """Return the attributes of a dataset that state its origin."""
+    """Return the attributes of a dataset that describe its origin."""
     about = header("", loaded)["scenario"]
     facts = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
     return {name: text for name, text in facts.items() if text} | {"scenario_file": loaded.file.name}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from qtraj.scenario.retime import RetimeTask
 
 LISTED = 12
-"""Maximum number of stops that are printed; of the other stops, only the number is printed."""
+"""Maximum number of stops that are listed; the other stops are only counted."""
 
 
 def retime(

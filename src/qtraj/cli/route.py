@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
 """Number of instants of the dataset for each segment, and bounds on the total number of instants."""
 LISTED = 12
-"""Maximum number of intervals that are printed; of the other intervals, only the number is printed."""
+"""Maximum number of intervals that are listed; the other intervals are only counted."""
 
 
 def route(

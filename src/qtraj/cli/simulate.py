@@ -47,10 +47,10 @@ RESULTS = {
         "is undefined."
     ),
 }
-"""Results in words, with advice that refers to keys of the scenario."""
+"""Text of each result, with advice that refers to keys of the scenario."""
 
 OTHER_SIGN = (
-    "λ and −λ represent the same attitude. Set sign = 'auto' in [error] to start from the one whose error quaternion "
+    "λ and −λ represent the same attitude. Set sign = 'auto' in [error] to start from the sign whose error quaternion "
     "stays farther from zero."
 )
 NO_SIGN = (
@@ -171,7 +171,7 @@ def _simulated(
 
 
 def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
-    """Return the final and largest angle [rad] without feedback, None if not finite; empty if not simulated."""
+    """Return the final and the largest angle [rad] without feedback (None if not finite), or {} if not simulated."""
     if history.open_loop_angle is None:
         return {}
     angles = np.asarray(history.open_loop_angle)
@@ -185,7 +185,7 @@ def _gains(task: "LoopTask") -> dict[str, Any]:
 
 
 def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
-    """Return the result in words, with advice."""
+    """Return the text of the result, with advice."""
     code = ResultCode(int(verdict.code))
     text = RESULTS.get(code, code.text)
     if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):

@@ -170,7 +170,7 @@ def _tuned(
 
 
 def _ranges(part: "TunePart") -> str:
-    """Return the bounds of the variables in words, or an empty string if there are none."""
+    """Describe the bounds of the variables; return an empty string if there are none."""
     texts = []
     for name, (low, high) in part.ranges.items():
         unit = "s" if name == "duration" else "m/s"

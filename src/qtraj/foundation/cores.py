@@ -1,4 +1,4 @@
-"""Distribute a batch over the CPU cores in blocks of one size, which is smaller for a small batch.
+"""Distribute a batch over the CPU cores in blocks of equal size; a small batch has smaller blocks.
 
 Each block is an independent call of one compiled function. With two block sizes, two executables are enough for batches
 of any size. The arrays of a block are small enough for the CPU cache.

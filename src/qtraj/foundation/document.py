@@ -89,7 +89,7 @@ def save(obj: Any, file: str | os.PathLike[str]) -> None:
 def load(file: str | os.PathLike[str]) -> Any:
     """Load the object that `save` wrote to `file`.
 
-    If JAX's 64-bit mode is not enabled, a warning states that numbers are rounded to float32.
+    If JAX's 64-bit mode is not enabled, a warning says that numbers are rounded to float32.
 
     **Raises:** OSError if the file cannot be read; ValueError with the name of the file if the suffix is neither .toml
     nor .json, or the content is not a valid document.

@@ -227,7 +227,7 @@ class AbstractOutcome(AbstractResult):
 
     @property
     def result(self) -> Any:
-        """The result in words, with advice: a string, or for a batch a sequence of strings, composed on access.
+        """The text of the result, with advice; for a batch, a sequence of strings, composed on access.
 
         **Raises:** ValueError inside a trace, where only `code` and `successful` are available.
         """

@@ -33,7 +33,7 @@ class Quantity(NamedTuple):
     """A labelled array: values, unit, meaning, and the names of its axes after the batch axes.
 
     The unit is in netCDF notation ("m s-2"). It is "1" for dimensionless numbers, and empty for strings and for
-    numbers whose `meaning` states the unit.
+    numbers whose `meaning` contains the unit.
     """
 
     values: Any

@@ -18,7 +18,7 @@ def syntax_fault(text: str, error: tomllib.TOMLDecodeError) -> str:
     lines = text.split("\n")
     message = str(error)
     place = PLACE.search(message)
-    if place is None:  # the parser states no position if the file ends too early
+    if place is None:  # the parser gives no position if the file ends too early
         last = text.splitlines() or [""]
         end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the file"
         return message.replace("at end of document", end)

@@ -1,4 +1,4 @@
-"""Convert attitudes to and from SciPy, jaxlie and plain arrays; function names state the order of components.
+"""Convert attitudes to and from SciPy, jaxlie and plain arrays; function names contain the order of components.
 
 `wxyz` is the order of qtraj, scalar first; `xyzw` is the default order of SciPy, and the order of ROS and many files.
 Quaternions are arrays (..., 4) of any nonzero norm, body to inertial. SciPy and jaxlie represent the same rotation

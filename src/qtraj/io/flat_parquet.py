@@ -1,4 +1,7 @@
-"""Write and read flat datasets as Parquet; the schema metadata contain the header, the column metadata the units."""
+"""Write and read flat datasets as Parquet.
+
+The schema metadata contain the header, and the column metadata contain the units.
+"""
 
 import json
 from pathlib import Path

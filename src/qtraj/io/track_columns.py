@@ -64,7 +64,7 @@ OTHERS = {
     "attitude": ("deg", "°", "rad"),
     "rate": ("deg/s", "°/s", "dps", "mrad/s", "rpm", "m/s"),
 }
-"""For each quantity, other units than in `UNITS`; a column whose name states such a unit in brackets is rejected."""
+"""Units of each quantity other than those in `UNITS`; a column with such a unit in brackets is rejected."""
 
 ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
 """Spellings of angle units in the brackets of a column name, and the unit that each spelling denotes."""
@@ -174,17 +174,17 @@ def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | No
 
 def _no_angles(listed: str) -> str:
     return (
-        f"no columns for roll, pitch and heading were found. The file has the columns {listed}. Name those of roll, "
-        'pitch and heading, in this order: in a scenario with attitude = ["...", "...", "..."] under [track.columns], '
-        'in Python with columns={"attitude": [...]}.'
+        f"no columns for roll, pitch and heading were found. The file has the columns {listed}. Name the columns "
+        'of roll, pitch and heading, in this order: in a scenario with attitude = ["...", "...", "..."] under '
+        '[track.columns], in Python with columns={"attitude": [...]}.'
     )
 
 
 def _no_globe(listed: str) -> str:
     return (
-        f"no columns for latitude, longitude and height were found. The file has the columns {listed}. Name those of "
-        'latitude, longitude and height, in this order: in a scenario with position = ["...", "...", "..."] under '
-        '[track.columns], in Python with columns={"position": [...]}.'
+        f"no columns for latitude, longitude and height were found. The file has the columns {listed}. Name the "
+        'columns of latitude, longitude and height, in this order: in a scenario with position = ["...", "...", "..."] '
+        'under [track.columns], in Python with columns={"position": [...]}.'
     )
 
 

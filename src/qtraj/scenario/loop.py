@@ -98,7 +98,7 @@ class ProgramPart(Part):
         return self
 
     def describe(self, program: AbstractProgram) -> str:
-        """Describe the program in words."""
+        """Describe the program as text."""
         if self.path is not None:
             return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
         if self.file is not None:

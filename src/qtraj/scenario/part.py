@@ -1,7 +1,7 @@
 """Define the types of the keys of scenario files, and the tables of attitudes.
 
-The `title` of a key states its meaning. The `description` of a key states the valid values and completes "expected …"
-in error messages. docs/scenarios.md contains both.
+The `title` of a key says what the key means. The `description` of a key says which values are valid, and completes
+"expected …" in error messages. docs/scenarios.md contains both.
 """
 
 import math

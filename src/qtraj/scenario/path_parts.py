@@ -244,13 +244,13 @@ class RetimePart(Part):
         "speed at the end, 0 for rest; default: as high as the limits allow", SPEED, None
     )
     knots: Counts = key(
-        "number of cells of the timing of each drive between two stops; with more cells, the duration is "
-        "closer to the minimum",
+        "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
+        "minimum",
         "a power of two, at least 16",
         512,
     )
     stop_speed: NotNegative | None = key(
-        "on a route, motion that is slower than this and stays within `stop_distance` counts as a stop, 0 for none; "
+        "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
         "default: 0.2 m/s, at most 2 % of the highest speed",
         SPEED,
         None,

@@ -72,8 +72,8 @@ def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [s] and the values of Φ, Φ̇, Φ̈ (n, 3) in degrees.
 
     The times include each switch and the floating-point number just before it, so that jumps are drawn as vertical
-    lines. The last sample is just before the end, because at the end the acceleration is already
-    zero.
+    lines. The last sample is just before the end, because the acceleration is already zero at the
+    end.
     """
     switches = np.asarray(profile.switches, float)
     before = np.nextafter(switches, 0.0)

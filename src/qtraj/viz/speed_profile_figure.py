@@ -26,7 +26,7 @@ COLOURS = {
 OTHER, CURVE, ABOVE = "#8A2BE2", "0.45", "0.91"
 """Colours of other limits, of curves where no limit is reached, and of excluded speeds."""
 PANELS = ("longitudinal_acceleration", "lateral_acceleration", "acceleration", "yaw_acceleration", "jerk")
-"""Limits with their own panel; other limits, such as on rates of rotation, contribute to the bound on the speed."""
+"""Limits with their own panel; other limits, such as limits on rotation rates, contribute to the bound on the speed."""
 SPEED, ROW, PANEL, GAP = 3.1, 0.2, 1.15, 0.16  # heights [inch]
 TOP, BOTTOM = 0.3, 0.5
 LEFT, RIGHT = 0.185, 0.985

@@ -49,7 +49,7 @@ TITLES = {
     "norm": "norm of the quaternion",
 }
 APPLIES = "applies"
-"""Value of the attribute `closed_form` if the closed form applies; otherwise the attribute states the reason."""
+"""Value of the attribute `closed_form` if the closed form applies; otherwise the attribute contains the reason."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
 
 
@@ -184,7 +184,7 @@ def _peaks(dataset: xarray.Dataset) -> Table:
             largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Norms of vectors, or components if each axis has its own limit, at the instants of the table only."
+    note = "Norms of vectors (components if each axis has its own limit), only at the instants of the table."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 
