@@ -107,13 +107,13 @@ def sample_system(at: Design, values: Float[np.ndarray, "n 3"], weights: Float[n
     if weights.ndim == 2:
         axes = [sample_system(at, values[:, k : k + 1], weights[:, k]) for k in range(3)]
         return System(np.stack([axis.matrix for axis in axes]), np.hstack([axis.right for axis in axes]))
-    segments = at.knots - 1
     factors = np.ascontiguousarray(at.factors.T)  # sums over contiguous samples are faster
     weighted = factors * weights
-    blocks = np.empty((WIDTH, WIDTH, segments))
+    starts = np.flatnonzero(np.diff(at.segment, prepend=-1))
+    blocks = np.zeros((WIDTH, WIDTH, at.knots - 1))
     for j in range(WIDTH):
         for k in range(j, WIDTH):
-            blocks[j, k] = np.bincount(at.segment, weighted[j] * factors[k], segments)
+            blocks[j, k, at.segment[starts]] = np.add.reduceat(weighted[j] * factors[k], starts)
     return System(_banded(blocks), at.matrix.T @ (weights[:, None] * values))
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.constraints import Names, values
 from qtraj.design.tuning_route.newton import Iterate, Linear, Rows, Step, excess_of, linearise, newton, used
-from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.design.tuning_route.problem import RouteProblem, Segments, by_blocks, objective, segments
 from qtraj.foundation.types import Scalar
 
 TOLERANCE = 1e-7
@@ -103,10 +103,13 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
     values on a finer grid give the maxima. No margin is needed where the values between two nodes do not exceed the
     larger of the two values at the nodes.
     """
-    s = segments(problem, z)
-    fine = values(names, problem, s, fine=True)
-    own = fine[:, :: basis.FINER]
-    largest = own + _above(own, fine)
+
+    def local(problem: RouteProblem, s: Segments) -> tuple[Array, Array]:
+        fine = values(names, problem, s, fine=True)
+        own = fine[:, :: basis.FINER]
+        return own, own + _above(own, fine)
+
+    own, largest = by_blocks(local, problem, segments(problem, z), fine=True)
     largest = _joined(largest, problem.used, problem.seam)
     safe = largest > 1e-3
     ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)

@@ -73,16 +73,19 @@ class Segments(NamedTuple):
     ends: Float[Array, "6 3 n"]
 
 
-_JOINT_FIELDS = ("free", "unit", "squares", "scale", "fine_offset", "fine_tube", "seam")
+_FINE_FIELDS = ("fine_offset", "fine_tube")
+_WHOLE_FIELDS = ("free", "unit", "squares", "scale", "seam")
 
 
-def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) -> Any:
+def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any, fine: bool = False) -> Any:
     """Call a function of a problem and arrays (segments last) for blocks of segments that fit into the cache.
 
-    The function must process each segment independently of the others.
+    The function must process each segment independently of the others. It may use the data of the finer nodes only with
+    `fine`, because they are large.
     """
     n = problem.durations.shape[0]
-    own = {name: x for name, x in problem._asdict().items() if name not in _JOINT_FIELDS}
+    whole = _WHOLE_FIELDS if fine else (*_WHOLE_FIELDS, *_FINE_FIELDS)
+    own = {name: x for name, x in problem._asdict().items() if name not in whole}
     if n <= CACHED or n % CACHED:
         return function(problem, *trees)
     split = jax.tree.map(lambda x: jnp.moveaxis(x.reshape(*x.shape[:-1], n // CACHED, CACHED), -2, 0), (own, *trees))
