@@ -21,6 +21,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import geometry, interior
 from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.interior import FREE, Search
+from qtraj.design.tuning_route.margins import refreshed
 from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.setup import Parts
@@ -99,7 +100,7 @@ def _smoothed(problem: RouteProblem, z: Any) -> RouteProblem:
 @eqx.filter_jit
 def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
     """Return the initial iterate of the next search, with new margins, slacks and multipliers."""
-    margins = jnp.minimum(at.margins, interior.refreshed(names, problem, at.z, at.margins) * factor)
+    margins = jnp.minimum(at.margins, refreshed(names, problem, at.z, at.margins) * factor)
     excess = excess_of(names, problem, segments(problem, at.z), margins)
 
     def slack(g: Any, m: Any, u: Any) -> Any:
