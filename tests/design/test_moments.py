@@ -272,3 +272,29 @@ INVALID = {
 def test_invalid_input_raises_with_a_reason(make, fragment):
     with pytest.raises(ValueError, match=fragment):
         make()
+
+
+def test_an_inertia_that_is_not_principal_does_not_change_limits_without_moments():
+    """A bank rolls the axes of inertia away from n and b, so the moments are undefined; friction and power are not."""
+
+    def limits(inertia, bank):
+        vehicle = qt.Vehicle(12e3, inertia, 6.0, 0.007, (0.6, 0.5), bank)
+        return qt.Limits(friction=0.9, power=4e5, vehicle=vehicle)
+
+    def load_of_limits(inertia):
+        return lambda bank: sum(
+            value / limits(None, 0.0).given()[name] for name, value in values(inertia, bank).items()
+        )
+
+    def values(inertia, bank):
+        return limits(inertia, bank).values(PATH, 2.0)
+
+    inertia = [1e4, 5e4, 6e4]
+    assert not np.isfinite(np.asarray(limits(inertia, 0.05).road().inertia_binormal))
+    without, certificate = (qt.certify(PATH, limits(each, 0.05)) for each in (None, inertia))
+    np.testing.assert_equal(
+        [finding.value for finding in certificate.findings()], [finding.value for finding in without.findings()]
+    )
+    assert np.isfinite([finding.value for finding in certificate.findings()]).all()
+    slopes = [float(jax.grad(load_of_limits(each))(0.05)) for each in (None, inertia)]
+    assert slopes[0] == slopes[1] != 0.0
