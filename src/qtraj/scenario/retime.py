@@ -49,7 +49,7 @@ class RetimeTask:
     def limits_of(self, timing: bool) -> Limits:
         """Return the limits that depend on the timing; if `timing` is false, return the limits on the shape only."""
         given = self.limits.given().items()
-        chosen = {name: value for name, value in given if (QUANTITIES[name].per_time > 0) == timing}
+        chosen = {name: value for name, value in given if _depends_on_timing(name) == timing}
         vehicle = self.limits.vehicle if any(QUANTITIES[name].needs_vehicle for name in chosen) else None
         return Limits(**chosen, vehicle=vehicle)
 
@@ -67,6 +67,11 @@ class RetimeTask:
         times = [float(timed.timing.time(t)) for t in np.asarray(found.times)]
         columns = zip((own.codes, own.times, own.values, own.limits), _columns(found, times), strict=True)
         return Certificate((*own.names, *found.names), *(np.concatenate(pair) for pair in columns))
+
+
+def _depends_on_timing(name: str) -> bool:
+    entry = QUANTITIES[name]
+    return entry.on_road or entry.per_time > 0
 
 
 def _columns(certificate: Certificate, times: list[float]) -> tuple[Any, ...]:

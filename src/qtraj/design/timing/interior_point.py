@@ -53,8 +53,8 @@ class State(NamedTuple):
     """An iterate: coefficients, slacks, multipliers, the number of steps, and the relative optimality error."""
 
     coefficients: Float[Array, " cells+3"]
-    slacks: Float[Array, "5 2 cells+1"]
-    multipliers: Float[Array, "5 2 cells+1"]
+    slacks: Float[Array, "count 2 cells+1"]
+    multipliers: Float[Array, "count 2 cells+1"]
     steps: Int[Array, ""]
     error: Scalar
 
@@ -106,8 +106,8 @@ class _Change(NamedTuple):
     """The changes of the coefficients, slacks and multipliers, and of the values at the nodes."""
 
     coefficients: Float[Array, " cells+3"]
-    slacks: Float[Array, "5 2 cells+1"]
-    multipliers: Float[Array, "5 2 cells+1"]
+    slacks: Float[Array, "count 2 cells+1"]
+    multipliers: Float[Array, "count 2 cells+1"]
     values: Float[Array, "3 2 cells+1"]
 
 

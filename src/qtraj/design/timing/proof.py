@@ -17,17 +17,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import enclose_minimum, semi_axes
-from qtraj.algebra.chebyshev_model import NODES, interpolated
+from qtraj.algebra.chebyshev_model import NODES, ChebyshevModel, interpolated
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
+from qtraj.design.proof.road import in_units
 from qtraj.design.timing.constraints import NAMES, UPPER
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.majorant import ELLIPSES, Majorant, from_model, to_model
+from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_proof import road_bounds
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
 
 WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
 """Largest half-width of a subcell relative to its segment, smallest relative to its cell; maximum number of rounds."""
@@ -80,16 +84,20 @@ def prove(
     grid: Grid,
     timing: tuple[Float[Array, "cells 4"], Bool[Any, " 2"]],
     bounds: dict[str, Scalar],
+    vehicle: RoadParameters | None = None,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
-    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`.
+    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`. Limits on friction
+    and power need a `vehicle`.
     """
     names = tuple(name for name in NAMES if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
     wanted = jnp.append(jnp.isfinite(given), True)[:, None]
-    enclose = _enclosures(path, grid, timing, dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True)))
+    enclose = _enclosures(
+        path, grid, timing, dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True)), vehicle
+    )
     width, capacity = max(grid.cells // 4, 16), 8 * grid.cells
 
     def examine(q: _Queue) -> _Queue:
@@ -140,7 +148,13 @@ def _whole_cells(wanted: Bool[Array, "rows 1"], cells: int, capacity: int, dtype
     return _Queue(cell, jnp.zeros(capacity, dtype), jnp.ones(capacity, dtype), rows, *ends, none, none, zero)
 
 
-def _enclosures(path: Source, grid: Grid, timing: tuple[Array, Array], given: dict[str, Array]) -> Any:
+def _enclosures(
+    path: Source,
+    grid: Grid,
+    timing: tuple[Array, Array],
+    given: dict[str, Array],
+    vehicle: RoadParameters | None,
+) -> Any:
     """Return a function that computes bounds (rows, subcells) on the minima of the slacks of the limits, and of a."""
     segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
@@ -149,9 +163,16 @@ def _enclosures(path: Source, grid: Grid, timing: tuple[Array, Array], given: di
     shape = _stacked(shape if ahead is None else [*shape, *ahead])
     a, rest = _timing(*timing)
     of_a = _stacked([*(_scaled(p, (1 / size) ** k) for k, p in enumerate(a)), rest])
-    units, limits = jnp.stack([_unit(name, segments) for name in given]), jnp.stack([*given.values()])
-    square, rounding = squared_bound(limits[:, None], units)
-    limit = jnp.stack([square[0], jnp.where(jnp.isfinite(rounding[0]), square[0], jnp.inf)])  # value and majorant
+    names = [name for name in given if name not in ROAD]
+    units = {name: _unit(name, segments) for name in given}
+    on_road = {name: given[name] for name in ROAD if name in given}
+    if vehicle is not None:
+        scaled = in_units(vehicle, segments.length, segments.unit)
+        vehicle = RoadParameters(*(jnp.broadcast_to(x, segments.length.shape) for x in scaled))
+    if names:
+        limits = jnp.stack([given[name] for name in names])
+        square, rounding = squared_bound(limits[:, None], jnp.stack([units[name] for name in names]))
+        limit = jnp.stack([square[0], jnp.where(jnp.isfinite(rounding[0]), square[0], jnp.inf)])  # value and majorant
     alone = path.durations.size == 1
 
     def of_segment(x: Array, own: Array) -> Array:
@@ -161,17 +182,29 @@ def _enclosures(path: Source, grid: Grid, timing: tuple[Array, Array], given: di
         own, within = segment[cell], (centre[None], half[None])
         at = middle[cell] + centre * size[cell], half * size[cell]
         at = at[0][None], at[1][None]
-        r = _models(jax.tree.map(lambda x: of_segment(x, own), shape), at)
-        q, w = r[:3], None
-        if factor is not None:
-            q = r[3:]
-            (w,) = from_model(jax.tree.map(lambda x: of_segment(x, own), factor).on(*at))
-        a, slope, bend, rest = (x[0] for x in _models(jax.tree.map(lambda x: x[..., cell], of_a), within))
-        cells = _Cells(r[:3], q, w, a, slope, bend)
-        of_limits = of_segment(limit, own) * jnp.ones_like(half)[None, None]
-        rows = [_slack(name, _limit(of_limits[:, k]), cells) for k, name in enumerate(given)]
+
+        def chosen(tree: Any) -> Any:
+            return jax.tree.map(lambda x: of_segment(x, own), tree)
+
+        r, of_timing = _models(chosen(shape), at), _models(jax.tree.map(lambda x: x[..., cell], of_a), within)
+        q, w = (r[:3], None) if factor is None else (r[3:], chosen(factor).on(*at))
+        a, slope, bend, rest = (from_model(x)[0] for x in of_timing)
+        path, ahead = ([from_model(x) for x in vectors] for vectors in (r[:3], q))
+        cells = _Cells(path, ahead, None if w is None else from_model(w)[0], a, slope, bend)
+        rows = [_slack(name, _limit(chosen(limit)[:, k] + 0.0 * half), cells) for k, name in enumerate(names)]
         found = enclose_minimum(*interpolated(to_model([*rows, rest]), semi_axes(within[1])))
-        return found.low, found.high
+        if not on_road or vehicle is None:
+            return found.low, found.high
+        motion = r[1] * of_timing[0], r[0] * of_timing[1], of_timing[0][0]
+        doubled, pace = 2 * motion[0] + motion[1], motion[2] if w is None else w[0] * w[0] * motion[2]
+        given_units, vehicles = jax.tree.map(lambda x: of_segment(x, own) + 0.0 * half, (units, vehicle))
+        more = road_bounds(on_road, given_units, vehicles, q[0], doubled, pace, within[1])
+        sides = (
+            [x[:-1], jnp.stack(y), x[-1:]]
+            for x, y in zip((found.low, found.high), zip(*more, strict=True), strict=True)
+        )
+        low, high = (jnp.concatenate(side) for side in sides)
+        return low, high
 
     return enclose
 
@@ -181,10 +214,10 @@ def _limit(both: Float[Array, "2 subcells"]) -> Majorant:
     return Majorant(jnp.concatenate([jnp.broadcast_to(x, (n, x.size)) for x, n in ((value, NODES), (bound, ELLIPSES))]))
 
 
-def _models(p: CellPolynomial, at: tuple[Array, Array]) -> list[tuple[Majorant, ...]]:
-    """Return the components of polynomials that are stacked on the first axis, in subcells."""
+def _models(p: CellPolynomial, at: tuple[Array, Array]) -> list[ChebyshevModel]:
+    """Return polynomials that are stacked on the first axis, in subcells."""
     models = jax.vmap(lambda own: own.on(*at))(p)
-    return [from_model(jax.tree.map(lambda x, k=k: x[k], models)) for k in range(p.error.shape[0])]
+    return [jax.tree.map(lambda x, k=k: x[k], models) for k in range(p.error.shape[0])]
 
 
 def _stacked(polynomials: list[CellPolynomial]) -> CellPolynomial:

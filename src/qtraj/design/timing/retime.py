@@ -24,6 +24,7 @@ from qtraj.design.timing.parts import (
     standing as standing_route,
 )
 from qtraj.design.timing.proof import Source, prove
+from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -34,6 +35,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
+from qtraj.path.vehicle import RoadParameters
 
 KNOTS = 512
 
@@ -55,7 +57,8 @@ def retime(
     """Compute the fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
-    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
+    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `angular_rate` and, with a vehicle, `friction`
+    and `power`. `start_speed` and
     `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the speed. Inside
     jit, vmap and grad, a speed of zero must be a Python number. At an end at rest where the velocity of `path` itself
     is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
@@ -89,7 +92,10 @@ def retime(
     parts, standing = of_path(path, knots, "jerk" in given)
     speeds = tuple(_speed(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
-    retimed = _retimed(path, parts, standing, bounds, speeds, names)
+    vehicle = None
+    if set(names) & set(ROAD):
+        vehicle = RoadParameters(*(jnp.asarray(x, path.duration.dtype) for x in limits.road(path.duration.dtype)))
+    retimed = _retimed(path, parts, standing, bounds, vehicle, speeds, names)
     return retimed.check() if throw else retimed
 
 
@@ -108,6 +114,7 @@ def _retimed(
     parts: list[Part],
     standing: tuple[bool, bool],
     bounds: dict[str, Scalar],
+    vehicle: RoadParameters | None,
     speeds: tuple[Scalar | None, ...],
     names: tuple[str, ...],
 ) -> Retimed:
@@ -120,7 +127,8 @@ def _retimed(
     for k, part in enumerate(parts):
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
-        timed.append(_timed(path, polynomials, part, bounds, ends, (rest[0] and first, rest[1] and last), names))
+        at_rest = rest[0] and first, rest[1] and last
+        timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names))
     enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
     placed = path.polynomials()
     return Retimed(*_judged(path, timed, bounds, (begins.pace, begins.wanted), enough, placed, names, rest))
@@ -159,6 +167,7 @@ def _timed(
     polynomials: Source | None,
     part: Part,
     bounds: dict[str, Scalar],
+    vehicle: RoadParameters | None,
     ends: Array,
     rest: tuple[bool, bool],
     names: tuple[str, ...],
@@ -167,13 +176,14 @@ def _timed(
     start, end = (jnp.asarray(x, dtype) for x in part[:2])
     grid = part.grid
     if grid is None:
-        unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((len(NAMES), 1), dtype)
-        return _Timed(unit, nothing, np.full(nothing.shape, PROVED, np.int32), jnp.stack([start, end]), None)
-    found = fastest(Problem(path, start, end, bounds, ends), tables(grid, rest))
+        rows = len(NAMES) - (len(ROAD) if vehicle is None else 0)
+        unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((rows, 1), dtype)
+        return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), jnp.stack([start, end]), None)
+    found = fastest(Problem(path, start, end, bounds, ends, vehicle), tables(grid, rest))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
         given = stop_gradient({name: bounds[name] for name in names})
-        codes = prove(polynomials, grid, (found.powers, np.array(rest)), given).codes
+        codes = prove(polynomials, grid, (found.powers, np.array(rest)), given, stop_gradient(vehicle)).codes
     return _Timed(found.powers, found.usage, codes, _knots(*stop_gradient((start, end)), grid.knots), found)
 
 

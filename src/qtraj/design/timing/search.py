@@ -12,8 +12,6 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.banded import total
 from qtraj.design.timing.constraints import (
-    COUNT,
-    NAMES,
     POWERS,
     UPPER,
     Constraints,
@@ -25,9 +23,11 @@ from qtraj.design.timing.constraints import (
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
+from qtraj.design.timing.road import without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.vehicle import RoadParameters
 
 GAPS = (1e-4, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
@@ -56,13 +56,17 @@ the largest bound in at least 1/`RAMP` of the cells, and is averaged over at mos
 
 
 class Problem(NamedTuple):
-    """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends."""
+    """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends.
+
+    `vehicle` is None without limits on friction or power.
+    """
 
     path: AbstractHodograph
     start: Scalar
     end: Scalar
     bounds: dict[str, Scalar]
     ends: Float[Array, " 2"]
+    vehicle: RoadParameters | None = None
 
 
 class Tables(NamedTuple):
@@ -90,7 +94,7 @@ class Found(NamedTuple):
     """
 
     powers: Float[Array, "cells 4"]
-    usage: Float[Array, "8 cells"]
+    usage: Float[Array, "limits cells"]
     sensitivity: Scalar
     steps: Array
     error: Scalar
@@ -121,7 +125,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
     """Compute the fastest timing; its `sensitivity` has derivatives with respect to the path and the limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    powers, usage, error = _satisfied(r, t)
+    powers, usage, error = _satisfied(r, t, None if places.road is None else places)
     return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
 
 
@@ -129,9 +133,9 @@ class _Round(NamedTuple):
     """The state of the last search, its factors on the limits (`used`), the next factors, the usage, and a counter."""
 
     state: State
-    used: Float[Array, "5 cells"]
-    factors: Float[Array, "5 cells"]
-    usage: Float[Array, "8 cells"]
+    used: Float[Array, "count cells"]
+    factors: Float[Array, "count cells"]
+    usage: Float[Array, "limits cells"]
     searches: Int[Array, ""]
 
 
@@ -142,20 +146,19 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     count, dtype = 2 * (cells + 1), problem.ends.dtype
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / cells)
     r = derivatives(shape, grid, t.cell, jnp.asarray(t.place, dtype))
-    found = parts(r, shape.per_cell, {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()})
-    imposed, between = (
-        Parts(*(part.reshape(*part.shape[:-1], -1, size) for part in own))
-        for own, size in (
-            (Parts(*(x[..., :count] for x in found)), cells + 1),
-            (Parts(*(x[..., count:] for x in found)), cells),
-        )
-    )
+    bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
+    found = parts(r, shape.per_cell, bounds, problem.vehicle)
+    imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], -1, cells + 1), found)
+    between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], -1, cells), found)
     nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
     c = imposed.constraints()
     upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
     forms = c.forms.at[..., 1, cells].set(0.0)  # padding: there are only `cells` nodes of the second kind
     jerk = jnp.where(nodes.standing > 0, 0.0, c.jerk)
-    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, Constraints(upper, forms, jerk)), between
+    padding = jnp.zeros(upper.shape, bool).at[1, cells].set(True)
+    on_road = None if c.road is None else without(c.road, padding)
+    constraints = Constraints(upper, forms, jerk, on_road)
+    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, constraints), between
 
 
 @eqx.filter_jit
@@ -180,22 +183,29 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.state.error)
         return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
 
-    ones, usage = jnp.ones((COUNT, cells), dtype), jnp.zeros((len(NAMES), cells), dtype)
+    count = program.constraints.count
+    ones, usage = jnp.ones((count, cells), dtype), jnp.zeros((len(UPPER) + count - 1, cells), dtype)
     start = _Round(begun(program, _initial(program)), ones, ones, usage, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)
 
 
 @eqx.filter_jit
-def _satisfied(r: _Round, t: Tables) -> tuple[Array, Array, Array]:
-    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains."""
+def _satisfied(r: _Round, t: Tables, between: Parts | None) -> tuple[Array, Array, Array]:
+    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains.
+
+    `between` is needed only with limits on friction or power, which change by no known factor.
+    """
     excess = jnp.max(_grouped(r.usage))
     slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
     powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * r.state.coefficients)[None], axis=1).T
-    usage = r.usage * slower ** jnp.asarray(POWERS, slower.dtype)[:, None]
+    if between is None:
+        usage = r.usage * slower ** jnp.asarray(POWERS, slower.dtype)[:, None]
+    else:
+        usage = _between_nodes(between, t.within, slower * r.state.coefficients)
     return powers, usage, jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
 
 
-def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 cells"]:
+def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "limits cells"]:
     """Return the largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
     own, table = local(coefficients), jnp.asarray(within, coefficients.dtype)
     v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(ORDERS)]
@@ -207,13 +217,13 @@ def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Ar
     return jnp.maximum(jnp.max(usage, axis=1), jnp.max(at + rise, axis=1))
 
 
-def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
+def _grouped(usage: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
     """Return the usage of each constraint; the upper bounds on a are one constraint, and its usage is a ratio of a."""
     upper = jnp.max(usage[: len(UPPER)], axis=0) ** 2
     return jnp.concatenate([upper[None], usage[len(UPPER) :]])
 
 
-def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 2 cells+1"]:
+def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cells+1"]:
     """Return the factors at the nodes; a knot has the larger factor of its two cells."""
     one = jnp.ones_like(factors[:, :1])
     before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
@@ -231,6 +241,7 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     highest = 1 / c.upper[0]
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
     pace = jnp.sqrt(jnp.maximum(c.forms[0, 2, 0], c.forms[2, 2, 0]))
+    pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
     pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
     x = jnp.cumsum(jnp.diff(knots, prepend=knots[:1]) * (pace + jnp.concatenate([pace[:1], pace[:-1]])))
     energy = jnp.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)

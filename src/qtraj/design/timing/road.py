@@ -1,0 +1,135 @@
+"""Express limits on friction and power of a vehicle as constraints on a = u̇² and a' (see `constraints` and `contact`).
+
+The force of the road on the vehicle, divided by the mass, has components along the path (X), in the plane of the road
+across the path (Y), and normal to the road (Z). The motion has the acceleration a r'' + ½ a' r' and the squared speed
+a S, so all three are affine functions of a and a'. The limits are
+
+    friction   √((X/μ_along)² + (Y/μ_across)²) ≤ limit·Z, a second-order cone
+    power      √(a S) m (X + C_rr Z) ≤ limit.
+
+As squares, the first is X² + Y² − Z² ≤ 0. Replacing the concave term −Z² by its tangent gives a convex set inside the
+feasible set. The second becomes linear in (a, a') if 1/√a is replaced by its tangent. So the second derivatives of −Z²
+and of the power are omitted.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.foundation.types import Scalar
+from qtraj.path.vehicle import RoadParameters
+
+ROAD = ("friction", "power")
+"""Limits that need a vehicle."""
+
+LEAST_LOAD = 1e-6
+"""Lower bound on the normal force, relative to the force at rest, in the ratio of the friction to its limit."""
+
+
+class Road(NamedTuple):
+    """The coefficients of affine functions of 1, a and a' at all nodes.
+
+    `along` and `across` are X and Y divided by the limit on friction, `onto` is Z; all are divided by the normal force
+    at rest. `power` is the power divided by √a and by its limit. `across` and `onto` do not depend on a'. `upper` is
+    the upper bound on a, inverted, that the lateral force alone implies.
+    """
+
+    along: Float[Array, "3 *nodes"]
+    across: Float[Array, "2 *nodes"]
+    onto: Float[Array, "2 *nodes"]
+    power: Float[Array, "3 *nodes"]
+    upper: Float[Array, "*nodes"]
+
+
+def road(
+    ahead: tuple[Array, Array, Array],
+    bend: tuple[Array, Array, Array],
+    speed: Float[Array, "*nodes"],
+    half: Scalar,
+    vehicle: RoadParameters,
+    bounds: dict[str, Scalar],
+) -> Road:
+    """Compute the constraints from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
+
+    An infinite limit is absent.
+    """
+    x, y, z = ahead
+    level = jnp.sqrt(x * x + y * y)
+    safe = jnp.where(level > 0, level, 1.0)
+    left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
+    forward, to_left, up = (sum(p * q for p, q in zip(axis, bend, strict=True)) for axis in (ahead, left, upwards))
+    g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
+    along = jnp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
+    across = jnp.stack([-sin * g * level, cos * to_left - sin * up])
+    onto = jnp.stack([cos * g * level, cos * up + sin * to_left])
+    resistance = vehicle.rolling * jnp.stack([*onto, 0.0 * level])
+    power = vehicle.mass * speed * (along + resistance) / bounds["power"]
+    at_rest = jnp.where(onto[0] > 0, onto[0], 1.0)
+    limit = at_rest * bounds["friction"]
+    grip = vehicle.inv_long * along / limit, vehicle.inv_lat * across / limit, onto / at_rest
+    neutral = jnp.stack([jnp.ones_like(level), jnp.zeros_like(level)])
+    grip = grip[0], grip[1], jnp.where(jnp.isfinite(bounds["friction"]), grip[2], neutral)
+    return Road(*grip, power, _upper(*grip[1:]))
+
+
+def _upper(across: Array, onto: Array) -> Array:
+    """Return 1/a for the largest a with |Y| ≤ Z, or 0 if the inequality does not hold at rest."""
+    found = jnp.zeros_like(onto[0])
+    for sign in (-1.0, 1.0):
+        reserve, rate = onto[0] - sign * across[0], sign * across[1] - onto[1]
+        found = jnp.maximum(found, jnp.where(reserve > 0, rate / jnp.where(reserve > 0, reserve, 1.0), 0.0))
+    return found
+
+
+def without(r: Road, omitted: Array) -> Road:
+    """Return the constraints, which are always satisfied at the nodes at which `omitted` is true."""
+    neutral = Road(*(jnp.zeros_like(x) for x in r))
+    neutral = neutral._replace(onto=neutral.onto.at[0].set(1.0))
+    return Road(*(jnp.where(omitted, x, y) for x, y in zip(neutral, r, strict=True)))
+
+
+def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
+    """Return the same constraints with their limits divided by `factors`."""
+    return r._replace(along=r.along * factors[0], across=r.across * factors[0], power=r.power * factors[1])
+
+
+def values(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
+    """Return the constraint values, which must not be positive."""
+    x, y, z = _grip(r, v)
+    return [x * x + y * y - z * z, _root(v[0]) * _affine(r.power, v) - 1]
+
+
+def used(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
+    """Return the friction and the power divided by their limits."""
+    x, y, z = _grip(r, v)
+    return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
+
+
+def gradients(r: Road, v: Float[Array, "3 *nodes"]) -> list[tuple[Array, ...]]:
+    """Return the gradients of `values` with respect to (a, a')."""
+    x, y, z = _grip(r, v)
+    root = _root(v[0])
+    inverse = jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1.0), 0.0)
+    friction = 2 * (x * r.along[1] + y * r.across[1] - z * r.onto[1]), 2 * x * r.along[2]
+    return [friction, (0.5 * inverse * _affine(r.power, v) + root * r.power[1], root * r.power[2])]
+
+
+def second_derivatives(r: Road, multipliers: Float[Array, "2 *nodes"]) -> tuple[Array, Array, Array]:
+    """Return the entries (aa, ab, bb) of Σ multiplier·(second derivatives), without the terms that are not convex."""
+    twice = 2 * multipliers[0]
+    (_, p, q), (_, s) = r.along, r.across
+    return twice * (p * p + s * s), twice * p * q, twice * q * q
+
+
+def _grip(r: Road, v: Float[Array, "3 *nodes"]) -> tuple[Array, Array, Array]:
+    return _affine(r.along, v), r.across[0] + r.across[1] * v[0], r.onto[0] + r.onto[1] * v[0]
+
+
+def _affine(c: Float[Array, "3 *nodes"], v: Float[Array, "3 *nodes"]) -> Array:
+    return c[0] + c[1] * v[0] + c[2] * v[1]
+
+
+def _root(a: Any) -> Any:
+    positive = a > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1.0)), 0.0)

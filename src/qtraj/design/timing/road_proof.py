@@ -1,0 +1,85 @@
+"""Bound limits on friction and power on subcells of a retimed path, for the proof.
+
+The formulas of `contact` apply to a vector q in the direction of motion, r' = w·q, and to the acceleration
+a r'' + ½ a' r'. They contain the squared velocity w² a S only in the drag, and the speed w√(a S) only as a factor of
+the power. With the drive power w√a·P, the limit is satisfied if P ≤ 0 or w² a P² ≤ limit². The acceleration, gravity
+and drag are doubled, which avoids the factor ½.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.cells import Enclosure, enclose_minimum, semi_axes
+from qtraj.algebra.chebyshev_model import ChebyshevModel, interpolated
+from qtraj.algebra.rooted import RootSum
+from qtraj.design.proof.inequalities import bounds as in_units
+from qtraj.design.proof.road import Parameter, RoadInvariants
+from qtraj.design.timing.road import ROAD
+from qtraj.path.contact import power_numerator
+from qtraj.path.frenet import Invariants
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
+
+
+class Bounds(NamedTuple):
+    """Bounds on the smallest slack of a limit in each subcell; the limit is violated somewhere if `high` is negative."""
+
+    low: Float[Array, " subcells"]
+    high: Float[Array, " subcells"]
+
+
+class _Drag(NamedTuple):
+    """The coefficient of drag times the squared ratio of the velocity to q."""
+
+    coefficient: Parameter
+    square: RootSum
+
+    def __mul__(self, other: RootSum) -> RootSum:
+        return self.coefficient * (other * self.square)
+
+
+def road_bounds(
+    limits: dict[str, Array],
+    units: dict[str, Array],
+    vehicle: RoadParameters,
+    ahead: ChebyshevModel,
+    doubled: ChebyshevModel,
+    pace: ChebyshevModel,
+    half: Float[Array, "1 subcells"],
+) -> list[Bounds]:
+    """Return bounds for each of `limits` in the order of `ROAD`; `units` convert them from SI.
+
+    `ahead` is q, `doubled` is twice the acceleration, and `pace` is w² a, with units of length and time in which the
+    parameters of the `vehicle` are given, too.
+    """
+    twice = vehicle._replace(gravity=2 * vehicle.gravity, drag=2 * vehicle.drag)
+    i = RoadInvariants(Invariants([None, ahead, doubled], vehicle=twice))
+    square = RootSum((pace, 0, 0, 0), i.squares)
+    i.vehicle = i.vehicle._replace(drag=_Drag(i.vehicle.drag, square))
+
+    def enclosed(number: RootSum | ChebyshevModel) -> Enclosure:
+        model = number.model(half) if isinstance(number, RootSum) else number
+        return enclose_minimum(*interpolated(model, semi_axes(half)))
+
+    found = []
+    for name in ROAD:
+        if name not in limits:
+            continue
+        entry: Any = QUANTITIES[name]
+        if name == "friction":
+            bound = in_units(limits[name], units[name])
+            slack = entry.denominator(i).scaled(*bound.square) - entry.numerator(i)
+            both = [enclosed(x) for x in (slack, i.contact.onto)]
+            low, high = (jnp.minimum(*pair) for pair in zip(*((x.low, x.high) for x in both), strict=True))
+        else:
+            bound = in_units(2 * limits[name], units[name])
+            power: Any = power_numerator(i)
+            own = power.model(half)
+            slack = i.H.scaled(*bound.square) - power * power * square
+            driving, braking, within = enclosed(own), enclosed(-1 * own), enclosed(slack)
+            low = jnp.maximum(braking.low, within.low)
+            high = jnp.where(driving.low > 0, within.high, jnp.inf)
+        found.append(Bounds(low[0], high[0]))
+    return found
