@@ -67,7 +67,7 @@ class Constraints(NamedTuple):
     road: Road | None = None
 
     @property
-    def count(self) -> int:
+    def per_node(self) -> int:
         """Number of constraints at each node."""
         return JERK + 1 + (0 if self.road is None else len(ROAD))
 
@@ -123,7 +123,7 @@ def parts(
     found = Parts(jnp.stack(upper), jnp.stack(scaled), jerk / bounds["jerk"] ** 2)
     if vehicle is None:
         return found
-    direction = tuple(x * inv_ahead for x in ahead)
+    direction = jnp.stack(ahead) * inv_ahead
     return found._replace(road=road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds))
 
 

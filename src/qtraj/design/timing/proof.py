@@ -26,6 +26,7 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.majorant import ELLIPSES, Majorant, from_model, to_model
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.road_proof import road_bounds
+from qtraj.design.timing.timing_polynomials import of_timing, scaled
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import cross, dot
 from qtraj.path.frenet import Invariants
@@ -89,8 +90,8 @@ def prove(
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
-    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`. Limits on friction
-    and power need a `vehicle`.
+    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`. Limits on
+    friction and power need a `vehicle`.
     """
     names = tuple(name for name in NAMES if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
@@ -161,18 +162,15 @@ def _enclosures(
     shape = segments.derivatives
     ahead, factor = (None, None) if path.ahead is None else _directions(path.ahead, path.durations, segments.length)
     shape = _stacked(shape if ahead is None else [*shape, *ahead])
-    a, rest = _timing(*timing)
-    of_a = _stacked([*(_scaled(p, (1 / size) ** k) for k, p in enumerate(a)), rest])
+    a, rest = of_timing(*timing)
+    of_a = _stacked([*(scaled(p, (1 / size) ** k) for k, p in enumerate(a)), rest])
     names = [name for name in given if name not in ROAD]
     units = {name: _unit(name, segments) for name in given}
     on_road = {name: given[name] for name in ROAD if name in given}
     if vehicle is not None:
-        scaled = in_units(vehicle, segments.length, segments.unit)
-        vehicle = RoadParameters(*(jnp.broadcast_to(x, segments.length.shape) for x in scaled))
-    if names:
-        limits = jnp.stack([given[name] for name in names])
-        square, rounding = squared_bound(limits[:, None], jnp.stack([units[name] for name in names]))
-        limit = jnp.stack([square[0], jnp.where(jnp.isfinite(rounding[0]), square[0], jnp.inf)])  # value and majorant
+        parameters = in_units(vehicle, segments.length, segments.unit)
+        vehicle = RoadParameters(*(jnp.broadcast_to(x, segments.length.shape) for x in parameters))
+    limits = {name: _squared(given[name], units[name]) for name in names}
     alone = path.durations.size == 1
 
     def of_segment(x: Array, own: Array) -> Array:
@@ -186,27 +184,29 @@ def _enclosures(
         def chosen(tree: Any) -> Any:
             return jax.tree.map(lambda x: of_segment(x, own), tree)
 
-        r, of_timing = _models(chosen(shape), at), _models(jax.tree.map(lambda x: x[..., cell], of_a), within)
+        r, motion = _models(chosen(shape), at), _models(jax.tree.map(lambda x: x[..., cell], of_a), within)
         q, w = (r[:3], None) if factor is None else (r[3:], chosen(factor).on(*at))
-        a, slope, bend, rest = (from_model(x)[0] for x in of_timing)
+        a, slope, bend, rest = (from_model(x)[0] for x in motion)
         path, ahead = ([from_model(x) for x in vectors] for vectors in (r[:3], q))
         cells = _Cells(path, ahead, None if w is None else from_model(w)[0], a, slope, bend)
-        rows = [_slack(name, _limit(chosen(limit)[:, k] + 0.0 * half), cells) for k, name in enumerate(names)]
+        rows = [_slack(name, _limit(chosen(limits[name]) + 0.0 * half), cells) for name in names]
         found = enclose_minimum(*interpolated(to_model([*rows, rest]), semi_axes(within[1])))
         if not on_road or vehicle is None:
             return found.low, found.high
-        motion = r[1] * of_timing[0], r[0] * of_timing[1], of_timing[0][0]
-        doubled, pace = 2 * motion[0] + motion[1], motion[2] if w is None else w[0] * w[0] * motion[2]
+        doubled, pace = 2 * (r[1] * motion[0]) + r[0] * motion[1], motion[0][0]
+        pace = pace if w is None else w[0] * w[0] * pace
         given_units, vehicles = jax.tree.map(lambda x: of_segment(x, own) + 0.0 * half, (units, vehicle))
         more = road_bounds(on_road, given_units, vehicles, q[0], doubled, pace, within[1])
-        sides = (
-            [x[:-1], jnp.stack(y), x[-1:]]
-            for x, y in zip((found.low, found.high), zip(*more, strict=True), strict=True)
-        )
-        low, high = (jnp.concatenate(side) for side in sides)
+        low, high = (jnp.concatenate([x[:-1], y, x[-1:]]) for x, y in zip((found.low, found.high), more, strict=True))
         return low, high
 
     return enclose
+
+
+def _squared(limit: Scalar, unit: Float[Array, " segments"]) -> Float[Array, "2 segments"]:
+    """Return the square of a limit in the units of each segment, and its majorant."""
+    square, rounding = squared_bound(limit, unit)
+    return jnp.concatenate([square, jnp.where(jnp.isfinite(rounding), square, jnp.inf)])
 
 
 def _limit(both: Float[Array, "2 subcells"]) -> Majorant:
@@ -248,42 +248,6 @@ def _directions(
     factor = jnp.asarray(table)[m, n].T * (found.length / length)[None]  # lengths are powers of two
     w = cell_polynomial(factor[None, :, None], jnp.zeros_like(length)[None])
     return found.derivatives, w
-
-
-def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
-    """Return the polynomials multiplied by powers of two, which is exact."""
-    return CellPolynomial(
-        p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
-    )
-
-
-def _timing(
-    coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
-) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return a, a' and a'' as polynomials in s, −1 ≤ s ≤ 1, and a without its factor that vanishes at rest."""
-    c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
-    start, end = at_rest
-    zero = jnp.zeros_like(c0)
-    first, last = jnp.arange(c0.size) == 0, jnp.arange(c0.size) == c0.size - 1
-    powers = jnp.stack([c0, c1, c2, c3])
-    after_start = jnp.stack([c1, c2, c3, zero])
-    before_end = jnp.stack([-(c1 + c2 + c3), -(c2 + c3), -c3, zero])
-    rest = jnp.where(first & start, after_start, jnp.where(last & end, before_end, powers))
-    forms = powers, jnp.stack([c1, 2 * c2, 3 * c3]) / 2, jnp.stack([2 * c2, 6 * c3]) / 4
-    return [_centred(form) for form in forms], _centred(rest)
-
-
-def _centred(powers: Float[Array, "k cells"]) -> CellPolynomial:
-    """Convert powers of (1 + s)/2 to powers of s, with a bound on the rounding errors."""
-    n = powers.shape[0] - 1
-    matrix = np.zeros((n + 1, n + 1))
-    for k in range(n + 1):
-        matrix[: k + 1, k] = np.polynomial.polynomial.polypow([0.5, 0.5], k)
-    form = jnp.sum(jnp.asarray(matrix)[:, :, None] * powers[None], axis=1)
-    size = jnp.sum(jnp.abs(powers), axis=0)
-    # The factor of the size accounts for ellipses of semi-axis 16 around the cell, whose radius is 17 instead of 3.
-    error = (17 / 3) ** 3 * 32 * float(np.finfo(powers.dtype).eps) * size
-    return cell_polynomial(form[None, :, None], error[None])
 
 
 def _unit(name: str, whole: PathDerivatives) -> Array:

@@ -24,11 +24,11 @@ from qtraj.design.timing.parts import (
     standing as standing_route,
 )
 from qtraj.design.timing.proof import Source, prove
+from qtraj.design.timing.requirements import require_knots, require_limits, require_regular, require_stop, speed_at
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath, Timing
-from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -84,13 +84,13 @@ def retime(
     route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming fails.
     """
     require_float64(path)
-    names = _require_limits(limits)
-    _require_knots(knots)
+    names = require_limits(limits)
+    require_knots(knots)
     given = limits.given()
     if isinstance(path, Route):
-        path = standing_route(path, *_require_stop(stop_speed, stop_distance))
+        path = standing_route(path, *require_stop(stop_speed, stop_distance))
     parts, standing = of_path(path, knots, "jerk" in given)
-    speeds = tuple(_speed(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
+    speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
     vehicle = None
     if set(names) & set(ROAD):
@@ -121,7 +121,7 @@ def _retimed(
     wanted: Any = tuple(np.asarray(np.inf, path.duration.dtype) if v is None else v for v in speeds)
     begins = _begun(path, wanted, np.array(standing))
     if not isinstance(path, Route):
-        _require_regular(begins.slowest)
+        require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
     timed, polynomials = [], stop_gradient(source(path))
     for k, part in enumerate(parts):
@@ -255,55 +255,3 @@ def _certificate(
     whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
     values = jnp.where(jnp.any(nowhere, axis=1), jnp.nan, values)
     return Certificate(names, whole, times, values, limits)
-
-
-def _require_limits(limits: Limits) -> tuple[str, ...]:
-    names = tuple(limits.given())
-    if unknown := [name for name in names if name not in NAMES]:
-        raise ValueError(
-            f"retime does not support a limit on {', '.join(unknown)}; it supports limits on {', '.join(NAMES)}. "
-            "Remove the others, and check them with qtraj.certify on the path of the result: quantities that depend "
-            "only on the shape, such as the curvature, are the same for every timing."
-        )
-    bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
-    if not set(bounding) & set(names):
-        raise ValueError(
-            f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
-            "on straight parts of a path only a limit on speed does so."
-        )
-    return names
-
-
-def _require_knots(knots: int) -> None:
-    if not isinstance(knots, int) or knots < 16 or knots & (knots - 1):
-        raise ValueError(f"knots must be a power of two and at least 16, such as 512, but {knots!r} was given")
-
-
-def _require_stop(speed: float | None, distance: float) -> tuple[float | None, float]:
-    for name, value, unit in (("stop_speed", speed, "m/s"), ("stop_distance", distance, "m")):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be at least 0 and finite [{unit}], but {value!r} was given")
-    return speed, distance
-
-
-def _require_regular(slowest: Scalar) -> None:
-    """Raise an error if `slowest`, the ratio of the lowest to the highest speed |r'(u)|, is zero to within rounding."""
-    known = concrete(slowest)
-    if known is not None and not (np.asarray(known) > 1e-9).all():
-        raise ValueError(
-            "the velocity of the path is zero at some instant, and retime does not support such a stop within a path: "
-            "retime the parts between the stops separately, or parametrise the path differently, for example by arc "
-            "length"
-        )
-
-
-def _speed(v: ArrayInput | None, side: str) -> Scalar | None:
-    if v is None:
-        return None
-    speed: Any = real_scalar(v, f"the speed at the {side}")
-    if isinstance(v, int | float):  # inside jit, `speed` is traced, but a number remains known
-        speed = np.asarray(v, speed.dtype)
-    known = concrete(speed)
-    if known is not None and not (np.isfinite(known) and known >= 0):
-        raise ValueError(f"the speed at the {side} must be at least 0 and finite [m/s], but {v!r} was given")
-    return speed

@@ -43,8 +43,8 @@ class Road(NamedTuple):
 
 
 def road(
-    ahead: tuple[Array, Array, Array],
-    bend: tuple[Array, Array, Array],
+    ahead: Float[Array, "3 *nodes"],
+    bend: tuple[Array, ...],
     speed: Float[Array, "*nodes"],
     half: Scalar,
     vehicle: RoadParameters,

@@ -6,7 +6,7 @@ the power. With the drive power w√a·P, the limit is satisfied if P ≤ 0 or w
 and drag are doubled, which avoids the factor ½.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -23,18 +23,11 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 
-class Bounds(NamedTuple):
-    """Bounds on the smallest slack of a limit in each subcell; the limit is violated somewhere if `high` is negative."""
-
-    low: Float[Array, " subcells"]
-    high: Float[Array, " subcells"]
-
-
-class _Drag(NamedTuple):
+class _Drag:
     """The coefficient of drag times the squared ratio of the velocity to q."""
 
-    coefficient: Parameter
-    square: RootSum
+    def __init__(self, coefficient: Parameter, square: RootSum):
+        self.coefficient, self.square = coefficient, square
 
     def __mul__(self, other: RootSum) -> RootSum:
         return self.coefficient * (other * self.square)
@@ -48,14 +41,15 @@ def road_bounds(
     doubled: ChebyshevModel,
     pace: ChebyshevModel,
     half: Float[Array, "1 subcells"],
-) -> list[Bounds]:
-    """Return bounds for each of `limits` in the order of `ROAD`; `units` convert them from SI.
+) -> tuple[Float[Array, "limits subcells"], Float[Array, "limits subcells"]]:
+    """Return lower and upper bounds on the smallest slack of each of `limits` in each subcell, in the order of `ROAD`.
 
+    A negative upper bound indicates a violation. `units` convert the limits from SI.
     `ahead` is q, `doubled` is twice the acceleration, and `pace` is w² a, with units of length and time in which the
     parameters of the `vehicle` are given, too.
     """
     twice = vehicle._replace(gravity=2 * vehicle.gravity, drag=2 * vehicle.drag)
-    i = RoadInvariants(Invariants([None, ahead, doubled], vehicle=twice))
+    i: Any = RoadInvariants(Invariants([None, ahead, doubled], vehicle=twice))
     square = RootSum((pace, 0, 0, 0), i.squares)
     i.vehicle = i.vehicle._replace(drag=_Drag(i.vehicle.drag, square))
 
@@ -63,7 +57,7 @@ def road_bounds(
         model = number.model(half) if isinstance(number, RootSum) else number
         return enclose_minimum(*interpolated(model, semi_axes(half)))
 
-    found = []
+    lows, highs = [], []
     for name in ROAD:
         if name not in limits:
             continue
@@ -75,11 +69,12 @@ def road_bounds(
             low, high = (jnp.minimum(*pair) for pair in zip(*((x.low, x.high) for x in both), strict=True))
         else:
             bound = in_units(2 * limits[name], units[name])
-            power: Any = power_numerator(i)
+            power = power_numerator(i)
             own = power.model(half)
             slack = i.H.scaled(*bound.square) - power * power * square
             driving, braking, within = enclosed(own), enclosed(-1 * own), enclosed(slack)
             low = jnp.maximum(braking.low, within.low)
             high = jnp.where(driving.low > 0, within.high, jnp.inf)
-        found.append(Bounds(low[0], high[0]))
-    return found
+        lows.append(low[0])
+        highs.append(high[0])
+    return jnp.stack(lows), jnp.stack(highs)

@@ -183,7 +183,7 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.state.error)
         return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
 
-    count = program.constraints.count
+    count = program.constraints.per_node
     ones, usage = jnp.ones((count, cells), dtype), jnp.zeros((len(UPPER) + count - 1, cells), dtype)
     start = _Round(begun(program, _initial(program)), ones, ones, usage, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)

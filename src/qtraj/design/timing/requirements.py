@@ -1,0 +1,67 @@
+"""Check the arguments of `retime`."""
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.limits import Limits
+from qtraj.design.timing.constraints import NAMES
+from qtraj.foundation.arrays import concrete, real_scalar
+from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path.quantity import QUANTITIES
+
+
+def require_limits(limits: Limits) -> tuple[str, ...]:
+    """Return the names of the limits, or raise an error if they cannot be used or do not bound the speed."""
+    names = tuple(limits.given())
+    if unknown := [name for name in names if name not in NAMES]:
+        raise ValueError(
+            f"retime does not support a limit on {', '.join(unknown)}; it supports limits on {', '.join(NAMES)}. "
+            "Remove the others, and check them with qtraj.certify on the path of the result: quantities that depend "
+            "only on the shape, such as the curvature, are the same for every timing."
+        )
+    bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
+    if not set(bounding) & set(names):
+        raise ValueError(
+            f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
+            "on straight parts of a path, only a limit on the speed, or on the power of a vehicle with drag, does so."
+        )
+    return names
+
+
+def require_knots(knots: int) -> None:
+    """Raise an error if `knots` is not a possible number of cells."""
+    if not isinstance(knots, int) or knots < 16 or knots & (knots - 1):
+        raise ValueError(f"knots must be a power of two and at least 16, such as 512, but {knots!r} was given")
+
+
+def require_stop(speed: float | None, distance: float) -> tuple[float | None, float]:
+    """Return the speed [m/s] and the distance [m] that define a stop, or raise an error if they are negative."""
+    for name, value, unit in (("stop_speed", speed, "m/s"), ("stop_distance", distance, "m")):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be at least 0 and finite [{unit}], but {value!r} was given")
+    return speed, distance
+
+
+def require_regular(slowest: Scalar) -> None:
+    """Raise an error if `slowest`, the ratio of the lowest to the highest speed |r'(u)|, is zero to within rounding."""
+    known = concrete(slowest)
+    if known is not None and not (np.asarray(known) > 1e-9).all():
+        raise ValueError(
+            "the velocity of the path is zero at some instant, and retime does not support such a stop within a path: "
+            "retime the parts between the stops separately, or parametrise the path differently, for example by arc "
+            "length"
+        )
+
+
+def speed_at(v: ArrayInput | None, side: str) -> Scalar | None:
+    """Return the speed [m/s] at a side as a scalar, or None if it is free; raise an error if it is negative."""
+    if v is None:
+        return None
+    speed: Any = real_scalar(v, f"the speed at the {side}")
+    if isinstance(v, int | float):  # inside jit, `speed` is traced, but a number remains known
+        speed = np.asarray(v, speed.dtype)
+    known = concrete(speed)
+    if known is not None and not (np.isfinite(known) and known >= 0):
+        raise ValueError(f"the speed at the {side} must be at least 0 and finite [m/s], but {v!r} was given")
+    return speed
