@@ -34,7 +34,7 @@ def test_the_commands_read_and_report_attitudes(qtraj, tmp_path):
     (tmp_path / "s.toml").write_text(text)
     result = qtraj("evaluate", tmp_path / "s.toml", "--samples", 3, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "yaw 10.00°, pitch -4.00°, roll 2.00° (Z-Y-X, pitch positive nose down)" in result.stdout
+    assert "yaw 10.00°, pitch -4.00° (nose up), roll 2.00° (Z-Y-X)" in result.stdout
     assert all(len(line) <= 80 for line in result.stdout.splitlines() if "s.toml" not in line and "table." not in line)
     fit = json.loads(qtraj("evaluate", tmp_path / "s.toml", "--samples", 3, "--json").stdout)["fit"]
     assert np.degrees(fit["mounting_yaw"]) == pytest.approx(10.0, abs=1e-2)

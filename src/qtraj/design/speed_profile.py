@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.road import ROAD, road
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.drawing import draw
@@ -21,6 +22,7 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import RoadParameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,9 +46,9 @@ class SpeedProfile(AbstractResult):
 
     - `times` (n,) [s], `parameter` (n,) [s] on the original path, `distance` (n,) [m] travelled.
     - `speed` (n,) [m/s] and `tangential` (n,) [m/s²], the signed acceleration along the path.
-    - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration and
-      rates of rotation are satisfied at constant speed; infinite where none of them bounds it. The other limits reduce
-      the speed further.
+    - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration,
+      rates of rotation and friction (of the lateral force alone) are satisfied at constant speed; infinite where none
+      of them bounds it. The other limits reduce the speed further.
     - `values` (k, n): the limited quantities, in the units of their limits.
 
     For the m cells of the timing:
@@ -144,12 +146,13 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     require_concrete(timed)
     if timed.code.ndim:
         raise ValueError(f"the result for one path was expected, but a batch of shape {timed.code.shape} was given")
-    names, timing = timed.certificate.names, timed.timing
+    names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
+    vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
+    bounds = dict.fromkeys(ROAD, np.inf) | dict(zip(names, limits, strict=True))
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
     distance = _distances(timed.path.path, parameter)
-    found = jax.tree.map(np.array, _sampled(timed.path, jnp.asarray(parameter), names))
-    limits = np.asarray(timed.certificate.limits)
+    found = jax.tree.map(np.array, _sampled(timed.path, jnp.asarray(parameter), names, vehicle, bounds))
     still = found.speed <= STILL * found.speed.max()
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
     values = np.stack([_mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
@@ -180,7 +183,10 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
 
 
 class _Samples(NamedTuple):
-    """Samples of a retimed path; `unit_values` and `unit_speed` are those of the original path."""
+    """Samples of a retimed path; `unit_values` and `unit_speed` are those of the original path.
+
+    `grip` is the upper bound on u̇², inverted, that the friction of the lateral force implies.
+    """
 
     times: Any
     speed: Any
@@ -188,6 +194,7 @@ class _Samples(NamedTuple):
     values: Any
     unit_values: Any
     unit_speed: Any
+    grip: Any
 
 
 def _places(knots: Float[np.ndarray, " m+1"], rest: tuple[bool, bool]) -> Float[np.ndarray, " n"]:
@@ -214,32 +221,48 @@ def _paces(path: AbstractHodograph, u: Float[Array, " n"]) -> Float[Array, " n"]
 
 
 @eqx.filter_jit
-def _sampled(path: RetimedPath, u: Float[Array, " n"], names: tuple[str, ...]) -> _Samples:
+def _sampled(
+    path: RetimedPath,
+    u: Float[Array, " n"],
+    names: tuple[str, ...],
+    vehicle: RoadParameters | None,
+    bounds: dict[str, Any],
+) -> _Samples:
     def sample(u: Scalar) -> _Samples:
         t = path.timing.time(u)
-        i, own = (_invariants(x, at) for x, at in ((path, t), (path.path, u)))
-        of_unit = jnp.stack([jnp.asarray(quantity(name).value(own)) for name in _bounding(names)])
+        i, own = (_invariants(x, at, vehicle) for x, at in ((path, t), (path.path, u)))
+        of_unit = jnp.array([quantity(name).value(own) for name in _bounding(names)], u.dtype)
         values = jnp.stack([jnp.asarray(quantity(name).value(i)) for name in names])
         speed = jnp.sqrt(i.S)
-        return _Samples(t, speed, i.B / speed, values, of_unit, jnp.sqrt(own.S))
+        unit_speed = jnp.sqrt(own.S)
+        grip = 0.0 * unit_speed
+        if vehicle is not None:
+            ahead, bend = (jnp.stack(x) for x in own.r[1:3])
+            grip = road(ahead / unit_speed, tuple(bend), unit_speed, unit_speed, vehicle, bounds).upper
+        return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
     found = jax.vmap(sample)(u)
     return found._replace(values=found.values.T, unit_values=found.unit_values.T)
 
 
-def _invariants(path: AbstractHodograph, t: Scalar) -> Invariants:
-    return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, ORDER)])
+def _invariants(path: AbstractHodograph, t: Scalar, vehicle: RoadParameters | None) -> Invariants:
+    return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, ORDER)], vehicle=vehicle)
 
 
 def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the quantities whose limits bound the speed; at constant speed the whole acceleration is lateral."""
-    return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if quantity(n).bounds_speed)
+    """Return the quantities that are powers of the speed; at constant speed the whole acceleration is lateral."""
+    return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if _is_power(n))
+
+
+def _is_power(name: str) -> bool:
+    return quantity(name).bounds_speed and not quantity(name).on_road
 
 
 def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
     """Return the lowest constant speed at which a limit is reached; quantities are proportional to powers of speed."""
-    own = [limit for name, limit in zip(names, limits, strict=True) if quantity(name).bounds_speed]
-    lowest = np.full(found.times.shape, np.inf)
+    own = [limit for name, limit in zip(names, limits, strict=True) if _is_power(name)]
+    bounded = (found.grip > 0) & (found.unit_speed > 0)
+    lowest = np.where(bounded, found.unit_speed * np.where(bounded, found.grip, 1.0) ** -0.5, np.inf)
     for name, limit, value in zip(_bounding(names), own, found.unit_values, strict=True):
         if name == "speed":
             lowest = np.minimum(lowest, limit)

@@ -14,7 +14,6 @@ from qtraj.design.timing.outcome import Retimed
 from qtraj.foundation.record import variable_attributes
 from qtraj.io.dataset import path_dataset
 from qtraj.motion.programs.rotation_minimizing import Frame
-from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track
 
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 2, 513, 20_001
@@ -35,15 +34,15 @@ def retimed_dataset(
 
     `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to within 1 %.
     `limits` and `certificate` may contain additional limits on the shape. By default, `certificate` is the certificate
-    of the retiming, and `limits` are its limits that need no vehicle.
+    of the retiming, and `limits` are its limits.
     """
     own = timed.certificate
-    given = {name: limit for name, (_, _, limit) in own.worst.items() if not QUANTITIES[name].needs_vehicle}
+    given = {name: limit for name, (_, _, limit) in own.worst.items()}
     profile = speed_profile(timed) if profile is None else profile
     cells = np.shape(timed.timing.coefficients)[0]
     dataset = path_dataset(
         {"before": timed.path.path, "after": timed.path},
-        Limits(**given) if limits is None else limits,
+        Limits(**given, vehicle=timed.vehicle) if limits is None else limits,
         track,
         samples=int(np.clip(SAMPLES_PER_CELL * cells + 1, MIN_SAMPLES, MAX_SAMPLES)),
         attributes={"retiming_result": timed.result, **(attributes or {})},

@@ -82,7 +82,7 @@ def speed_profile_figure(dataset: xarray.Dataset) -> Figure:
 def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.ndarray) -> None:
     """Draw the speed, its bound, and the stops."""
     speed, bound = dataset["speed"].values, dataset["speed_bound"].values
-    top = HEADROOM * max(float(speed.max()), float(np.min(bound, initial=np.inf)))
+    top = HEADROOM * max(float(speed.max()), float(np.min(bound[np.isfinite(bound)], initial=0.0)))
     if "speed" in names and (limit := float(dataset["bound"][names.index("speed")])) < NEAR * top:
         top = max(top, 1.06 * limit)
     shown = np.minimum(np.nan_to_num(bound, posinf=2 * top), 2 * top)

@@ -107,8 +107,8 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
     if fit["attitude_rms"] is not None:
         rms, maximum, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
         rows.append(("recorded attitude", f"differs from the upright frame by {rms:.2f}° RMS, {maximum:.2f}° maximum"))
-        angles = f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}°"
-        rows.append(("mounting", f"{angles} (Z-Y-X, pitch positive nose down)"))
+        nose = "down" if pitch > 0 else "up"
+        rows.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}° (nose {nose}), roll {roll:.2f}° (Z-Y-X)"))
     return rows
 
 

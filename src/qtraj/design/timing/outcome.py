@@ -17,6 +17,8 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.vehicle import Vehicle
+from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +36,7 @@ class Retimed(AbstractOutcome):
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
     - `code`: a `ResultCode`.
     - `iterations`: the number of steps of all searches.
+    - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     """
 
     path: RetimedPath
@@ -43,6 +46,7 @@ class Retimed(AbstractOutcome):
     speeds: Float[Array, "*batch 2"]
     code: Int[Array, "*batch"]
     iterations: Int[Array, "*batch"]
+    vehicle: Vehicle | None
 
     def __init__(
         self,
@@ -53,8 +57,9 @@ class Retimed(AbstractOutcome):
         speeds: ArrayInput,
         code: ArrayInput,
         iterations: ArrayInput,
+        vehicle: Vehicle | None = None,
     ):
-        self.path, self.certificate = path, certificate
+        self.path, self.certificate, self.vehicle = path, certificate, vehicle
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
@@ -124,6 +129,7 @@ class Retimed(AbstractOutcome):
             "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
             "code": Quantity(self.code, "1", "result code of the search"),
             "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
+            **vehicle_quantities(self.vehicle),
             **findings.variables,
         }
         summary = f"{batch_prefix(self.code.shape, 'paths')}{extent(self.duration, 's')}; {self.certificate.summary}"

@@ -92,10 +92,12 @@ def retime(
     parts, standing = of_path(path, knots, "jerk" in given)
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
-    vehicle = None
-    if set(names) & set(ROAD):
-        vehicle = RoadParameters(*(jnp.asarray(x, path.duration.dtype) for x in limits.road(path.duration.dtype)))
-    retimed = _retimed(path, parts, standing, bounds, vehicle, speeds, names)
+    vehicle = limits.vehicle if set(names) & set(ROAD) else None
+    road = None
+    if vehicle is not None:
+        road = RoadParameters(*(jnp.asarray(x, path.duration.dtype) for x in limits.road(path.duration.dtype)))
+    found = _retimed(path, parts, standing, bounds, road, speeds, names)
+    retimed = Retimed(*found, vehicle)
     return retimed.check() if throw else retimed
 
 
@@ -117,7 +119,8 @@ def _retimed(
     vehicle: RoadParameters | None,
     speeds: tuple[Scalar | None, ...],
     names: tuple[str, ...],
-) -> Retimed:
+) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
+    """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf, path.duration.dtype) if v is None else v for v in speeds)
     begins = _begun(path, wanted, np.array(standing))
     if not isinstance(path, Route):
@@ -131,7 +134,7 @@ def _retimed(
         timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names))
     enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
     placed = path.polynomials()
-    return Retimed(*_judged(path, timed, bounds, (begins.pace, begins.wanted), enough, placed, names, rest))
+    return _judged(path, timed, bounds, (begins.pace, begins.wanted), enough, placed, names, rest)
 
 
 class _Begun(NamedTuple):
