@@ -123,7 +123,7 @@ def parts(
     found = Parts(jnp.stack(upper), jnp.stack(scaled), jerk / bounds["jerk"] ** 2)
     if vehicle is None:
         return found
-    direction = jnp.stack(ahead) * inv_ahead
+    direction = jnp.stack(ahead) * inv_ahead[None]
     return found._replace(road=road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds))
 
 

@@ -64,10 +64,11 @@ def road(
     across = jnp.stack([-sin * g * level, cos * to_left - sin * up])
     onto = jnp.stack([cos * g * level, cos * up + sin * to_left])
     resistance = vehicle.rolling * jnp.stack([*onto, 0.0 * level])
-    power = vehicle.mass * speed * (along + resistance) / bounds["power"]
+    power = (vehicle.mass * speed / bounds["power"])[None] * (along + resistance)
     at_rest = jnp.where(onto[0] > 0, onto[0], 1.0)
     limit = at_rest * bounds["friction"]
-    grip = vehicle.inv_long * along / limit, vehicle.inv_lat * across / limit, onto / at_rest
+    inverse = (1 / limit)[None]
+    grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
     neutral = jnp.stack([jnp.ones_like(level), jnp.zeros_like(level)])
     grip = grip[0], grip[1], jnp.where(jnp.isfinite(bounds["friction"]), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
@@ -86,12 +87,12 @@ def without(r: Road, omitted: Array) -> Road:
     """Return the constraints, which are always satisfied at the nodes at which `omitted` is true."""
     neutral = Road(*(jnp.zeros_like(x) for x in r))
     neutral = neutral._replace(onto=neutral.onto.at[0].set(1.0))
-    return Road(*(jnp.where(omitted, x, y) for x, y in zip(neutral, r, strict=True)))
+    return Road(*(jnp.where(jnp.broadcast_to(omitted, x.shape), x, y) for x, y in zip(neutral, r, strict=True)))
 
 
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`."""
-    return r._replace(along=r.along * factors[0], across=r.across * factors[0], power=r.power * factors[1])
+    return r._replace(along=r.along * factors[:1], across=r.across * factors[:1], power=r.power * factors[1:])
 
 
 def values(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
