@@ -1,36 +1,46 @@
-"""`retime` against TOPPRA on the same paths and limits: durations, run time, and what is exceeded between samples.
+"""`retime` against TOPPRA on the same paths and limits: durations, run time, and excess between samples.
 
 `python -m benchmarks.timing`, with `toppra` installed (extra `dev`). The limits are the speed, the lateral and the
 longitudinal acceleration; the vehicle starts and ends at rest. The paths are circles and helices, whose least time has
-a closed form; turns with a polynomial angle; splines of SciPy as routes; and parts of a recorded drive. TOPPRA gets as
-many grid intervals as `retime` has cells, and ten times as many. Its squared path speed is linear between grid points;
-there the limits are evaluated at 64 places of each interval.
+a closed form; turns with a polynomial angle; splines of SciPy as routes; and overlapping parts of a recorded drive.
+TOPPRA gets the cells of `retime` as grid intervals, and these divided into ten. Its squared path speed is linear
+between grid points. On the first grid, the proof of `retime` is applied to TOPPRA's timing: see `timing_proof`. On the
+finer grid the limits are evaluated at 64 places of each interval. At the end, both programs solve the two problems of
+TOPPRA's own test suite that have a known optimum.
 
 `--batch N` retimes N turns in blocks on all cores instead, and compares with TOPPRA on finer and finer
 grids. `--drive` measures the whole recorded drive with a limit on the jerk.
 """
 
 import argparse
+import itertools
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import toppra
 from scipy.interpolate import CubicSpline
+from toppra import SplineInterpolator
 from toppra.algorithm import TOPPRA
-from toppra.constraint import LinearConstraint
+from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint, LinearConstraint
 from toppra.interpolator import AbstractGeometricPath
 
 import qtraj as qt
+from benchmarks.timing_proof import Cells, cells_of, exceeded
 from qtraj.foundation import cores
 
 SPEED, LATERAL, LONGITUDINAL = 15.0, 3.0, 2.0
 LIMITS = {"speed": SPEED, "lateral_acceleration": LATERAL, "longitudinal_acceleration": LONGITUDINAL}
-PLACES = 64
+PLACES, FINER = 64, 10
 BLOCK, COMPARED, GRIDS = 32, 3, 7
 """Paths in a block of a batch; paths of the batch for TOPPRA, and number of its grids, each twice as fine."""
+SUITE = {"two_points_1": (1.0, 0.2), "two_points_2": (1e-4, 0.002)}
+"""Length [m] and optimal duration [s] of straight paths with two waypoints, in TOPPRA's robustness suite."""
+SUITE_LIMIT = 100.0
+"""Limit on the speed [m/s] and on the acceleration [m/s²] in that suite."""
 DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
 
 
@@ -75,17 +85,31 @@ class VehicleLimits(LinearConstraint):
         return speed[:, None], along[:, None], np.zeros((n, 1)), sides, limits, None, bounds
 
 
-def with_toppra(path, intervals):
-    """Duration, run time, largest relative excess of a limit between the grid points, and processor time."""
-    own = Sampled(path)
-    grid = np.linspace(0.0, own.duration, intervals + 1)
-    fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
-    own.rows(grid), own.rows(fine)  # compiled before the clock starts
+class Solution(NamedTuple):
+    """TOPPRA's u̇² at its grid points, its duration [s], and its run time and processor time [s]."""
+
+    grid: np.ndarray
+    squares: np.ndarray
+    duration: float
+    spent: float
+    processor: float
+
+
+def with_toppra(own, grid):
+    """Solve the problem for a `Sampled` path on a grid of parameters."""
+    own.rows(grid)  # compiled before the clock starts
     start, used_before = time.perf_counter(), time.process_time()
     problem = TOPPRA([VehicleLimits()], own, gridpoints=grid, solver_wrapper="seidel")
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     spent, processor = time.perf_counter() - start, time.process_time() - used_before
-    a = speeds**2
+    duration = float(np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])))
+    return Solution(grid, speeds**2, duration, spent, processor)
+
+
+def sampled_excess(own, solution):
+    """Return the largest relative excess of a limit at `PLACES` places of each interval."""
+    grid, a = solution.grid, solution.squares
+    fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
     inner, slope = np.interp(fine, grid, a), np.repeat(np.diff(a) / np.diff(grid), PLACES)
     speed, across, along = coefficients(own.rows(fine))
     used = [
@@ -93,7 +117,14 @@ def with_toppra(path, intervals):
         across * inner / LATERAL,
         np.abs(along * inner + 0.5 * speed * slope) / LONGITUDINAL,
     ]
-    return np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])), spent, max(np.max(x) for x in used) - 1, processor
+    return max(np.max(x) for x in used) - 1
+
+
+def proved_excess(cells: Cells, solution):
+    """Return the status and the proved excess of each limit, for a solution on the knots of `cells`."""
+    a = solution.squares
+    powers = np.stack([a[:-1], np.diff(a), 0 * a[1:], 0 * a[1:]], axis=1)
+    return exceeded(cells, powers, (True, True), qt.Limits(**LIMITS))
 
 
 def round_paths():
@@ -138,13 +169,11 @@ def drives():
 
 
 def cases(count):
-    """(kind, path, closed form or NaN): as many of each kind."""
+    """Yield (kind, path, closed form or NaN) for `count` paths, of all kinds in turn while there are any."""
     kinds = {"round": round_paths(), "turn": turns(), "spline": splines(), "drive": drives()}
-    for k in range(count):
-        kind = list(kinds)[k % len(kinds)]
-        found = next(kinds[kind], None)
-        if found is not None:
-            yield (kind, *found) if kind == "round" else (kind, found, np.nan)
+    of_all = ((kind, found) for kind in itertools.cycle(kinds) if (found := next(kinds[kind], None)) is not None)
+    for kind, found in itertools.islice(of_all, count):
+        yield (kind, *found) if kind == "round" else (kind, found, np.nan)
 
 
 def batch(count, cells):
@@ -177,7 +206,7 @@ def batch(count, cells):
         flush=True,
     )
     grids = cells * 2 ** np.arange(GRIDS)
-    rows = np.array([[with_toppra(path, n) for n in grids] for path in many[:COMPARED]])
+    rows = np.array([[_row(path, n) for n in grids] for path in many[:COMPARED]])
     exact = 2 * rows[:, -1, 0] - rows[:, -2, 0]
     error = np.median(np.abs(durations[: len(exact)] / exact - 1))
     others = np.median(np.abs(rows[..., 0] / exact[:, None] - 1), axis=0)
@@ -193,6 +222,13 @@ def batch(count, cells):
             break
 
 
+def _row(path, intervals):
+    """Return duration, run time, sampled excess and processor time of TOPPRA on a uniform grid."""
+    own = Sampled(path)
+    found = with_toppra(own, np.linspace(0.0, own.duration, intervals + 1))
+    return found.duration, found.spent, sampled_excess(own, found), found.processor
+
+
 def whole_drive():
     """Retime the recorded drive with a limit on the jerk, in processor time."""
     route, limits = qt.fit_route(qt.read_track(DRIVE)).path, qt.Limits(**LIMITS, jerk=0.9)
@@ -204,6 +240,47 @@ def whole_drive():
             f"{timed.usage.shape[1]} cells, {int(timed.iterations)} steps, proved {timed.certificate.holds}",
             flush=True,
         )
+
+
+def suite(cells):
+    """Solve the problems of TOPPRA's suite: a straight path from rest to rest, whose velocity is zero at both ends."""
+    limits = qt.Limits(speed=SUITE_LIMIT, acceleration=SUITE_LIMIT)
+    joints = np.tile([-SUITE_LIMIT, SUITE_LIMIT], (3, 1))
+    constraints = [JointVelocityConstraint(joints), JointAccelerationConstraint(joints)]
+    for name, (length, best) in SUITE.items():
+        points = np.array([[0.0, 0, 0], [0, length, 0]])
+        path = qt.Route.from_piecewise(CubicSpline([0.0, 1.0], points, bc_type="clamped"))
+        timed = qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=cells)
+        other = SplineInterpolator([0.0, 1.0], points, bc_type="clamped")
+        found = TOPPRA(constraints, other, gridpoints=np.linspace(0.0, 1.0, cells + 1), solver_wrapper="seidel")
+        theirs = found.compute_trajectory(0.0, 0.0)
+        print(
+            f"{name}: optimum {best} s, retime {float(timed.duration):.8f} s ({float(timed.duration) / best - 1:+.1e}), "
+            f"proved {timed.certificate.holds}; TOPPRA "
+            + (
+                "finds no solution"
+                if theirs is None
+                else f"{theirs.duration:.8f} s ({theirs.duration / best - 1:+.1e})"
+            ),
+            flush=True,
+        )
+
+
+def compared(path, cells):
+    """Return the result of `retime`, its run time [s], TOPPRA on both grids, and the excess on both."""
+    limits = qt.Limits(**LIMITS)
+    call = lambda: jax.block_until_ready(  # noqa: E731
+        qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=cells)
+    )
+    timed = call()
+    start = time.perf_counter()
+    call()
+    spent = time.perf_counter() - start
+    own, of_path = Sampled(path), cells_of(path, cells)
+    knots = of_path.knots
+    finer = np.append((knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(FINER) / FINER)).ravel(), knots[-1])
+    same, fine = with_toppra(own, knots), with_toppra(own, finer)
+    return timed, spent, same, fine, proved_excess(of_path, same), sampled_excess(own, fine)
 
 
 def main():
@@ -221,34 +298,40 @@ def main():
     if options.batch:
         batch(options.batch, options.cells or 64)
         return
-    limits, cells = qt.Limits(**LIMITS), options.cells or 512
+    cells = options.cells or 512
     print(
-        "path    retime: s, ms, proved | toppra: s, ms, excess | 10 × its grid: s, excess | retime / that, closed form"
+        "path    retime: s, ms, proved | toppra: s, ms, limits broken, excess (v, lateral, longitudinal) | "
+        f"{FINER} × its grid: s, sampled excess | retime / that, closed form"
     )
     rows = []
     for kind, path, least in cases(options.paths):
-        call = lambda path=path: qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=cells)  # noqa: E731
-        timed = call()
-        start = time.perf_counter()
-        jax.block_until_ready(call().duration)
-        spent = time.perf_counter() - start
-        same, finer = with_toppra(path, cells), with_toppra(path, 10 * cells)
-        ratio, closed = (float(timed.duration) / x - 1 for x in (finer[0], least))
-        rows.append((spent, same[1], finer[1], same[2], finer[2], ratio, closed, timed.certificate.holds))
+        timed, spent, same, fine, found, sampled = compared(path, cells)
+        duration = float(timed.duration)
+        broken = sum(status == "broken" for status, _ in found.values())
+        excess = [found[name][1] for name in LIMITS]
+        ratio, closed = (duration / x - 1 for x in (fine.duration, least))
+        rows.append((spent, same.spent, fine.spent, broken, *excess, sampled, ratio, closed, timed.certificate.holds))
         print(
-            f"{kind:6s}  {float(timed.duration):8.4f} {1e3 * spent:6.0f} {timed.certificate.holds!s:5} | "
-            f"{same[0]:8.4f} {1e3 * same[1]:6.1f} {same[2]:8.1e} | {finer[0]:8.4f} {finer[2]:8.1e} | "
-            f"{ratio:+.1e} {closed:+.1e}",
+            f"{kind:6s}  {duration:8.4f} {1e3 * spent:6.0f} {timed.certificate.holds!s:5} | {same.duration:8.4f} "
+            f"{1e3 * same.spent:6.1f} {broken} {' '.join(f'{x:7.1e}' for x in excess)} | {fine.duration:8.4f} "
+            f"{sampled:8.1e} | {ratio:+.1e} {closed:+.1e}",
             flush=True,
         )
-    spent, same, slower, excess, finer, ratio, closed, holds = (np.array(x) for x in zip(*rows, strict=True))
+    summary(np.array(rows, float))
+    suite(cells)
+
+
+def summary(rows):
+    """Print the ranges of the columns of `main`."""
+    spent, same, slower, broken, speed, lateral, longitudinal, finer, ratio, closed, holds = rows.T
+    largest = " ".join(f"{x.max():.1e}" for x in (speed, lateral, longitudinal))
     print(
         f"median run time {1e3 * np.median(spent):.0f} ms against {1e3 * np.median(same):.1f} ms and "
-        f"{1e3 * np.median(slower):.0f} ms with the finer grid; proved {holds.sum()} of {len(rows)}; excess between "
-        f"samples {excess.min():.1e} to {excess.max():.1e}, "
-        f"with the finer grid {finer.min():.1e} to {finer.max():.1e}; "
-        f"duration against the finer grid {ratio.min():+.1e} to {ratio.max():+.1e}, against closed forms "
-        f"{np.nanmin(closed):+.1e} to {np.nanmax(closed):+.1e}"
+        f"{1e3 * np.median(slower):.0f} ms with the finer grid; proved {int(holds.sum())} of {len(rows)}; TOPPRA's "
+        f"timing broken on {np.count_nonzero(broken)}, largest proved excess (v, lateral, longitudinal) {largest}, "
+        f"median of the longitudinal excess {np.median(longitudinal):.1e}; with the finer grid {finer.min():.1e} to "
+        f"{finer.max():.1e}; duration against the finer grid {ratio.min():+.1e} to {ratio.max():+.1e}, against closed "
+        f"forms {np.nanmin(closed):+.1e} to {np.nanmax(closed):+.1e}"
     )
 
 
