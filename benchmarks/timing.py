@@ -16,7 +16,6 @@ import argparse
 import itertools
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,16 +24,24 @@ import toppra
 from scipy.interpolate import CubicSpline
 from toppra import SplineInterpolator
 from toppra.algorithm import TOPPRA
-from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint, LinearConstraint
-from toppra.interpolator import AbstractGeometricPath
+from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 
 import qtraj as qt
-from benchmarks.timing_proof import Cells, cells_of, exceeded
+from benchmarks.timing_proof import cells_of
+from benchmarks.timing_toppra import (
+    LATERAL,
+    LIMITS,
+    LONGITUDINAL,
+    SPEED,
+    Sampled,
+    proved_excess,
+    sampled_excess,
+    with_toppra,
+)
 from qtraj.foundation import cores
 
-SPEED, LATERAL, LONGITUDINAL = 15.0, 3.0, 2.0
-LIMITS = {"speed": SPEED, "lateral_acceleration": LATERAL, "longitudinal_acceleration": LONGITUDINAL}
-PLACES, FINER = 64, 10
+FINER = 10
+"""How many times finer the second grid of TOPPRA is."""
 BLOCK, COMPARED, GRIDS = 32, 3, 7
 """Paths in a block of a batch; paths of the batch for TOPPRA, and number of its grids, each twice as fine."""
 SUITE = {"two_points_1": (1.0, 0.2), "two_points_2": (1e-4, 0.002)}
@@ -42,89 +49,6 @@ SUITE = {"two_points_1": (1.0, 0.2), "two_points_2": (1e-4, 0.002)}
 SUITE_LIMIT = 100.0
 """Limit on the speed [m/s] and on the acceleration [m/s²] in that suite."""
 DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
-
-
-class Sampled(AbstractGeometricPath):
-    """A path of qtraj for TOPPRA."""
-
-    def __init__(self, path):
-        self.evaluate = jax.jit(jax.vmap(lambda u: path.derivatives(u, 2)))
-        self._duration = float(path.duration)
-
-    def rows(self, u):
-        """r, r' and r'' at many parameters."""
-        return np.moveaxis(np.asarray(self.evaluate(jnp.asarray(np.atleast_1d(u), float))), 1, 0)
-
-    def __call__(self, path_positions, order=0):
-        found = self.rows(path_positions)[order]
-        return found if np.ndim(path_positions) else found[0]
-
-    dof = property(lambda self: 3)
-    path_interval = property(lambda self: np.array([0.0, self._duration]))
-    duration = property(lambda self: self._duration)
-    waypoints = property(lambda self: (np.array([0.0, self._duration]), self(np.array([0.0, self._duration]))))
-
-
-def coefficients(rows):
-    """The speed, the lateral acceleration per a, and (p, q) in the longitudinal acceleration p·a + q·a'/2."""
-    _, r1, r2 = rows
-    speed = np.linalg.norm(r1, axis=-1)
-    return speed, np.linalg.norm(np.cross(r1, r2), axis=-1) / speed, np.sum(r1 * r2, axis=-1) / speed
-
-
-class VehicleLimits(LinearConstraint):
-    """The three limits, on x = u̇² and ü."""
-
-    def compute_constraint_params(self, path, gridpoints, *args, **kwargs):
-        """Coefficients as TOPPRA defines them."""
-        speed, across, along = coefficients(path.rows(gridpoints))
-        n = len(gridpoints)
-        highest = np.minimum((SPEED / speed) ** 2, LATERAL / np.maximum(across, 1e-12))
-        bounds = np.stack([np.zeros(n), highest], axis=1)
-        sides, limits = np.tile([[[1.0], [-1.0]]], (n, 1, 1)), np.full((n, 2), LONGITUDINAL)
-        return speed[:, None], along[:, None], np.zeros((n, 1)), sides, limits, None, bounds
-
-
-class Solution(NamedTuple):
-    """TOPPRA's u̇² at its grid points, its duration [s], and its run time and processor time [s]."""
-
-    grid: np.ndarray
-    squares: np.ndarray
-    duration: float
-    spent: float
-    processor: float
-
-
-def with_toppra(own, grid):
-    """Solve the problem for a `Sampled` path on a grid of parameters."""
-    own.rows(grid)  # compiled before the clock starts
-    start, used_before = time.perf_counter(), time.process_time()
-    problem = TOPPRA([VehicleLimits()], own, gridpoints=grid, solver_wrapper="seidel")
-    _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
-    spent, processor = time.perf_counter() - start, time.process_time() - used_before
-    duration = float(np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])))
-    return Solution(grid, speeds**2, duration, spent, processor)
-
-
-def sampled_excess(own, solution):
-    """Return the largest relative excess of a limit at `PLACES` places of each interval."""
-    grid, a = solution.grid, solution.squares
-    fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
-    inner, slope = np.interp(fine, grid, a), np.repeat(np.diff(a) / np.diff(grid), PLACES)
-    speed, across, along = coefficients(own.rows(fine))
-    used = [
-        speed * np.sqrt(inner) / SPEED,
-        across * inner / LATERAL,
-        np.abs(along * inner + 0.5 * speed * slope) / LONGITUDINAL,
-    ]
-    return max(np.max(x) for x in used) - 1
-
-
-def proved_excess(cells: Cells, solution):
-    """Return the status and the proved excess of each limit, for a solution on the knots of `cells`."""
-    a = solution.squares
-    powers = np.stack([a[:-1], np.diff(a), 0 * a[1:], 0 * a[1:]], axis=1)
-    return exceeded(cells, powers, (True, True), qt.Limits(**LIMITS))
 
 
 def round_paths():
@@ -254,8 +178,9 @@ def suite(cells):
         other = SplineInterpolator([0.0, 1.0], points, bc_type="clamped")
         found = TOPPRA(constraints, other, gridpoints=np.linspace(0.0, 1.0, cells + 1), solver_wrapper="seidel")
         theirs = found.compute_trajectory(0.0, 0.0)
+        own = float(timed.duration)
         print(
-            f"{name}: optimum {best} s, retime {float(timed.duration):.8f} s ({float(timed.duration) / best - 1:+.1e}), "
+            f"{name}: optimum {best} s, retime {own:.8f} s ({own / best - 1:+.1e}), "
             f"proved {timed.certificate.holds}; TOPPRA "
             + (
                 "finds no solution"

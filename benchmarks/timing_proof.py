@@ -33,7 +33,8 @@ def cells_of(path, cells: int) -> Cells:
     """Return at least `cells` cells of a path without stops."""
     (part,), _ = of_path(path, cells, jerk=False)
     polynomials = source(path)
-    assert part.grid is not None and polynomials is not None
+    assert part.grid is not None
+    assert polynomials is not None
     start, end = float(part.start), float(part.end)
     return Cells(polynomials, part.grid, start + part.grid.knots * ((end - start) / part.grid.cells))
 
@@ -41,9 +42,9 @@ def cells_of(path, cells: int) -> Cells:
 def exceeded(cells: Cells, powers: np.ndarray, rest: tuple[bool, bool], limits: qt.Limits) -> dict:
     """Return the status of each limit, and the smallest e for which limit·(1 + e) is proved to be satisfied.
 
-    `powers` (cells, 4) are the coefficients of u̇² for ascending powers of the position in a cell, from 0 to 1. `rest` is
-    whether u̇² is zero at the start and at the end. e is 0 for a limit that is proved, and otherwise at most 1 % larger
-    than the smallest excess that can be proved; it is infinite if nothing can be proved.
+    `powers` (cells, 4) are the coefficients of u̇² for ascending powers of the position in a cell, from 0 to 1. `rest`
+    is whether u̇² is zero at the start and at the end. e is 0 for a limit that is proved, and otherwise at most 1 %
+    larger than the smallest excess that can be proved; it is infinite if nothing can be proved.
     """
     given = limits.given()
     names = [name for name in NAMES if name in given]
