@@ -50,3 +50,14 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     slopes = np.array([float(a - b) for a, b in pairs]) / (2 * STEP * at)
     assert np.count_nonzero(slopes < -0.01) >= 3
     assert exact == pytest.approx(slopes, rel=1e-6, abs=1e-7)
+
+
+def test_the_derivative_is_accurate_with_many_cells():
+    """With a limit on the lateral acceleration only, the duration is proportional to its power −1/2."""
+    lateral = 3.0
+
+    def shortest_time(value):
+        return qt.retime(PATH, qt.Limits(lateral_acceleration=value), knots=2048).duration
+
+    found, slope = jax.value_and_grad(shortest_time)(lateral)
+    assert slope == pytest.approx(-float(found) / (2 * lateral), rel=1e-6)
