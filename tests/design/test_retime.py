@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicSpline, PPoly
 
 import qtraj as qt
 from qtraj.design.timing import search
@@ -76,6 +76,29 @@ def test_the_jerk_rounds_the_corners_of_the_speed():
     assert np.isclose(timed.duration, 2 * (v1 / A + s) + (LENGTH - 2 * way) / V, rtol=2e-4)
     assert timed.certificate.holds
     assert largest(timed.path, "jerk") <= J
+
+
+@pytest.mark.parametrize(("length", "optimum"), [(1.0, 0.2), (1e-4, 0.002)])
+def test_known_optima_of_the_suite_of_toppra(length, optimum):
+    """`two_points_1` and `two_points_2`: 100 m/s and 100 m/s² on a line whose own velocity is zero at both ends."""
+    points = np.array([[0.0, 0, 0], [0, length, 0]])
+    line = qt.Route.from_piecewise(CubicSpline([0.0, 1.0], points, bc_type="clamped"))
+    timed = retimed(line, (0.0, 0.0), speed=100.0, acceleration=100.0)
+    assert optimum <= timed.duration <= optimum * (1 + 5e-5)
+    assert timed.certificate.holds
+
+
+@pytest.mark.parametrize(("path", "speed", "radius"), [(CIRCLE, 3.0, 30.0), (SPIRAL, 5.0, 31.25)])
+@pytest.mark.parametrize("limit", [7.0, 15.0])
+def test_a_circle_and_a_helix_from_rest_to_rest(path, speed, radius, limit):
+    """Constant longitudinal acceleration up to the speed that the speed or the lateral acceleration allows."""
+    across, along = 3.0, 2.0
+    timed = retimed(path, (0.0, 0.0), speed=limit, lateral_acceleration=across, longitudinal_acceleration=along)
+    highest, length = min(limit, (across * radius) ** 0.5), speed * float(path.duration)
+    least = length / highest + highest / along
+    assert highest**2 / along < length
+    assert least <= timed.duration <= least * (1 + 2e-4)
+    assert timed.certificate.holds
 
 
 def test_a_circle_from_rest_with_a_total_acceleration():

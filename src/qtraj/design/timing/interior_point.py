@@ -163,11 +163,12 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
     improvement = jnp.sum(jnp.abs(gradient * change.coefficients)) + jnp.sum(jnp.abs(residual) * z)
     error = jnp.where(jnp.max(violations) <= VIOLATED, mean * z.size + improvement, jnp.inf) / time
+    # The last step changes only the multipliers, on which the derivatives of the minimum depend.
     moves = jnp.where(error < enough, 0.0, 1.0)
     return State(
         s.coefficients + moves * primal * change.coefficients,
         s.slacks + moves * primal * change.slacks,
-        z + moves * dual * change.multipliers,
+        z + dual * change.multipliers,
         s.steps + 1,
         error,
     )
