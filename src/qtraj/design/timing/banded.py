@@ -35,13 +35,13 @@ class Factored(NamedTuple):
     separators: Float[Array, "k k 1"]
 
 
-def factor(band: Float[Array, "n 4"]) -> Factored:
-    """Factorise a matrix; row i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
-    n = band.shape[0]
+def factor(band: Float[Array, "4 n"]) -> Factored:
+    """Factorise a matrix; column i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
+    n = band.shape[1]
     size = next(rows for largest, rows in SIZES if n <= largest)
     more = -n % size
-    unit = jnp.concatenate([jnp.zeros((more, BELOW), band.dtype), jnp.ones((more, 1), band.dtype)], axis=1)
-    rows = jnp.moveaxis(jnp.concatenate([band, unit]).reshape(-1, size, BELOW + 1), 0, -1)
+    unit = jnp.concatenate([jnp.zeros((BELOW, more), band.dtype), jnp.ones((1, more), band.dtype)])
+    rows = jnp.concatenate([band, unit], axis=1).reshape(BELOW + 1, -1, size).transpose(2, 0, 1)
     before = skewed(rows[:BELOW, :BELOW])[:, :BELOW]  # couples the first three rows with the separator before the block
     inner = inverse_factor(rows[:-BELOW].at[:BELOW].multiply(_own(BELOW, band.dtype)))
     # The last three rows of a block have entries in three inner columns and, up to the diagonal, in their own columns.

@@ -132,9 +132,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     pace = p.weights * jnp.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
-    curvature = second_derivatives(p.constraints, v, z, ratio, a)
-    curvature[0][0] = curvature[0][0] + 0.75 * pace * inverse * inverse
-    factored = _factored(linear, p, curvature)
+    factored = _factored(linear, p, _curvature(p, v, z, ratio, a))
     mean, time = jnp.mean(s.slacks * z), jnp.sum(pace)
     residual = violations + s.slacks
     gradient = _gradient(p, cost_slope, slope, z)
@@ -173,6 +171,25 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     )
 
 
+def _curvature(p: Program, v: Array, z: Array, ratio: Array, a: Array) -> list[list[Array]]:
+    """Return the second derivatives of the Lagrangian at the nodes.
+
+    The loop over knots and inner nodes keeps the compiler from computing these values again for every entry of the
+    matrix.
+    """
+
+    def of_kind(k: Array) -> list[list[Array]]:
+        c, v_k, z_k, ratio_k, a_k, weights = (
+            jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, -2, keepdims=False), x)
+            for x in (p.constraints, v, z, ratio, a, jnp.asarray(p.weights))
+        )
+        found = second_derivatives(c, v_k, z_k, ratio_k, a_k)
+        found[0][0] = found[0][0] + 0.75 * weights / (a_k * a_k * jnp.sqrt(a_k))
+        return found
+
+    return jax.lax.map(of_kind, jnp.arange(2, dtype=jnp.int32))
+
+
 def _gradient(p: Program, cost_slope: Array, slope: Gradients, multipliers: Array) -> Float[Array, " cells+3"]:
     """Return the gradient of the Lagrangian with respect to the free coefficients."""
     at = weighted(slope, multipliers)
@@ -191,7 +208,7 @@ def _factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _
     free = jnp.asarray(p.nodes.free)
     scale = free * jax.lax.rsqrt(jnp.where(free > 0, own, 1.0))
     rows = [x * scale * jnp.pad(scale, (k, 0))[: scale.size] for k, x in enumerate(below, 1)]
-    band = jnp.stack([*rows[::-1], jnp.full_like(own, 1.0 + 1e-14)], axis=1)
+    band = jnp.stack([*rows[::-1], jnp.full_like(own, 1.0 + 1e-14)])
     return _Scaled(linear.factor(band), scale)
 
 
