@@ -128,7 +128,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     """Return the next iterate; `linear` is the module that solves the linear system."""
     v, z = at_nodes(p.nodes, s.coefficients), s.multipliers
     a, slope, violations = _positive(p, v), gradients(p.constraints, v), values(p.constraints, v)
-    inverse, inv_slacks = 1 / a, 1 / s.slacks
+    inverse, inv_slacks, inv_multipliers = 1 / a, 1 / s.slacks, 1 / z
     pace = p.weights * jnp.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
@@ -146,7 +146,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
         rise = changes(slope, dv)
         ds = -off - rise
         dz = target * inv_slacks - z - ratio * ds
-        primal, dual = (jnp.minimum(_length(*x), 1.0) for x in ((s.slacks, ds), (z, dz)))
+        primal, dual = (jnp.minimum(_length(*x), 1.0) for x in ((inv_slacks, ds), (inv_multipliers, dz)))
         predicted = jnp.mean((s.slacks + primal * ds) * (z + dual * dz))
         centring = jnp.clip((predicted / mean) ** 3, 1e-6, 1.0)
         target = jnp.maximum(centring * mean, jnp.minimum(least, mean)) - primal * dual * ds * dz
@@ -156,8 +156,8 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     nothing = _Change(jnp.zeros_like(s.coefficients), jnp.zeros_like(z), jnp.zeros_like(z), jnp.zeros_like(v))
     (_, _, change), _ = jax.lax.scan(newton, (jnp.zeros_like(z), residual, nothing), None, 2)
     shrinks = jnp.where(p.nodes.standing > 0, 0.0, change.values[0])
-    primal = jnp.minimum(BOUNDARY * _length(s.slacks, change.slacks), POSITIVE * _length(a, shrinks))
-    primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(z, change.multipliers)))
+    primal = jnp.minimum(BOUNDARY * _length(inv_slacks, change.slacks), POSITIVE * _length(inverse, shrinks))
+    primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(inv_multipliers, change.multipliers)))
     # The predicted improvements: by the duality gap, by Newton's step, and by the violations.
     improvement = jnp.sum(jnp.abs(gradient * change.coefficients)) + jnp.sum(jnp.abs(residual) * z)
     error = jnp.where(jnp.max(violations) <= VIOLATED, mean * z.size + improvement, jnp.inf) / time
@@ -216,6 +216,6 @@ def _solved(linear: ModuleType, s: _Scaled, right: Float[Array, " cells+3"]) -> 
     return linear.solve(s.factored, right * s.scale) * s.scale
 
 
-def _length(x: Array, dx: Array) -> Scalar:
-    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0."""
-    return 1 / jnp.maximum(jnp.max(-dx / x), 1e-3)
+def _length(inverse: Array, dx: Array) -> Scalar:
+    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0, where `inverse` is 1/x > 0."""
+    return 1 / jnp.maximum(jnp.max(-dx * inverse), 1e-3)
