@@ -40,12 +40,12 @@ def test_the_matrix_of_a_step_is_the_sum_over_the_nodes():
     own = nodes(np.array([0.0, 1.0, 1.5, 2.5, 4.0, 4.5, 5.0]), (False, False))
     rng = np.random.default_rng(3)
     parts = [[jnp.asarray(rng.normal(size=(2, 7))) for _ in range(i + 1)] for i in range(3)]
-    whole = [[parts[max(i, j)][min(i, j)] for j in range(3)] for i in range(3)]
+    whole = jnp.stack([jnp.stack([parts[max(i, j)][min(i, j)] for j in range(3)]) for i in range(3)])
     bands = np.asarray(gathered_band(own, parts))
     for j in range(9):
-        local = [np.pad(np.eye(9)[j], (0, 1))[k : k + 7] for k in range(4)]
-        v = sum(own.basis[:, k] * local[k][None, None] for k in range(4))
-        column = gathered(own, [sum(whole[i][d] * v[d] for d in range(3)) for i in range(3)])
+        local = np.stack([np.pad(np.eye(9)[j], (0, 1))[k : k + 7] for k in range(4)])
+        v = np.einsum("okdn,kn->odn", own.basis, local)
+        column = gathered(own, list(jnp.einsum("iodn,odn->idn", whole, v)))
         for d in range(4):
             if j + d < 9:
                 np.testing.assert_allclose(bands[d, j + d], column[j + d], rtol=0, atol=1e-12)
