@@ -23,7 +23,7 @@ def band_of(n, seed):
 def dense(band):
     """The whole matrix: column i of `band` has the entries (i, i − 3) to (i, i)."""
     n = band.shape[1]
-    lower = sum(np.diag(band[3 - k, k:], -k) for k in range(1, 4))
+    lower = np.sum([np.diag(band[3 - k, k:], -k) for k in range(1, 4)], axis=0)
     return lower + lower.T + np.diag(band[3, :n])
 
 
