@@ -1,8 +1,9 @@
 """Solve symmetric positive definite band systems with three subdiagonals by a block Cholesky factorisation.
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
-eliminated at the same time, which leaves a band system for the separating unknowns. So the number of sequential steps
-grows only with the square root of the number of unknowns. The last axis of every array indexes the blocks.
+eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is the
+fastest method for a small system. So the number of sequential steps is the number of rows in a block. The last axis of
+every array indexes the blocks.
 """
 
 import functools
@@ -17,8 +18,12 @@ from jaxtyping import Array, Float
 BELOW = 3
 """Number of subdiagonals."""
 
-SIZES = ((150, 16), (600, 24), (2100, 48), (10**9, 64))
+SIZES = ((150, 16), (600, 24), (1100, 32), (10**9, 64))
 """Pairs of a maximum number of unknowns, and the number of rows in a block up to this maximum."""
+
+DENSE = 110
+"""The largest number of separating unknowns for which LAPACK was measured to be faster than our own factorisation. From
+about 129 unknowns its run time jumps, most likely because it starts to use several threads."""
 
 
 def total(terms: Iterable[Any]) -> Any:
@@ -27,21 +32,21 @@ def total(terms: Iterable[Any]) -> Any:
 
 
 class Factored(NamedTuple):
-    """Inverse Cholesky factors of the inner blocks and of the separators; `left` and `right` couple them."""
+    """Inverse Cholesky factors of the inner blocks, `left` and `right` couplings, and the factor of the separators."""
 
-    inner: Float[Array, "m m blocks"]
+    inner: Float[Array, "blocks m m"]
     left: Float[Array, "m 3 blocks"]
     right: Float[Array, "m 3 blocks"]
-    separators: Float[Array, "k k 1"]
+    separators: Float[Array, "k k"]  # the inverse factor with more than DENSE unknowns
 
 
-def factor(band: Float[Array, "n 4"]) -> Factored:
-    """Factorise a matrix; row i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
-    n = band.shape[0]
+def factor(band: Float[Array, "4 n"]) -> Factored:
+    """Factorise a matrix; column i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
+    n = band.shape[1]
     size = next(rows for largest, rows in SIZES if n <= largest)
     more = -n % size
-    unit = jnp.concatenate([jnp.zeros((more, BELOW), band.dtype), jnp.ones((more, 1), band.dtype)], axis=1)
-    rows = jnp.moveaxis(jnp.concatenate([band, unit]).reshape(-1, size, BELOW + 1), 0, -1)
+    unit = jnp.concatenate([jnp.zeros((BELOW, more), band.dtype), jnp.ones((1, more), band.dtype)])
+    rows = jnp.concatenate([band, unit], axis=1).reshape(BELOW + 1, -1, size).transpose(2, 0, 1)
     before = skewed(rows[:BELOW, :BELOW])[:, :BELOW]  # couples the first three rows with the separator before the block
     inner = inverse_factor(rows[:-BELOW].at[:BELOW].multiply(_own(BELOW, band.dtype)))
     # The last three rows of a block have entries in three inner columns and, up to the diagonal, in their own columns.
@@ -49,27 +54,46 @@ def factor(band: Float[Array, "n 4"]) -> Factored:
     across, own = last[:, :BELOW], last[:, BELOW:]
     left = total(inner[:, k, None] * before[k][None] for k in range(BELOW))
     right = total(inner[:, k - BELOW, None] * across[None, :, k] for k in range(BELOW))
-    both = jnp.concatenate([left, right], axis=1)
-    taken = jnp.sum(both[:, :, None] * both[:, None], axis=0)
-    after = jnp.pad(taken[:BELOW, :BELOW, 1:], [(0, 0), (0, 0), (0, 1)])
-    blocks = jnp.concatenate([-taken[BELOW:, :BELOW], own - taken[BELOW:, BELOW:] - after], axis=1)
-    separators = jnp.moveaxis(_backward(blocks), -1, 0).reshape(-1, 2 * BELOW, 1)
-    return Factored(inner, left, right, inverse_factor(separators))
+    both = jnp.concatenate([left, right], axis=1).transpose(2, 0, 1)
+    taken = both.transpose(0, 2, 1) @ both
+    after = jnp.pad(taken[1:, :BELOW, :BELOW], [(0, 1), (0, 0), (0, 0)])
+    diagonal = own.transpose(2, 0, 1) - taken[:, BELOW:, BELOW:] - after
+    separators = _factored_blocks(diagonal, -taken[:, BELOW:, :BELOW])
+    return Factored(inner.transpose(2, 0, 1), left, right, separators)
 
 
 def solve(f: Factored, right: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the solution of the linear system with the factored matrix."""
-    rows, blocks = f.inner.shape[0], f.inner.shape[-1]
-    b = jnp.pad(right, (0, blocks * (rows + BELOW) - right.size)).reshape(blocks, -1).T
-    y = jnp.sum(f.inner * b[None, :rows], axis=1)
+    blocks, rows = f.inner.shape[:2]
+    b = jnp.pad(right, (0, blocks * (rows + BELOW) - right.size)).reshape(blocks, -1)
+    y = jnp.einsum("bij,bj->bi", f.inner, b[:, :rows]).T
     before, own = (jnp.sum(x * y[:, None], axis=0) for x in (f.left, f.right))
-    reduced = b[rows:] - own - jnp.pad(before[:, 1:], [(0, 0), (0, 1)])
-    z = jnp.sum(f.separators[..., 0] * reduced.T.reshape(1, -1), axis=1)
-    x = jnp.sum(f.separators[..., 0] * z[:, None], axis=0).reshape(blocks, BELOW).T
+    reduced = b[:, rows:].T - own - jnp.pad(before[:, 1:], [(0, 0), (0, 1)])
+    x = _of_separators(f.separators, reduced.T.reshape(-1)).reshape(blocks, BELOW).T
     previous = jnp.pad(x[:, :-1], [(0, 0), (1, 0)])
     y = y - total(f.left[:, k] * previous[None, k] + f.right[:, k] * x[None, k] for k in range(BELOW))
-    inner = jnp.sum(f.inner * y[:, None], axis=0)
-    return jnp.concatenate([inner, x]).T.reshape(-1)[: right.size]
+    inner = jnp.einsum("bij,bi->bj", f.inner, y.T)
+    return jnp.concatenate([inner, x.T], axis=1).reshape(-1)[: right.size]
+
+
+def _factored_blocks(own: Float[Array, "blocks 3 3"], before: Float[Array, "blocks 3 3"]) -> Float[Array, "k k"]:
+    """Factorise the matrix with the blocks `own` on the diagonal and `before` to the left of them."""
+    blocks = own.shape[0]
+    if BELOW * blocks > DENSE:
+        rows = jnp.concatenate([before, own], axis=2).transpose(1, 2, 0)
+        rows = skewed(rows[::-1])[::-1, : rows.shape[1]]  # each row ends with its diagonal entry
+        return inverse_factor(jnp.moveaxis(rows, -1, 0).reshape(-1, 2 * BELOW, 1))[..., 0]
+    on, under = (jnp.eye(blocks, k=k, dtype=own.dtype)[:, None, :, None] for k in (0, -1))
+    lower = on * own[:, :, None] + under * before[:, :, None]
+    return jax.lax.linalg.cholesky(lower.reshape(BELOW * blocks, BELOW * blocks), symmetrize_input=False)
+
+
+def _of_separators(factored: Float[Array, "k k"], right: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Return the solution for the separators."""
+    if right.size > DENSE:
+        return jnp.sum(factored * jnp.sum(factored * right[None], axis=1)[:, None], axis=0)
+    triangular = functools.partial(jax.lax.linalg.triangular_solve, factored, left_side=True, lower=True)
+    return triangular(triangular(right[:, None]), transpose_a=True)[:, 0]
 
 
 def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m blocks"]:
@@ -102,11 +126,6 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
 def _own(count: int, dtype: Any) -> Array:
     """Return 1 for entries of the first rows in existing columns, and 0 for entries before the first column."""
     return jnp.asarray([[i + e >= count for e in range(count + 1)] for i in range(count)], dtype)[:, :, None]
-
-
-def _backward(x: Float[Array, "rows n blocks"]) -> Float[Array, "rows n blocks"]:
-    """Convert rows of a matrix to band rows: each row is shifted to the right by its distance from the last row."""
-    return skewed(x[::-1])[::-1, : x.shape[1]]
 
 
 def skewed(x: Float[Array, "rows n ..."], step: int = 1) -> Float[Array, "rows m ..."]:

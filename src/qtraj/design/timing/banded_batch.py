@@ -24,8 +24,8 @@ class Factored(NamedTuple):
     inverse: Float[Array, " n"]
 
 
-def factor(band: Float[Array, "n 4"]) -> Factored:
-    """Factorise a matrix; row i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
+def factor(band: Float[Array, "4 n"]) -> Factored:
+    """Factorise a matrix; column i of `band` contains the entries (i, i − 3) to (i, i) of the matrix."""
 
     def step(last: Any, row: tuple[Array, ...]) -> tuple[Any, Factored]:
         """Compute a row of the factor from the three rows before it."""
@@ -38,7 +38,7 @@ def factor(band: Float[Array, "n 4"]) -> Factored:
 
     zero, one = jnp.zeros_like(band[0, 0]), jnp.ones_like(band[0, 0])
     unit = Factored(zero, zero, zero, one)
-    return jax.lax.scan(step, (unit, unit, unit), tuple(band.T), unroll=UNROLLED)[1]
+    return jax.lax.scan(step, (unit, unit, unit), tuple(band), unroll=UNROLLED)[1]
 
 
 def solve(f: Factored, right: Float[Array, " n"]) -> Float[Array, " n"]:

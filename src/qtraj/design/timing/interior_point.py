@@ -128,13 +128,11 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     """Return the next iterate; `linear` is the module that solves the linear system."""
     v, z = at_nodes(p.nodes, s.coefficients), s.multipliers
     a, slope, violations = _positive(p, v), gradients(p.constraints, v), values(p.constraints, v)
-    inverse, inv_slacks = 1 / a, 1 / s.slacks
+    inverse, inv_slacks, inv_multipliers = 1 / a, 1 / s.slacks, 1 / z
     pace = p.weights * jnp.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
-    curvature = second_derivatives(p.constraints, v, z, ratio, a)
-    curvature[0][0] = curvature[0][0] + 0.75 * pace * inverse * inverse
-    factored = _factored(linear, p, curvature)
+    factored = _factored(linear, p, _curvature(p, v, z, ratio, a))
     mean, time = jnp.mean(s.slacks * z), jnp.sum(pace)
     residual = violations + s.slacks
     gradient = _gradient(p, cost_slope, slope, z)
@@ -148,7 +146,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
         rise = changes(slope, dv)
         ds = -off - rise
         dz = target * inv_slacks - z - ratio * ds
-        primal, dual = (jnp.minimum(_length(*x), 1.0) for x in ((s.slacks, ds), (z, dz)))
+        primal, dual = (jnp.minimum(_length(*x), 1.0) for x in ((inv_slacks, ds), (inv_multipliers, dz)))
         predicted = jnp.mean((s.slacks + primal * ds) * (z + dual * dz))
         centring = jnp.clip((predicted / mean) ** 3, 1e-6, 1.0)
         target = jnp.maximum(centring * mean, jnp.minimum(least, mean)) - primal * dual * ds * dz
@@ -158,8 +156,8 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     nothing = _Change(jnp.zeros_like(s.coefficients), jnp.zeros_like(z), jnp.zeros_like(z), jnp.zeros_like(v))
     (_, _, change), _ = jax.lax.scan(newton, (jnp.zeros_like(z), residual, nothing), None, 2)
     shrinks = jnp.where(p.nodes.standing > 0, 0.0, change.values[0])
-    primal = jnp.minimum(BOUNDARY * _length(s.slacks, change.slacks), POSITIVE * _length(a, shrinks))
-    primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(z, change.multipliers)))
+    primal = jnp.minimum(BOUNDARY * _length(inv_slacks, change.slacks), POSITIVE * _length(inverse, shrinks))
+    primal, dual = (jnp.minimum(x, 1.0) for x in (primal, BOUNDARY * _length(inv_multipliers, change.multipliers)))
     # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
     improvement = jnp.sum(jnp.abs(gradient * change.coefficients)) + jnp.sum(jnp.abs(residual) * z)
     error = jnp.where(jnp.max(violations) <= VIOLATED, mean * z.size + improvement, jnp.inf) / time
@@ -172,6 +170,25 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
         s.steps + 1,
         error,
     )
+
+
+def _curvature(p: Program, v: Array, z: Array, ratio: Array, a: Array) -> list[list[Array]]:
+    """Return the second derivatives of the Lagrangian at the nodes.
+
+    The loop over knots and inner nodes keeps the compiler from computing these values again for every entry of the
+    matrix.
+    """
+
+    def of_kind(k: Array) -> list[list[Array]]:
+        c, v_k, z_k, ratio_k, a_k, weights = (
+            jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, -2, keepdims=False), x)
+            for x in (p.constraints, v, z, ratio, a, jnp.asarray(p.weights))
+        )
+        found = second_derivatives(c, v_k, z_k, ratio_k, a_k)
+        found[0][0] = found[0][0] + 0.75 * weights / (a_k * a_k * jnp.sqrt(a_k))
+        return found
+
+    return jax.lax.map(of_kind, jnp.arange(2, dtype=jnp.int32))
 
 
 def _gradient(p: Program, cost_slope: Array, slope: Gradients, multipliers: Array) -> Float[Array, " cells+3"]:
@@ -192,7 +209,7 @@ def _factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _
     free = jnp.asarray(p.nodes.free)
     scale = free * jax.lax.rsqrt(jnp.where(free > 0, own, 1.0))
     rows = [x * scale * jnp.pad(scale, (k, 0))[: scale.size] for k, x in enumerate(below, 1)]
-    band = jnp.stack([*rows[::-1], jnp.full_like(own, 1.0 + 1e-14)], axis=1)
+    band = jnp.stack([*rows[::-1], jnp.full_like(own, 1.0 + 1e-14)])
     return _Scaled(linear.factor(band), scale)
 
 
@@ -200,6 +217,6 @@ def _solved(linear: ModuleType, s: _Scaled, right: Float[Array, " cells+3"]) -> 
     return linear.solve(s.factored, right * s.scale) * s.scale
 
 
-def _length(x: Array, dx: Array) -> Scalar:
-    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0."""
-    return 1 / jnp.maximum(jnp.max(-dx / x), 1e-3)
+def _length(inverse: Array, dx: Array) -> Scalar:
+    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0, where `inverse` is 1/x > 0."""
+    return 1 / jnp.maximum(jnp.max(-dx * inverse), 1e-3)

@@ -189,7 +189,7 @@ def _enclosures(
         a, slope, bend, rest = (from_model(x)[0] for x in motion)
         path, ahead = ([from_model(x) for x in vectors] for vectors in (r[:3], q))
         cells = _Cells(path, ahead, None if w is None else from_model(w)[0], a, slope, bend)
-        rows = [_slack(name, _limit(chosen(limits[name]) + 0.0 * half), cells) for name in names]
+        rows = [_slack(name, _limit(chosen(limits[name]) + 0.0 * half[None]), cells) for name in names]
         found = enclose_minimum(*interpolated(to_model([*rows, rest]), semi_axes(within[1])))
         if not on_road or vehicle is None:
             return found.low, found.high
