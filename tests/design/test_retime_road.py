@@ -12,6 +12,7 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.parts import of_path
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.sources import source
+from qtraj.foundation import document
 
 G = 9.80665
 RADIUS, ANGLE = 30.0, 2.0
@@ -127,7 +128,7 @@ def test_derivatives_of_the_duration_with_respect_to_the_vehicle():
 
 def test_the_result_is_stored_with_its_vehicle_and_its_profile_shows_the_limits(corner, tmp_path):
     _, timed = corner
-    timed.save(tmp_path / "timed.json")
+    document.save(timed, tmp_path / "timed.json")
     loaded = qt.load(tmp_path / "timed.json")
     assert float(loaded.vehicle.bank) == 0.05
     profile = qt.speed_profile(loaded)

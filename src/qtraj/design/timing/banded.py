@@ -1,9 +1,9 @@
 """Solve symmetric positive definite band systems with three subdiagonals by a block Cholesky factorisation.
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
-eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is the
-fastest method for a small system. So the number of sequential steps is the number of rows in a block. The last axis of
-every array indexes the blocks.
+eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is
+the fastest method for a small system. So the number of sequential steps is the number of rows in a block. The last axis
+of every array indexes the blocks.
 """
 
 import functools

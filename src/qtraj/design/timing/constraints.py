@@ -124,7 +124,9 @@ def parts(
     if vehicle is None:
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
-    return found._replace(road=road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds))
+    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
+    # Where r' and r'' are zero, the forces do not depend on the timing.
+    return found._replace(road=road.without(on_road, inv_ahead <= 0))
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:

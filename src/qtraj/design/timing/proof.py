@@ -91,9 +91,10 @@ def prove(
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
     are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`. Limits on
-    friction and power need a `vehicle`.
+    friction and power are absent without a `vehicle`.
     """
-    names = tuple(name for name in NAMES if name in bounds)
+    known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
+    names = tuple(name for name in known if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
     wanted = jnp.append(jnp.isfinite(given), True)[:, None]
     enclose = _enclosures(
