@@ -166,7 +166,7 @@ for end, state in ((0.0, A), (tk, B)):
 # %% [markdown]
 # ## Special cases
 #
-# With $V_{1A}=V_{3A}=V_{2B}=V_{3B}=0$ the printed hodograph keeps two terms in each bracket,
+# With $V_{1A}=V_{3A}=V_{2B}=V_{3B}=0$ each printed bracket keeps only its constant, quadratic and cubic terms,
 #
 # $$\rho = r_{1A} + \frac{12}{\pi^2}\left(\frac{V_{2A}}{r_{1A}}\right)^2(r_{2B}-r_{1A})\,t^2
 #        - \frac{16}{\pi^3}\left(\frac{V_{2A}}{r_{1A}}\right)^3(r_{2B}-r_{1A})\,t^3,$$
@@ -531,7 +531,7 @@ print(f"|λ| grew to {grown.norm[-1]:.3f} = exp(0.8); the attitude is that of th
 # A rotation by $\Phi_*$ about one axis $e$ leads from any attitude to any other: $a=\bar\lambda_0\circ\lambda_*$,
 # $\cos(\Phi_*/2)=a_0$, $e=a_v/\sin(\Phi_*/2)$, and $\lambda^0(t) =
 # \lambda_0\circ(\cos\frac{\Phi(t)}2+e\sin\frac{\Phi(t)}2)$, $\omega^0=\dot\Phi e$, $\varepsilon^0=\ddot\Phi e$. The
-# printed $(\sin\Phi_*/2)^{-1}$ must be read as the sine of the half angle. $\arccos a_0$ loses small angles, so the
+# printed $(\sin\Phi_*/2)^{-1}$ must be read as $1/\sin(\Phi_*/2)$. $\arccos a_0$ loses small angles, so the
 # library uses $\Phi_*=2\,\mathrm{atan2}(|a_v|,|a_0|)$.
 
 # %%

@@ -97,7 +97,7 @@ def _forces(path: AbstractHodograph, vehicle: Any, times: Array, quaternions: Ar
 
 
 def _moment(at: Attitude, vehicle: Any, axes: str) -> Array:
-    """Return the moment (3,) [N m] that rotates a vehicle with a frame, in the axes of the frame or in world axes."""
+    """Return the moment (3,) [N m] that makes a vehicle rotate with a frame, in the frame's axes or in world axes."""
     moment = torque(at, vehicle.inertia_in_frame())
     return moment if axes == BODY else quaternion.rotate(at.quaternion, moment)
 

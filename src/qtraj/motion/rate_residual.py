@@ -61,9 +61,11 @@ class RateResidual(AbstractResult):
         along = "body" if self.mounting is not None else "vertical"
         variables = {
             "rms": Quantity(
-                self.rms, "rad s-1", "root mean square of the difference between recorded and program's rate", (along,)
+                self.rms, "rad s-1", "RMS difference between the recorded rate and the program's rate", (along,)
             ),
-            "correlation": Quantity(self.correlation, "1", "correlation of recorded and program's rate", (along,)),
+            "correlation": Quantity(
+                self.correlation, "1", "correlation of the recorded rate with the program's rate", (along,)
+            ),
             "samples": Quantity(self.samples, "1", "number of samples compared"),
         }
         if self.mounting is not None:

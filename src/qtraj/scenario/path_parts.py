@@ -129,7 +129,7 @@ class FitPart(Part):
         None,
     )
     radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = key(
-        f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} mean radii",
+        f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} times the mean radius",
         "two positive finite radii [low, high] [m]",
         None,
     )

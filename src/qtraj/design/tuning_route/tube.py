@@ -1,7 +1,7 @@
 """Prove that a route stays within a tube around another route, at equal fractions of corresponding segments.
 
 The square of the half-width minus the square of the distance is a polynomial of degree up to 14 on each segment. Its
-Bernstein coefficients are a lower bound; segments without a proof are halved. All computations use NumPy.
+smallest Bernstein coefficient is a lower bound. Segments without a proof are halved. All computations use NumPy.
 """
 
 from math import comb

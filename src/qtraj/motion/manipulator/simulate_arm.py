@@ -2,7 +2,8 @@
 
 Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
 determine the attitude and rate of the gripper, the law computes the angular acceleration ε_ξ, and the geometric
-Jacobian converts ε_ξ to joint accelerations q̈. |λ| and ω0 are variables of the control computer. Away from
+Jacobian converts ε_ξ to joint accelerations q̈. The norm |λ| and its rate ω0 are not measured: they are
+variables of the control computer. Away from
 singularities, the gripper has the commanded acceleration, so the error of the gripper satisfies the same linear
 equation as the error of a free body.
 """
