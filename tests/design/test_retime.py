@@ -402,7 +402,7 @@ def test_what_is_left_of_the_speed_at_a_stop_is_in_the_error_of_its_direction():
             {"limits": qt.Limits(speed=5.0, curvature=1.0, torsion=1.0)},
             "does not support a limit on curvature, torsion;",
         ),
-        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "bounds the speed.* only a limit on the speed"),
+        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "bounds the speed.* add a limit on the speed"),
         ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),
         ({"limits": qt.Limits(speed=5.0), "start_speed": -1.0}, "at least 0"),
         ({"limits": qt.Limits(speed=5.0), "stop_speed": -0.1}, "stop_speed must be at least 0"),

@@ -146,3 +146,18 @@ def test_a_batch_of_limits_matches_single_searches():
 
     batch = jax.vmap(duration)(jnp.asarray(limits))
     np.testing.assert_allclose(batch, [float(duration(x)) for x in limits], rtol=1e-9)
+
+
+def test_derivatives_without_a_limit_on_friction():
+    """The absent limit is infinite, and must not make the derivatives NaN."""
+
+    def duration(bank, rate):
+        path = qt.SpiralHelix([RADIUS], jnp.stack([0.0 * rate, rate]), [0.0], 20.0)
+        limits = qt.Limits(speed=30.0, power=POWER, vehicle=qt.Vehicle(MASS, drag_area=0.7, bank=bank))
+        return qt.retime(path, limits, start_speed=0.0, knots=64).duration
+
+    by_bank, by_rate = jax.grad(duration, (0, 1))(0.05, ANGLE / 20)
+    assert abs(float(by_bank)) < 1e-9  # without rolling resistance, the power does not depend on the bank
+    step = 1e-4
+    slope = (duration(0.05, ANGLE / 20 + step) - duration(0.05, ANGLE / 20 - step)) / (2 * step)
+    np.testing.assert_allclose(float(by_rate), float(slope), rtol=1e-3)

@@ -2,8 +2,8 @@
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
 eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is
-the fastest method for a small system. So the number of sequential steps is the number of rows in a block. The last axis
-of every array indexes the blocks.
+the fastest method for a small system; a larger one is factorised row by row. The last axis of every array indexes the
+blocks.
 """
 
 import functools

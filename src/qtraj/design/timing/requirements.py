@@ -24,7 +24,7 @@ def require_limits(limits: Limits) -> tuple[str, ...]:
     if not set(bounding) & set(names):
         raise ValueError(
             f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
-            "on straight parts of a path, only a limit on the speed, or on the power of a vehicle with drag, does so."
+            "if the path has straight parts, add a limit on the speed."
         )
     return names
 

@@ -58,10 +58,10 @@ def retime(
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `angular_rate` and, with a vehicle, `friction`
-    and `power`. `start_speed` and
-    `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the speed. Inside
-    jit, vmap and grad, a speed of zero must be a Python number. At an end at rest where the velocity of `path` itself
-    is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
+    and `power`. `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the
+    search choose the speed. Inside jit, vmap and grad, a speed of zero must be a Python number. At an end at rest where
+    the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the
+    ends.
 
     With the path parameter u, the function u̇²(u) is a cubic spline with continuous second derivative in `knots` cells,
     a power of two. With more cells the duration is closer to the minimum over all timings.
@@ -73,11 +73,11 @@ def retime(
     unchanged.
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
-    a limit on the jerk the problem is convex. Limits are imposed at the knots and at one point inside each cell, and
-    are tightened in cells where they are exceeded elsewhere. If the path is polynomial, the limits are then proved to
-    be satisfied on every cell. `duration` is differentiable with respect to the path and the limits, in forward and
-    reverse mode; `jax.vmap` and `jax.lax.map` create batches. A route must have concrete values, but its limits may be
-    traced.
+    limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
+    and are tightened in cells where they are exceeded elsewhere. If the path is polynomial, the limits are then proved
+    to be satisfied on every cell. At a stop, friction and power count as zero. `duration` is differentiable with
+    respect to the path and the limits, in forward and reverse mode; `jax.vmap` and `jax.lax.map` create batches. A
+    route must have concrete values, but its limits may be traced.
 
     **Raises:** ValueError for limits that do not depend on the timing or do not bound the speed, a negative speed,
     `knots` that is not a power of two or less than 16, float32, a path whose velocity is zero at an instant, and a

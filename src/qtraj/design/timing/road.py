@@ -66,8 +66,7 @@ def road(
     resistance = vehicle.rolling * jnp.stack([*onto, 0.0 * level])
     power = (vehicle.mass * speed / bounds["power"])[None] * (along + resistance)
     at_rest = jnp.where(onto[0] > 0, onto[0], 1.0)
-    limit = at_rest * bounds["friction"]
-    inverse = (1 / limit)[None]
+    inverse = ((1 / bounds["friction"]) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
     neutral = jnp.stack([jnp.ones_like(level), jnp.zeros_like(level)])
     grip = grip[0], grip[1], jnp.where(jnp.isfinite(bounds["friction"]), grip[2], neutral)

@@ -125,7 +125,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
     """Compute the fastest timing; its `sensitivity` has derivatives with respect to the path and the limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    powers, usage, error = _satisfied(r, t, None if places.road is None else places)
+    powers, usage, error = _satisfied(r, t, None if places.road is None else stop_gradient(places))
     return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
 
 
