@@ -12,10 +12,11 @@ square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a li
 becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
 
 The last axes of every array index the nodes. With b = a' and c = a'', a form in (a, b) is represented by the entries
-(aa, ab, bb) of its symmetric matrix. The form in (a, b, c) is represented by its whole matrix.
+(aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the entries (aa, ab, bb, ac, bc, cc). No code is
+compiled for absent limits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -37,16 +38,13 @@ FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 """Limits whose squares are quadratic forms in a and a'."""
 
 NAMES = (*UPPER, *FORMS, "jerk", *ROAD)
-"""Limits that depend on the timing, in the order of all arrays. Without a vehicle, arrays end before `ROAD`."""
+"""Limits that depend on the timing, in the order of all arrays, which omit absent limits."""
 
-POWERS = (*(0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER), *[1.0] * len(FORMS), 1.5)
+POWERS = {name: 0.5 * QUANTITIES[name].per_time for name in NAMES if name not in ROAD}
 """For each quantity an exponent p: if a is multiplied by a constant k, the quantity is multiplied by k^p.
 
 Friction and power are not such powers, because gravity does not depend on a.
 """
-
-JERK = 1 + len(FORMS)
-"""Index of the constraint on the jerk, after the upper bound and the forms. The constraints of `ROAD` follow."""
 
 STANDING = 1e-8
 """|r'| below this fraction of its maximum is treated as zero."""
@@ -55,21 +53,36 @@ LARGEST = 1e12
 """Bound on a where no limit bounds it."""
 
 
+def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
+    """Return the names of the rows of arrays for the limits `bounds`; with a vehicle there is a row for all `ROAD`."""
+    return tuple(name for name in NAMES if (vehicle if name in ROAD else name in bounds))
+
+
 class Constraints(NamedTuple):
     """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, and `road`.
 
-    The coefficients of absent limits are zero. Without a vehicle, `road` is None.
+    There is one form for each limit of `FORMS`. The jerk and the road are None without such a limit.
     """
 
     upper: Float[Array, "*nodes"]
-    forms: Float[Array, "3 3 *nodes"]
-    jerk: Float[Array, "3 3 *nodes"]
+    forms: tuple[Float[Array, "3 *nodes"], ...]
+    jerk: Float[Array, "6 *nodes"] | None = None
     road: Road | None = None
 
     @property
     def per_node(self) -> int:
         """Number of constraints at each node."""
-        return JERK + 1 + (0 if self.road is None else len(ROAD))
+        return self.before_road + (0 if self.road is None else len(ROAD))
+
+    @property
+    def before_road(self) -> int:
+        """Number of constraints at each node without those of `road`: the upper bound, the forms and the jerk."""
+        return 1 + len(self.forms) + (self.jerk is not None)
+
+    @property
+    def orders(self) -> int:
+        """Number of components of v that the constraints contain: a, a' and, with a limit on the jerk, a''."""
+        return 2 if self.jerk is None else 3
 
 
 Gradients = Sequence[tuple[Any, ...]]
@@ -79,14 +92,14 @@ Gradients = Sequence[tuple[Any, ...]]
 class Parts(NamedTuple):
     """The constraints before the upper bounds are combined; `upper` has one row for each limit."""
 
-    upper: Float[Array, "4 *nodes"]
-    forms: Float[Array, "3 3 *nodes"]
-    jerk: Float[Array, "3 3 *nodes"]
+    upper: Float[Array, "uppers *nodes"]
+    forms: tuple[Float[Array, "3 *nodes"], ...]
+    jerk: Float[Array, "6 *nodes"] | None = None
     road: Road | None = None
 
     def constraints(self) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node."""
-        upper = jnp.maximum(jnp.max(self.upper, axis=0), 1 / LARGEST)
+        upper = jnp.max(self.upper, axis=0, initial=1 / LARGEST)
         upper = upper if self.road is None else jnp.maximum(upper, self.road.upper)
         return Constraints(upper, self.forms, self.jerk, self.road)
 
@@ -96,8 +109,7 @@ def parts(
 ) -> Parts:
     """Compute the constraints from `r`, the derivatives r', r'' and r''' at the nodes.
 
-    Derivatives of a are with respect to u/`unit`. The bounds of absent limits are infinite. Limits on friction and
-    power are included only with a `vehicle`.
+    Derivatives of a are with respect to u/`unit`. Limits on friction and power are included only with a `vehicle`.
     """
     r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
@@ -112,19 +124,18 @@ def parts(
     half = 0.5 / unit
     along = dot(ahead, r2) * inv_ahead, half * jnp.sqrt(i.S)
     turning = growth, half * rate
-    whole = i.A, half * i.B, half * half * i.S
-    forms = [jnp.stack([p * p, p * q, q * q]) for p, q in (along, turning)] + [jnp.stack(whole)]
-    scaled = [form / bounds[name] ** 2 for name, form in zip(FORMS, forms, strict=True)]
-    second = half / unit
-    aa, ab, bb = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
-    ac, bc, cc = second * i.C, 3 * half * second * i.B, second**2 * i.S
-    jerk = jnp.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc]).reshape(3, 3, *aa.shape)
-    upper = [_upper(name, i, bounds[name], moving) for name in UPPER]
-    found = Parts(jnp.stack(upper), jnp.stack(scaled), jerk / bounds["jerk"] ** 2)
+    forms = dict(zip(FORMS, (_square(*along), _square(*turning), (i.A, half * i.B, half * half * i.S)), strict=True))
+    scaled = tuple(jnp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds)
+    jerk, second = None, half / unit
+    if "jerk" in bounds:
+        level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
+        jerk = jnp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S]) / bounds["jerk"] ** 2
+    upper = [_upper(name, i, bounds[name], moving) for name in UPPER if name in bounds]
+    found = Parts(jnp.stack(upper) if upper else jnp.zeros((0, *square.shape), square.dtype), scaled, jerk)
     if vehicle is None:
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
-    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
+    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, dict.fromkeys(ROAD, jnp.inf) | bounds)
     # Where r' vanishes, r'' has the direction of motion or the opposite direction.
     return found._replace(road=road.without(on_road, ~moving))
 
@@ -142,41 +153,48 @@ def _inverse_root(x: Array) -> Array:
     return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** -0.5, 0.0)
 
 
+def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Return the entries of the form (pa + qa')²."""
+    return p * p, p * q, q * q
+
+
 def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constraints:
     """Return the same constraints with their limits divided by `factors`."""
-    own = None if c.road is None else road.tightened(c.road, factors[JERK + 1 :])
-    forms, jerk = c.forms * factors[1:JERK, None] ** 2, c.jerk * factors[None, JERK, None] ** 2
-    return Constraints(c.upper * factors[0], forms, jerk, own)
+    own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
+    squares = factors[1:] ** 2
+    forms = tuple(form * x for form, x in zip(c.forms, squares, strict=False))
+    return Constraints(c.upper * factors[0], forms, None if c.jerk is None else c.jerk * squares[len(forms)], own)
 
 
-def used(p: Parts, v: Float[Array, "3 *nodes"]) -> Float[Array, "limits *nodes"]:
-    """Return each quantity divided by its limit, in the order of `NAMES`."""
-    rows = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
-    upper = [jnp.sqrt(x) if power < 1 else x for x, power in zip(rows, POWERS, strict=False)]
-    squares = [*_forms(p.forms, v), v[0] * _quadratic(p.jerk, v)]
+def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *nodes"]:
+    """Return each quantity divided by its limit, in the order of `NAMES`; for `UPPER`, return a divided by its bound."""
+    squares = [_form(form, v) for form in p.forms] + ([] if p.jerk is None else [v[0] * _quadratic(p.jerk, v)])
     on_road = [] if p.road is None else road.used(p.road, v)
+    upper = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
     return jnp.stack([*upper, *(jnp.sqrt(jnp.maximum(x, 0.0)) for x in squares), *on_road])
 
 
-def values(c: Constraints, v: Float[Array, "3 *nodes"]) -> Float[Array, "count *nodes"]:
+def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
-    found = jnp.stack([c.upper * v[0], *_forms(c.forms, v), v[0] * _quadratic(c.jerk, v)]) - 1
-    return found if c.road is None else jnp.concatenate([found, jnp.stack(road.values(c.road, v))])
+    squares = [_form(form, v) for form in c.forms] + ([] if c.jerk is None else [v[0] * _quadratic(c.jerk, v)])
+    return jnp.stack([*(x - 1 for x in (c.upper * v[0], *squares)), *([] if c.road is None else road.values(c.road, v))])
 
 
-def gradients(c: Constraints, v: Float[Array, "3 *nodes"]) -> Gradients:
-    """Return the gradients of `values` with respect to (a, a', a'')."""
-    a, b, _ = v
-    slope = _times(c.jerk, v)
-    jerk = [2 * a * x for x in slope]
-    jerk[0] = jerk[0] + _dot(slope, v)
-    forms = [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
-    return [(c.upper,), *forms, tuple(jerk), *([] if c.road is None else road.gradients(c.road, v))]
+def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
+    """Return the gradients of `values` with respect to the components of v."""
+    a, b = v[:2]
+    found: list[tuple[Any, ...]] = [(c.upper,)]
+    found += [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
+    if c.jerk is not None:
+        slope = _times(c.jerk, v)
+        whole, *others = (2 * a * x for x in slope)
+        found.append((whole + _dot(slope, v), *others))
+    return found if c.road is None else [*found, *road.gradients(c.road, v)]
 
 
 def second_derivatives(
     c: Constraints,
-    v: Float[Array, "3 *nodes"],
+    v: Float[Array, "orders *nodes"],
     multipliers: Float[Array, "count *nodes"],
     ratio: Float[Array, "count *nodes"],
     a: Float[Array, "*nodes"],
@@ -185,15 +203,18 @@ def second_derivatives(
 
     For the jerk constraint y² ≤ 1 with y = √a w, replacing 1/√a by its tangent leaves the second derivatives 2∇yᵀ∇y.
     """
-    slope, last = _times(c.jerk, v), multipliers[JERK]
-    found = [[2 * last * v[0] * c.jerk[i, j] for j in range(i + 1)] for i in range(3)]
-    for i in range(3):
-        found[i][0] = found[i][0] + (2.0 if i == 0 else 1.0) * last * slope[i]
-    found[0][0] = found[0][0] + last * _dot(slope, v) / (2 * a)
-    for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:JERK], strict=True):
+    found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
+    for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):
         found[0][0], found[1][0], found[1][1] = found[0][0] + z * aa, found[1][0] + z * ab, found[1][1] + z * bb
+    if c.jerk is not None:
+        slope, last = _times(c.jerk, v), multipliers[1 + len(c.forms)]
+        for i, row in enumerate(_matrix(c.jerk)):
+            for j in range(i + 1):
+                found[i][j] = found[i][j] + 2 * last * v[0] * row[j]
+            found[i][0] = found[i][0] + (2.0 if i == 0 else 1.0) * last * slope[i]
+        found[0][0] = found[0][0] + last * _dot(slope, v) / (2 * a)
     if c.road is not None:
-        aa, ab, bb = road.second_derivatives(c.road, multipliers[JERK + 1 :])
+        aa, ab, bb = road.second_derivatives(c.road, multipliers[c.before_road :])
         found[0][0], found[1][0], found[1][1] = found[0][0] + aa, found[1][0] + ab, found[1][1] + bb
     for own, weight in zip(gradients(c, v), ratio, strict=True):
         for i, x in enumerate(own):
@@ -202,29 +223,36 @@ def second_derivatives(
     return found
 
 
-def changes(slope: Gradients, dv: Float[Array, "3 *nodes"]) -> Float[Array, "count *nodes"]:
+def changes(slope: Gradients, dv: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the changes of the linearised constraint values."""
     return jnp.stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
 
 
 def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> list[Float[Array, "*nodes"]]:
     """Return the weighted sums of the gradients."""
-    return [total(own[k] * w for own, w in zip(slope, weights, strict=True) if k < len(own)) for k in range(3)]
+    orders = max(map(len, slope))
+    return [total(own[k] * w for own, w in zip(slope, weights, strict=True) if k < len(own)) for k in range(orders)]
 
 
-def _forms(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
-    """Return the values of the quadratic forms in a and a'."""
-    a, b, _ = v
-    return [aa * a * a + 2 * ab * a * b + bb * b * b for aa, ab, bb in q]
+def _form(q: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Float[Array, "*nodes"]:
+    """Return the value of a quadratic form in a and a'."""
+    (aa, ab, bb), a, b = q, v[0], v[1]
+    return aa * a * a + 2 * ab * a * b + bb * b * b
 
 
-def _times(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
-    return [_dot(row, v) for row in q]
+def _matrix(q: Float[Array, "6 *nodes"]) -> tuple[tuple[Any, ...], ...]:
+    """Return the rows of the symmetric matrix of a quadratic form in a, a' and a''."""
+    aa, ab, bb, ac, bc, cc = q
+    return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
+
+
+def _times(q: Float[Array, "6 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
+    return [_dot(row, v) for row in _matrix(q)]
 
 
 def _dot(x: Any, y: Any) -> Any:
     return total(p * q for p, q in zip(x, y, strict=True))
 
 
-def _quadratic(q: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "*nodes"]:
+def _quadratic(q: Float[Array, "6 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "*nodes"]:
     return _dot(_times(q, v), v)

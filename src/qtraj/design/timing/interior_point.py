@@ -48,6 +48,10 @@ class Program(NamedTuple):
     weights: Float[Array, "2 cells+1"]
     constraints: Constraints
 
+    def at_nodes(self, coefficients: Float[Array, " cells+3"]) -> Float[Array, "orders 2 cells+1"]:
+        """Return a and those of its derivatives that the constraints contain."""
+        return at_nodes(self.nodes, coefficients, self.constraints.orders)
+
 
 class State(NamedTuple):
     """An iterate: coefficients, slacks, multipliers, the number of steps, and the relative optimality error."""
@@ -61,7 +65,7 @@ class State(NamedTuple):
 
 def begun(p: Program, coefficients: Float[Array, " cells+3"]) -> State:
     """Return the first iterate, whose relative duality gap is 1."""
-    v = at_nodes(p.nodes, coefficients)
+    v = p.at_nodes(coefficients)
     slacks = jnp.maximum(-values(p.constraints, v), SLACK)
     return _unfinished(coefficients, slacks, duration(p, v) / slacks.size / slacks)
 
@@ -71,7 +75,7 @@ def continued(p: Program, s: State) -> State:
 
     Slacks and multipliers that are almost zero would make the next steps short.
     """
-    violations = values(p.constraints, at_nodes(p.nodes, s.coefficients))
+    violations = values(p.constraints, p.at_nodes(s.coefficients))
     slacks = jnp.maximum(jnp.maximum(s.slacks, -violations), jnp.max(violations))
     return _unfinished(
         s.coefficients, slacks, jnp.maximum(s.multipliers, jnp.mean(slacks * s.multipliers) / slacks), s.steps
@@ -92,12 +96,12 @@ def solve(program: Program, start: State, enough: Scalar) -> State:
     return jax.lax.while_loop(goes_on, lambda s: _step(program, s, enough), start)
 
 
-def duration(p: Program, v: Float[Array, "3 2 cells+1"]) -> Scalar:
+def duration(p: Program, v: Float[Array, "orders 2 cells+1"]) -> Scalar:
     """Return ∫ du/√a [s]."""
     return jnp.sum(p.weights * _positive(p, v) ** -0.5)
 
 
-def _positive(p: Program, v: Float[Array, "3 2 cells+1"]) -> Float[Array, "2 cells+1"]:
+def _positive(p: Program, v: Float[Array, "orders 2 cells+1"]) -> Float[Array, "2 cells+1"]:
     """Return the values of a, or 1 at nodes at rest, whose weight is zero."""
     return jnp.where(p.nodes.standing > 0, 1.0, v[0])
 
@@ -108,7 +112,7 @@ class _Change(NamedTuple):
     coefficients: Float[Array, " cells+3"]
     slacks: Float[Array, "count 2 cells+1"]
     multipliers: Float[Array, "count 2 cells+1"]
-    values: Float[Array, "3 2 cells+1"]
+    values: Float[Array, "orders 2 cells+1"]
 
 
 @custom_vmap
@@ -126,7 +130,7 @@ def _step_of_batch(size: int, batched: Any, *given: Any) -> tuple[State, State]:
 
 def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> State:
     """Return the next iterate; `linear` is the module that solves the linear system."""
-    v, z = at_nodes(p.nodes, s.coefficients), s.multipliers
+    v, z = p.at_nodes(s.coefficients), s.multipliers
     a, slope, violations = _positive(p, v), gradients(p.constraints, v), values(p.constraints, v)
     inverse, inv_slacks, inv_multipliers = 1 / a, 1 / s.slacks, 1 / z
     pace = p.weights * jnp.sqrt(inverse)
@@ -142,7 +146,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
         """Return the Newton step for slack · z = target, and the next target; the first call is the predictor."""
         target, off, _ = state
         dc = -_solved(linear, factored, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
-        dv = at_nodes(p.nodes, dc)
+        dv = p.at_nodes(dc)
         rise = changes(slope, dv)
         ds = -off - rise
         dz = target * inv_slacks - z - ratio * ds

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate, require_float64
-from qtraj.design.timing.constraints import LARGEST, NAMES
+from qtraj.design.timing.constraints import LARGEST, NAMES, listed
 from qtraj.design.timing.directions import straight
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
@@ -91,7 +91,7 @@ def retime(
         path = standing_route(path, *require_stop(stop_speed, stop_distance))
     parts, standing = of_path(path, knots, "jerk" in given)
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
-    bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
+    bounds = {name: jnp.asarray(given[name], path.duration.dtype) for name in NAMES if name in given}
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None
     if vehicle is not None:
@@ -179,10 +179,9 @@ def _timed(
     start, end = (jnp.asarray(x, dtype) for x in part[:2])
     grid = part.grid
     if grid is None:
-        rows = len(NAMES) - (len(ROAD) if vehicle is None else 0)
-        unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((rows, 1), dtype)
+        unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((len(listed(names, vehicle is not None)), 1), dtype)
         return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), jnp.stack([start, end]), None)
-    found = fastest(Problem(path, start, end, bounds, ends, vehicle), tables(grid, rest))
+    found = fastest(Problem(path, start, end, bounds, ends, vehicle), tables(grid, rest, "jerk" in bounds))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
         given = stop_gradient({name: bounds[name] for name in names})
@@ -210,7 +209,9 @@ def _judged(
     knots = jnp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
     timing = Timing(jnp.concatenate([x.powers for x in timed]), knots, rest)
     own = np.array([NAMES.index(name) for name in names])
-    usage = jnp.concatenate([x.usage for x in timed], axis=1)[own] * (1 - MARGIN)
+    rows = listed(names, any(name in ROAD for name in names))
+    usage = jnp.concatenate([x.usage for x in timed], axis=1)
+    usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
     if "angular_rate" in names:  # the natural trihedral is undefined on straight parts
         without = straight(path, knots)[None] & np.array([name == "angular_rate" for name in names])[:, None]

@@ -16,6 +16,7 @@ from qtraj.design.timing.constraints import (
     UPPER,
     Constraints,
     Parts,
+    listed,
     parts,
     tightened,
     used,
@@ -36,14 +37,17 @@ FINEST = 128
 """With more cells than this, the gap at the end of the last search grows with the square of their number, because
 rounding errors in the jerk prevent a gap of 1e-8."""
 
-ROUNDS, ALLOWED = 10, 5e-6
+ROUNDS, ALLOWED = 10, 8e-6
 """Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
 
-OVER, CHECKED = 1.3, 17
+OVER, CHECKED = 2.0, 17
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. After
 the third search, this factor doubles each time, because a peak far from the nodes decreases only if the limits at the
 nodes become much tighter."""
 
+CAP, CAP2 = 1.0, 0.0
+TIMES, SCALE=2,0
+DIL=0.0
 MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
 
@@ -88,7 +92,7 @@ class Found(NamedTuple):
     """The fastest timing of a path on its cells.
 
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
-    (limits, cells) is the largest ratio of each quantity to its limit, in the order of `NAMES`. `sensitivity` has the
+    (limits, cells) is the largest ratio of each quantity to its limit, in the order of `listed`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
     the optimality error of the last search.
     """
@@ -105,15 +109,20 @@ def last_gap(cells: int) -> float:
     return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
 
 
-def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
-    """Return the tables of a grid; `rest` indicates whether the vehicle is at rest at the start and at the end."""
-    return _tables(tuple(tuple(x.tolist()) for x in grid), rest)
+def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:
+    """Return the tables of a grid.
+
+    `rest` indicates whether the vehicle is at rest at the start and at the end, and `jerk` whether the jerk is limited,
+    which may jump where one segment ends and the next one starts.
+    """
+    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, jerk)
 
 
 @functools.lru_cache(maxsize=32)
-def _tables(listed: tuple[tuple[float, ...], ...], rest: tuple[bool, bool]) -> Tables:
+def _tables(listed: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool) -> Tables:
     knots, segment, middle, half = (np.array(x) for x in listed)
-    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest), np.diff(knots)
+    jumps = np.append(np.diff(segment) != 0, False) if jerk else None
+    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest, jumps), np.diff(knots)
     columns = np.append(np.arange(length.size), length.size - 1)
     cell = np.concatenate([columns, columns, np.tile(np.arange(length.size), CHECKED)])
     at_nodes = ((own.place - knots[columns]) / length[columns]).ravel()
@@ -125,12 +134,15 @@ def fastest(problem: Problem, t: Tables) -> Found:
     """Compute the fastest timing; its `sensitivity` has derivatives with respect to the path and the limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    powers, usage, error = _satisfied(r, t, None if places.road is None else stop_gradient(places))
+    powers, usage, error = _satisfied(r, t, stop_gradient(places), tuple(problem.bounds))
     return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
 
 
 class _Round(NamedTuple):
-    """The state of the last search, its factors on the limits (`used`), the next factors, the usage, and a counter."""
+    """The state of the last search, its factors on the limits (`used`), the next factors, the usage, and a counter.
+
+    The rows of `usage` are those of `constraints.used`.
+    """
 
     state: State
     used: Float[Array, "count cells"]
@@ -153,8 +165,8 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
     c = imposed.constraints()
     upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
-    forms = c.forms.at[..., 1, cells].set(0.0)  # padding: there are only `cells` nodes of the second kind
-    jerk = jnp.where(nodes.standing > 0, 0.0, c.jerk)
+    forms = tuple(x.at[..., 1, cells].set(0.0) for x in c.forms)  # padding: this node does not exist
+    jerk = None if c.jerk is None else jnp.where(nodes.standing > 0, 0.0, c.jerk)
     padding = jnp.zeros(upper.shape, bool).at[1, cells].set(True)
     on_road = None if c.road is None else without(c.road, padding)
     constraints = Constraints(upper, forms, jerk, on_road)
@@ -174,7 +186,11 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
         state = solve(own, continued(own, r.state), gaps[jnp.minimum(r.searches, 1)])
         usage = _between_nodes(between, within, state.coefficients)
-        excess = _grouped(usage)
+        excess = _grouped(between, usage)
+        if DIL:
+            wide = jnp.pad(excess, ((0,0),(1,1)), constant_values=0.0)
+            near = jnp.maximum(wide[:, :-2], wide[:, 2:])
+            excess = jnp.maximum(excess, 1 + DIL * (near - 1))
         over = OVER * 2.0 ** jnp.maximum(r.searches - 2, 0).astype(dtype)
         factors = r.factors * jnp.where(excess > 1, 1 + over * (excess - 1), 1.0)
         return _Round(state, r.factors, factors, usage, r.searches + 1)
@@ -184,31 +200,33 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
 
     count = program.constraints.per_node
-    ones, usage = jnp.ones((count, cells), dtype), jnp.zeros((len(UPPER) + count - 1, cells), dtype)
+    ones, usage = jnp.ones((count, cells), dtype), jnp.zeros((between.upper.shape[0] + count - 1, cells), dtype)
     start = _Round(begun(program, _initial(program)), ones, ones, usage, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)
 
 
 @eqx.filter_jit
-def _satisfied(r: _Round, t: Tables, between: Parts | None) -> tuple[Array, Array, Array]:
-    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains.
-
-    `between` is needed only with limits on friction or power, which change by no known factor.
-    """
-    excess = jnp.max(_grouped(r.usage))
+def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains."""
+    excess = jnp.max(_grouped(between, r.usage))
     slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
-    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * r.state.coefficients)[None], axis=1).T
-    if between is None:
-        usage = r.usage * slower ** jnp.asarray(POWERS, slower.dtype)[:, None]
-    else:
-        usage = _between_nodes(between, t.within, slower * r.state.coefficients)
-    return powers, usage, jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
+    slowed = slower * r.state.coefficients
+    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slowed)[None], axis=1).T
+    error = jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
+    rows = listed(names, between.road is not None)
+    if between.road is None:
+        usage = [x * (slower if name in UPPER else slower ** POWERS[name]) for x, name in zip(r.usage, rows, strict=True)]
+    else:  # friction and power change by no known factor
+        usage = _between_nodes(between, t.within, slowed)
+    roots = [jnp.sqrt(x) if name in UPPER and POWERS[name] < 1 else x for x, name in zip(usage, rows, strict=True)]
+    return powers, jnp.stack(roots), error
 
 
 def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "limits cells"]:
-    """Return the largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
+    """Return the maxima of `used` in each cell, from samples and parabolas through them."""
+    orders = 2 if between.jerk is None else ORDERS
     own, table = local(coefficients), jnp.asarray(within, coefficients.dtype)
-    v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(ORDERS)]
+    v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(orders)]
     usage = used(between, jnp.stack(v))
     before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]
     bend, change = 2 * at - before - after, after - before
@@ -217,10 +235,10 @@ def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Ar
     return jnp.maximum(jnp.max(usage, axis=1), jnp.max(at + rise, axis=1))
 
 
-def _grouped(usage: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
-    """Return the usage of each constraint; the upper bounds on a are one constraint, and its usage is a ratio of a."""
-    upper = jnp.max(usage[: len(UPPER)], axis=0) ** 2
-    return jnp.concatenate([upper[None], usage[len(UPPER) :]])
+def _grouped(between: Parts, usage: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
+    """Return the usage of each constraint; the upper bounds on a are one constraint."""
+    count = between.upper.shape[0]
+    return jnp.concatenate([jnp.max(usage[:count], axis=0, initial=0.0)[None], usage[count:]])
 
 
 def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cells+1"]:
@@ -238,20 +256,32 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
-    highest = 1 / c.upper[0]
+    inverse = c.upper[0]
+    if CAP and c.jerk is not None:
+        inverse = jnp.maximum(inverse, CAP*jnp.cbrt(c.jerk[0, 0]))
+    if CAP2:
+      for form in c.forms:
+        inverse = jnp.maximum(inverse, CAP2*jnp.sqrt(form[0, 0]))
+    highest = 1 / inverse
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
-    pace = jnp.sqrt(jnp.maximum(c.forms[0, 2, 0], c.forms[2, 2, 0]))
+    pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
     pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
     x = jnp.cumsum(jnp.diff(knots, prepend=knots[:1]) * (pace + jnp.concatenate([pace[:1], pace[:-1]])))
     energy = jnp.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
     energy = jnp.minimum(jax.lax.cummin(energy - x) + x, jax.lax.cummin(energy + x, reverse=True) - x)
-    total = jnp.pad(jnp.cumsum(energy / pace**2), (1, 0))
+    a = energy / pace**2
     k = np.arange(count)
     width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
-    a = (total[k + width + 1] - total[k - width]) / (2.0 * width + 1.0)
+    for _ in range(TIMES):
+        total = jnp.pad(jnp.cumsum(a), (1, 0))
+        a = (total[k + width + 1] - total[k - width]) / (2.0 * width + 1.0)
     ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]
-    return jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
+    x = jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
+    if SCALE and c.jerk is not None:
+        worst = 1+values(c, p.at_nodes(x))[c.before_road-1]
+        x = x * jnp.minimum(1.0, jnp.cbrt(SCALE / jnp.max(worst)))
+    return x
 
 
 @eqx.filter_jit
@@ -260,7 +290,7 @@ def _sensitivity(program: Program, r: _Round) -> Scalar:
 
     By the envelope theorem, they are the derivatives of the minimum duration.
     """
-    v = stop_gradient(at_nodes(program.nodes, r.state.coefficients))
+    v = stop_gradient(program.at_nodes(r.state.coefficients))
     limits = values(tightened(program.constraints, _at_nodes(r.used)), v)
     lagrangian = duration(program, v) + jnp.sum(r.state.multipliers * limits)
     return lagrangian - stop_gradient(lagrangian)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.banded import total
 
@@ -74,11 +74,18 @@ def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 c
     return np.stack(basis, axis=1)
 
 
-def nodes(knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool]) -> Nodes:
-    """Return the nodes; `rest` indicates whether the value is zero at the start and at the end."""
+def nodes(
+    knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool], jumps: Bool[np.ndarray, " cells"] | None = None
+) -> Nodes:
+    """Return the nodes; `rest` indicates whether the value is zero at the start and at the end.
+
+    `jumps` indicates the cells at whose end a constraint may jump. The node inside such a cell is moved to its end, so
+    that the constraint is imposed on both sides of the knot, and the integral is computed by the trapezoidal rule.
+    """
     length, cells = np.diff(knots), knots.size - 1
-    inner, at_knots, inside = np.full(cells, 0.5), np.zeros(cells + 1), np.full(cells, 4.0)
-    ends = np.ones((2, cells))
+    moved = np.zeros(cells, bool) if jumps is None else jumps
+    inner, at_knots, inside = np.where(moved, 1.0, 0.5), np.zeros(cells + 1), np.where(moved, 0.0, 4.0)
+    ends = np.where(moved, 3.0, 1.0) * np.ones((2, 1))
     for side, (is_at_rest, cell) in enumerate(zip(rest, (0, -1), strict=True)):
         if is_at_rest:
             inner[cell] = (REST_PLACE, 1 - REST_PLACE)[side]
@@ -120,10 +127,10 @@ def local(coefficients: Float[Array, " cells+3"]) -> Float[Array, "4 cells"]:
     return jnp.stack([coefficients[k : k + cells] for k in range(DEGREE + 1)])
 
 
-def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "3 2 cells+1"]:
+def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"], orders: int = ORDERS) -> Float[Array, "orders 2 cells+1"]:
     """Return value and derivatives at the nodes."""
     own = local(jnp.pad(coefficients, (0, 1)))
-    return total(n.basis[:, k] * own[k][None, None] for k in range(DEGREE + 1))
+    return total(n.basis[:orders, k] * own[k][None, None] for k in range(DEGREE + 1))
 
 
 def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Array, " cells+3"]:
@@ -137,13 +144,13 @@ def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...
 
     Array d of the result contains the entries (i, i − d) of the matrix.
     """
+    orders = range(len(parts))
     half = [
-        [total(parts[max(d, e)][min(d, e)] * n.basis[e, k] for e in range(ORDERS)) for d in range(ORDERS)]
-        for k in range(DEGREE + 1)
+        [total(parts[max(d, e)][min(d, e)] * n.basis[e, k] for e in orders) for d in orders] for k in range(DEGREE + 1)
     ]
 
     def entry(k: int, m: int) -> Array:
-        both = total(half[m][d] * n.basis[d, k] for d in range(ORDERS))
+        both = total(half[m][d] * n.basis[d, k] for d in orders)
         return jnp.pad(both[0] + both[1], (k, DEGREE - k))
 
     return tuple(total(entry(k, k - d) for k in range(d, DEGREE + 1))[:-1] for d in range(DEGREE + 1))
