@@ -135,7 +135,7 @@ def parts(
     if vehicle is None:
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
-    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, dict.fromkeys(ROAD, jnp.inf) | bounds)
+    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
     # Where r' vanishes, r'' has the direction of motion or the opposite direction.
     return found._replace(road=road.without(on_road, ~moving))
 
@@ -162,12 +162,12 @@ def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constrai
     """Return the same constraints with their limits divided by `factors`."""
     own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
     squares = factors[1:] ** 2
-    forms = tuple(form * x for form, x in zip(c.forms, squares, strict=False))
-    return Constraints(c.upper * factors[0], forms, None if c.jerk is None else c.jerk * squares[len(forms)], own)
+    forms = tuple(form * x[None] for form, x in zip(c.forms, squares, strict=False))
+    return Constraints(c.upper * factors[0], forms, None if c.jerk is None else c.jerk * squares[None, len(forms)], own)
 
 
 def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *nodes"]:
-    """Return each quantity divided by its limit, in the order of `NAMES`; for `UPPER`, return a divided by its bound."""
+    """Return each quantity divided by its limit in the order of `NAMES`, or a divided by its bound for `UPPER`."""
     squares = [_form(form, v) for form in p.forms] + ([] if p.jerk is None else [v[0] * _quadratic(p.jerk, v)])
     on_road = [] if p.road is None else road.used(p.road, v)
     upper = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
@@ -177,7 +177,9 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
 def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
     squares = [_form(form, v) for form in c.forms] + ([] if c.jerk is None else [v[0] * _quadratic(c.jerk, v)])
-    return jnp.stack([*(x - 1 for x in (c.upper * v[0], *squares)), *([] if c.road is None else road.values(c.road, v))])
+    return jnp.stack(
+        [*(x - 1 for x in (c.upper * v[0], *squares)), *([] if c.road is None else road.values(c.road, v))]
+    )
 
 
 def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:

@@ -29,7 +29,7 @@ from qtraj.foundation.types import Flag, Scalar
 BOUNDARY, POSITIVE = 0.99, 0.9
 """Largest fractions of the distance to the boundary that a step may cover, for slacks and multipliers, and for a."""
 
-BALANCE = 0.01
+BALANCE = 0.001
 """The target of the duality gap is at least this fraction of the dual residual, so that both converge together."""
 
 VIOLATED = 1e-6

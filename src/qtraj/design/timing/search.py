@@ -25,12 +25,12 @@ from qtraj.design.timing.constraints import (
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
 from qtraj.design.timing.road import without
-from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, at_nodes, local, nodes, power_form, within
+from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.vehicle import RoadParameters
 
-GAPS = (1e-4, 1e-8)
+GAPS = (1e-5, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
 
 FINEST = 128
@@ -45,9 +45,6 @@ OVER, CHECKED = 2.0, 17
 the third search, this factor doubles each time, because a peak far from the nodes decreases only if the limits at the
 nodes become much tighter."""
 
-CAP, CAP2 = 1.0, 0.0
-TIMES, SCALE=2,0
-DIL=0.0
 MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
 
@@ -56,7 +53,7 @@ SLOWED = 1e-4
 
 RANGE, RAMP, SMOOTHED = 1e3, 32, 32
 """In the initial iterate, upper bounds on a are at most `RANGE` times the lowest bound. The function a grows from 0 to
-the largest bound in at least 1/`RAMP` of the cells, and is averaged over at most 2/`SMOOTHED` of the cells."""
+the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over at most 2/`SMOOTHED` of the cells."""
 
 
 class Problem(NamedTuple):
@@ -187,10 +184,6 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         state = solve(own, continued(own, r.state), gaps[jnp.minimum(r.searches, 1)])
         usage = _between_nodes(between, within, state.coefficients)
         excess = _grouped(between, usage)
-        if DIL:
-            wide = jnp.pad(excess, ((0,0),(1,1)), constant_values=0.0)
-            near = jnp.maximum(wide[:, :-2], wide[:, 2:])
-            excess = jnp.maximum(excess, 1 + DIL * (near - 1))
         over = OVER * 2.0 ** jnp.maximum(r.searches - 2, 0).astype(dtype)
         factors = r.factors * jnp.where(excess > 1, 1 + over * (excess - 1), 1.0)
         return _Round(state, r.factors, factors, usage, r.searches + 1)
@@ -215,7 +208,9 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
     error = jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
     rows = listed(names, between.road is not None)
     if between.road is None:
-        usage = [x * (slower if name in UPPER else slower ** POWERS[name]) for x, name in zip(r.usage, rows, strict=True)]
+        usage = [
+            x * (slower if name in UPPER else slower ** POWERS[name]) for x, name in zip(r.usage, rows, strict=True)
+        ]
     else:  # friction and power change by no known factor
         usage = _between_nodes(between, t.within, slowed)
     roots = [jnp.sqrt(x) if name in UPPER and POWERS[name] < 1 else x for x, name in zip(usage, rows, strict=True)]
@@ -252,17 +247,12 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     """Return coefficients of the smoothed fastest timing for the upper bounds and the longitudinal acceleration.
 
     Let E be the kinetic energy, and x the path length in units of 2/(largest acceleration). The limits are an upper
-    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
+    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y. The upper bound also
+    limits the jerk for a constant a.
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
-    inverse = c.upper[0]
-    if CAP and c.jerk is not None:
-        inverse = jnp.maximum(inverse, CAP*jnp.cbrt(c.jerk[0, 0]))
-    if CAP2:
-      for form in c.forms:
-        inverse = jnp.maximum(inverse, CAP2*jnp.sqrt(form[0, 0]))
-    highest = 1 / inverse
+    highest = 1 / (c.upper[0] if c.jerk is None else jnp.maximum(c.upper[0], jnp.cbrt(c.jerk[0, 0])))
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
     pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
@@ -273,15 +263,11 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     a = energy / pace**2
     k = np.arange(count)
     width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
-    for _ in range(TIMES):
-        total = jnp.pad(jnp.cumsum(a), (1, 0))
-        a = (total[k + width + 1] - total[k - width]) / (2.0 * width + 1.0)
+    for _ in range(2):  # averaged twice, because after one average the slope of a jumps
+        whole = jnp.pad(jnp.cumsum(a), (1, 0))
+        a = (whole[k + width + 1] - whole[k - width]) / (2.0 * width + 1.0)
     ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]
-    x = jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
-    if SCALE and c.jerk is not None:
-        worst = 1+values(c, p.at_nodes(x))[c.before_road-1]
-        x = x * jnp.minimum(1.0, jnp.cbrt(SCALE / jnp.max(worst)))
-    return x
+    return jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
 
 
 @eqx.filter_jit

@@ -127,7 +127,9 @@ def local(coefficients: Float[Array, " cells+3"]) -> Float[Array, "4 cells"]:
     return jnp.stack([coefficients[k : k + cells] for k in range(DEGREE + 1)])
 
 
-def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"], orders: int = ORDERS) -> Float[Array, "orders 2 cells+1"]:
+def at_nodes(
+    n: Nodes, coefficients: Float[Array, " cells+3"], orders: int = ORDERS
+) -> Float[Array, "orders 2 cells+1"]:
     """Return value and derivatives at the nodes."""
     own = local(jnp.pad(coefficients, (0, 1)))
     return total(n.basis[:orders, k] * own[k][None, None] for k in range(DEGREE + 1))
