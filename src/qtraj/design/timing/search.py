@@ -11,7 +11,9 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.banded import total
+from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraints import (
+    LARGEST,
     POWERS,
     UPPER,
     Constraints,
@@ -58,7 +60,8 @@ the largest bound in at least 1/`RAMP` of the cells, and is averaged over at mos
 class Problem(NamedTuple):
     """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends.
 
-    `vehicle` is None without limits on friction or power.
+    `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
+    the start and at the end.
     """
 
     path: AbstractHodograph
@@ -67,6 +70,7 @@ class Problem(NamedTuple):
     bounds: dict[str, Scalar]
     ends: Float[Array, " 2"]
     vehicle: RoadParameters | None = None
+    stops: Any = np.zeros(2, bool)
 
 
 class Tables(NamedTuple):
@@ -90,7 +94,7 @@ class Found(NamedTuple):
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
     (limits, cells) is the largest ratio of each quantity to its limit, in the order of `NAMES`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
-    the optimality error of the last search.
+    the optimality error of the last search. `unbounded` indicates whether no limit bounds the speed.
     """
 
     powers: Float[Array, "cells 4"]
@@ -98,6 +102,7 @@ class Found(NamedTuple):
     sensitivity: Scalar
     steps: Array
     error: Scalar
+    unbounded: Array
 
 
 def last_gap(cells: int) -> float:
@@ -126,7 +131,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
     powers, usage, error = _satisfied(r, t, None if places.road is None else stop_gradient(places))
-    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
+    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, unbounded(program, problem.stops))
 
 
 class _Round(NamedTuple):
@@ -239,6 +244,10 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
     highest = 1 / c.upper[0]
+    # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
+    steepest = jnp.max(c.jerk[2, 2])
+    typical = jnp.where(steepest > 0, jnp.cbrt(count**4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
+    highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
     pace = jnp.sqrt(jnp.maximum(c.forms[0, 2, 0], c.forms[2, 2, 0]))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
