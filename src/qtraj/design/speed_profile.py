@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.road import ROAD, road
+from qtraj.design.timing.road import ROAD, coefficients
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.drawing import draw
@@ -237,8 +237,8 @@ def _sampled(
         unit_speed = jnp.sqrt(own.S)
         grip = 0.0 * unit_speed
         if vehicle is not None:
-            ahead, bend = (jnp.stack(x) for x in own.r[1:3])
-            grip = road(ahead / unit_speed, tuple(bend), unit_speed, unit_speed, vehicle, bounds).upper
+            ahead, second = (jnp.stack(x) for x in own.r[1:3])
+            grip = coefficients(ahead / unit_speed, tuple(second), unit_speed, unit_speed, vehicle, bounds).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
     found = jax.vmap(sample)(u)

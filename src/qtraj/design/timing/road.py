@@ -42,23 +42,24 @@ class Road(NamedTuple):
     upper: Float[Array, "*nodes"]
 
 
-def road(
+def coefficients(
     ahead: Float[Array, "3 *nodes"],
-    bend: tuple[Array, ...],
+    second: tuple[Array, ...],
     speed: Float[Array, "*nodes"],
     half: Scalar,
     vehicle: RoadParameters,
     bounds: dict[str, Scalar],
 ) -> Road:
-    """Compute the constraints from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
+    """Compute the coefficients from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
 
     An infinite limit is absent.
     """
     x, y, z = ahead
-    level = jnp.sqrt(x * x + y * y)
-    safe = jnp.where(level > 0, level, 1.0)
+    square = x * x + y * y
+    safe = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # keeps derivatives finite in a vertical direction
+    level = jnp.where(square > 0, safe, 0.0)
     left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
-    forward, to_left, up = (sum(p * q for p, q in zip(axis, bend, strict=True)) for axis in (ahead, left, upwards))
+    forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
     g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
     along = jnp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
     across = jnp.stack([-sin * g * level, cos * to_left - sin * up])
