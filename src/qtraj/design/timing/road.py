@@ -27,6 +27,10 @@ LEAST_LOAD = 1e-6
 """Lower bound on the normal force, relative to the force at rest, in the ratio of the friction to its limit."""
 
 
+SLOWEST = 0.9
+"""Smallest factor on a by which a violation of the limits on friction and power slows down the whole timing."""
+
+
 class Road(NamedTuple):
     """The coefficients of affine functions of 1, a and a' at all nodes.
 
@@ -112,6 +116,20 @@ def used(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
     """Return the friction and the power divided by their limits."""
     x, y, z = _grip(r, v)
     return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
+
+
+def slowing(usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"]) -> Float[Array, "2 *cells"]:
+    """Return the factors on a with which friction and power satisfy their limits approximately, or 1.
+
+    `at_rest` is the usage for a = 0. On a slope or a banked road, the tyres carry a part of the weight at every speed,
+    so only the rest of the friction decreases. If the factor would be less than `SLOWEST`, it is 1. Then the violation
+    remains, because a much slower timing would be useless.
+    """
+    over = usage > 1
+    friction = (1 - at_rest[0]) / jnp.where(over[0], usage[0] - at_rest[0], 1.0)
+    power = 1 / jnp.where(over[1], usage[1], 1.0) ** 2
+    factors = jnp.stack([friction, power])
+    return jnp.where(over & (factors >= SLOWEST), factors, 1.0)
 
 
 def gradients(r: Road, v: Float[Array, "3 *nodes"]) -> list[tuple[Array, ...]]:

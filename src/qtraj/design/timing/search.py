@@ -25,7 +25,7 @@ from qtraj.design.timing.constraints import (
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
-from qtraj.design.timing.road import without
+from qtraj.design.timing.road import slowing, without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -198,10 +198,15 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 def _satisfied(r: _Round, t: Tables, between: Parts | None) -> tuple[Array, Array, Array]:
     """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains.
 
-    `between` is needed only with limits on friction or power, which change by no known factor.
+    `between` is needed only with limits on friction or power, which change by no known factor. A violation that a
+    slower timing does not reduce remains, and the certificate reports it.
     """
-    excess = jnp.max(_grouped(r.usage))
-    slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
+    slower = 1 / jnp.maximum(jnp.max(_grouped(r.usage[: len(POWERS)])), 1.0)
+    if between is not None:
+        on_road = r.usage[len(POWERS) :]
+        at_rest = _between_nodes(between, t.within, jnp.zeros_like(r.state.coefficients))[len(POWERS) :]
+        slower = jnp.minimum(slower, jnp.min(slowing(on_road, at_rest)))
+    slower = jnp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * r.state.coefficients)[None], axis=1).T
     if between is None:
         usage = r.usage * slower ** jnp.asarray(POWERS, slower.dtype)[:, None]
