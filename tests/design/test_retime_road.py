@@ -148,6 +148,27 @@ def test_a_batch_of_limits_matches_single_searches():
     np.testing.assert_allclose(batch, [float(duration(x)) for x in limits], rtol=1e-9)
 
 
+def test_a_batch_of_vehicles_and_powers_matches_single_searches():
+    """jax.vmap over the vehicle (mass and drag) and the limit on power gives the results of a loop."""
+    vehicles = jax.vmap(lambda m, drag: qt.Vehicle(m, drag_area=drag, friction=GRIP))(
+        jnp.array([800.0, 1500.0, 40_000.0]), jnp.array([0.3, 0.7, 6.0])
+    )
+    powers = jnp.array([3e4, 1e5, 3e5])
+
+    def timed(vehicle, power):
+        limits = qt.Limits(friction=0.9, power=power, vehicle=vehicle)
+        return qt.retime(CORNER, limits, start_speed=0.0, end_speed=6.0, knots=64)
+
+    batch = jax.vmap(timed)(vehicles, powers)
+    loop = [timed(jax.tree.map(lambda x, k=k: x[k], vehicles), powers[k]) for k in range(3)]
+    assert batch.certificate.holds.tolist() == [one.certificate.holds for one in loop] == [True] * 3
+    assert batch.code.tolist() == [int(one.code) for one in loop]
+    for of in (lambda x: x.duration, lambda x: x.speeds, lambda x: x.certificate.values, lambda x: x.timing.times):
+        np.testing.assert_allclose(of(batch), np.stack([of(one) for one in loop]), rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(batch.vehicle.mass, vehicles.mass)
+    assert np.unique(np.round(batch.duration, 3)).size == 3
+
+
 def test_derivatives_without_a_limit_on_friction():
     """The absent limit is infinite, and must not make the derivatives NaN."""
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.road import ROAD, road
+from qtraj.design.timing.road import coefficients
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.drawing import draw
@@ -148,7 +148,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         raise ValueError(f"the result for one path was expected, but a batch of shape {timed.code.shape} was given")
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
     vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
-    bounds = dict.fromkeys(ROAD, np.inf) | dict(zip(names, limits, strict=True))
+    bounds = dict(zip(names, limits, strict=True))
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
     distance = _distances(timed.path.path, parameter)
@@ -237,8 +237,8 @@ def _sampled(
         unit_speed = jnp.sqrt(own.S)
         grip = 0.0 * unit_speed
         if vehicle is not None:
-            ahead, bend = (jnp.stack(x) for x in own.r[1:3])
-            grip = road(ahead / unit_speed, tuple(bend), unit_speed, unit_speed, vehicle, bounds).upper
+            ahead, second = (jnp.stack(x) for x in own.r[1:3])
+            grip = coefficients(ahead / unit_speed, tuple(second), unit_speed, unit_speed, vehicle, bounds).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
     found = jax.vmap(sample)(u)

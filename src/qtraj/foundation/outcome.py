@@ -149,7 +149,8 @@ class ResultCode(enum.IntEnum):
     speed_unbounded = (
         FAILURES + 17,
         "no limit bounds the speed on some part of the path, for example a straight one, so the duration is not "
-        "meaningful. Add a limit on speed.",
+        "meaningful. Add a limit on speed. On a straight path, limits on friction and acceleration bound the speed "
+        "only if start_speed or end_speed is given, and a limit on power only if start_speed is given.",
     )
 
     velocity_vanishes = (

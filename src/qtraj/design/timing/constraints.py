@@ -135,7 +135,7 @@ def parts(
     if vehicle is None:
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
-    on_road = road.road(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
+    on_road = road.coefficients(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
     # Where r' vanishes, r'' has the direction of motion or the opposite direction.
     return found._replace(road=road.without(on_road, ~moving))
 

@@ -112,6 +112,12 @@ class Retimed(AbstractOutcome):
                 "the search stopped before it converged. The returned timing may be slower than necessary. Try more "
                 f"knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
             )
+        if code == ResultCode.not_finite:
+            return (
+                "the search failed, and the timing contains NaN. Check that path, limits and speeds are finite. With a "
+                "limit on friction, a slope or a bank may be too steep for the tyres: raise the limit, or check the "
+                "path."
+            )
         if code == int(np.asarray(self.certificate.code)[at]):  # names the limits
             return self.certificate.explain(at)
         return code.text

@@ -30,11 +30,15 @@ SLOW = 0.02
 
 
 class Part(NamedTuple):
-    """A part of a path, from the parameter `start` to `end` [s], with its cells; `grid` is None for a stop."""
+    """A part of a path, from the parameter `start` to `end` [s], with its cells; `grid` is None for a stop.
+
+    `stops` indicates whether the velocity of the path is zero at the start and at the end.
+    """
 
     start: Any
     end: Any
     grid: Grid | None
+    stops: tuple[bool, bool] = (False, False)
 
 
 def standing(route: Route, speed: float | None, distance: float) -> Route:
@@ -69,7 +73,7 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
         cells = max(knots, 1 << (2 * (last - first) - 1).bit_length())
         ends = bool(slow[first, 0]), bool(slow[last - 1, 1])
         grid = None if still[first] else of_segments(starts[first : last + 1], first, cells, ends)
-        parts.append(Part(starts[first], starts[last], grid))
+        parts.append(Part(starts[first], starts[last], grid, ends))
     return parts, (bool(slow[0, 0]), bool(slow[-1, 1]))
 
 

@@ -11,8 +11,11 @@ from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import QUANTITIES
 
 
-def require_limits(limits: Limits) -> tuple[str, ...]:
-    """Return the names of the limits, or raise an error if they cannot be used or do not bound the speed."""
+def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
+    """Return the names of the limits, or raise an error if they cannot be used or cannot bound the speed.
+
+    `free` indicates whether no speed is given; then a limit that bounds the speed is required.
+    """
     names = tuple(limits.given())
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
@@ -21,10 +24,10 @@ def require_limits(limits: Limits) -> tuple[str, ...]:
             "only on the shape, such as the curvature, are the same for every timing."
         )
     bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
-    if not set(bounding) & set(names):
+    if not set(bounding) & set(names) and (free or not names):
         raise ValueError(
             f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
-            "if the path has straight parts, add a limit on the speed."
+            "if the path has straight parts, add a limit on the speed, or pass start_speed or end_speed."
         )
     return names
 

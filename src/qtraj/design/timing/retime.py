@@ -79,12 +79,16 @@ def retime(
     respect to the path and the limits, in forward and reverse mode; `jax.vmap` and `jax.lax.map` create batches. A
     route must have concrete values, but its limits may be traced.
 
-    **Raises:** ValueError for limits that do not depend on the timing or do not bound the speed, a negative speed,
-    `knots` that is not a power of two or less than 16, float32, a path whose velocity is zero at an instant, and a
-    route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming fails.
+    The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, friction
+    and accelerations bound it only if a speed is given at one end, and power only if `start_speed` is given.
+
+    **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
+    a negative speed, `knots` that is not a power of two or less than 16, float32, a path whose velocity is zero at an
+    instant, and a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming
+    fails.
     """
     require_float64(path)
-    names = require_limits(limits)
+    names = require_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     require_knots(knots)
     given = limits.given()
     if isinstance(path, Route):
@@ -181,7 +185,9 @@ def _timed(
     if grid is None:
         unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((len(listed(names, vehicle is not None)), 1), dtype)
         return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), jnp.stack([start, end]), None)
-    found = fastest(Problem(path, start, end, bounds, ends, vehicle), tables(grid, rest, "jerk" in bounds))
+    stops = np.array(part.stops)
+    problem = Problem(path, start, end, bounds, ends, vehicle, stops)
+    found = fastest(problem, tables(grid, rest, "jerk" in bounds))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
         given = stop_gradient({name: bounds[name] for name in names})
@@ -224,14 +230,14 @@ def _judged(
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))
-    unbounded = jnp.max(powers[:, 0]) > 0.5 * LARGEST
+    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches])) | (jnp.max(powers[:, 0]) > 0.5 * LARGEST)
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
     code = jnp.where(found, code, int(ResultCode.not_converged))
+    code = jnp.where(jnp.isfinite(powers).all(), code, int(ResultCode.not_finite))
     code = jnp.where(unbounded, int(ResultCode.speed_unbounded), code)
     code = jnp.where(ignored, int(ResultCode.rest_unknown), code)
-    finite = jnp.isfinite(powers).all() & ~jnp.isnan(wanted).any()
-    code = jnp.where(finite, code, int(ResultCode.not_finite))
+    code = jnp.where(jnp.isnan(wanted).any(), int(ResultCode.not_finite), code)
     time = stop_gradient(timing.duration) + sum(found.sensitivity for found in searches)
     steps = sum((found.steps for found in searches), jnp.zeros((), jnp.int32))
     return RetimedPath(path, timing), time, certificate, usage, ends, code, steps

@@ -12,6 +12,7 @@ feasible set. The second becomes linear in (a, a') if 1/√a is replaced by its 
 and of the power are omitted.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -25,6 +26,10 @@ ROAD = ("friction", "power")
 
 LEAST_LOAD = 1e-6
 """Lower bound on the normal force, relative to the force at rest, in the ratio of the friction to its limit."""
+
+
+SLOWEST = 0.9
+"""Smallest factor on a by which a violation of the limits on friction and power slows down the whole timing."""
 
 
 class Road(NamedTuple):
@@ -42,34 +47,36 @@ class Road(NamedTuple):
     upper: Float[Array, "*nodes"]
 
 
-def road(
+def coefficients(
     ahead: Float[Array, "3 *nodes"],
-    bend: tuple[Array, ...],
+    second: tuple[Array, ...],
     speed: Float[Array, "*nodes"],
     half: Scalar,
     vehicle: RoadParameters,
-    bounds: dict[str, Scalar],
+    bounds: Mapping[str, Scalar],
 ) -> Road:
-    """Compute the constraints from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
+    """Compute the coefficients from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
 
-    An infinite limit is absent.
+    A limit that is infinite or not in `bounds` is absent.
     """
     x, y, z = ahead
-    level = jnp.sqrt(x * x + y * y)
-    safe = jnp.where(level > 0, level, 1.0)
+    square = x * x + y * y
+    safe = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # keeps derivatives finite in a vertical direction
+    level = jnp.where(square > 0, safe, 0.0)
     left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
-    forward, to_left, up = (sum(p * q for p, q in zip(axis, bend, strict=True)) for axis in (ahead, left, upwards))
+    forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
     g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
     along = jnp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
     across = jnp.stack([-sin * g * level, cos * to_left - sin * up])
     onto = jnp.stack([cos * g * level, cos * up + sin * to_left])
     resistance = vehicle.rolling * jnp.stack([*onto, 0.0 * level])
-    power = (vehicle.mass * speed / bounds["power"])[None] * (along + resistance)
+    power = (vehicle.mass * speed / bounds.get("power", jnp.inf))[None] * (along + resistance)
     at_rest = jnp.where(onto[0] > 0, onto[0], 1.0)
-    inverse = ((1 / bounds["friction"]) / at_rest)[None]  # an infinite limit has finite derivatives
+    limit = bounds.get("friction", jnp.inf)
+    inverse = ((1 / limit) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
     neutral = jnp.stack([jnp.ones_like(level), jnp.zeros_like(level)])
-    grip = grip[0], grip[1], jnp.where(jnp.isfinite(bounds["friction"]), grip[2], neutral)
+    grip = grip[0], grip[1], jnp.where(jnp.isfinite(limit), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
 
 
@@ -111,6 +118,20 @@ def used(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
     """Return the friction and the power divided by their limits."""
     x, y, z = _grip(r, v)
     return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
+
+
+def slowing(usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"]) -> Float[Array, "2 *cells"]:
+    """Return the factors on a with which friction and power satisfy their limits approximately, or 1.
+
+    `at_rest` is the usage for a = 0. On a slope or a banked road, the tyres carry a part of the weight at every speed,
+    so only the rest of the friction decreases. If the factor would be less than `SLOWEST`, it is 1. Then the violation
+    remains, because a much slower timing would be useless.
+    """
+    over = usage > 1
+    friction = (1 - at_rest[0]) / jnp.where(over[0], usage[0] - at_rest[0], 1.0)
+    power = 1 / jnp.where(over[1], usage[1], 1.0) ** 2
+    factors = jnp.stack([friction, power])
+    return jnp.where(over & (factors >= SLOWEST), factors, 1.0)
 
 
 def gradients(r: Road, v: Float[Array, "3 *nodes"]) -> list[tuple[Array, ...]]:

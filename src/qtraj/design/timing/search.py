@@ -11,7 +11,9 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.banded import total
+from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraints import (
+    LARGEST,
     POWERS,
     UPPER,
     Constraints,
@@ -24,7 +26,7 @@ from qtraj.design.timing.constraints import (
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
-from qtraj.design.timing.road import without
+from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -59,7 +61,8 @@ the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over 
 class Problem(NamedTuple):
     """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends.
 
-    `vehicle` is None without limits on friction or power.
+    `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
+    the start and at the end.
     """
 
     path: AbstractHodograph
@@ -68,6 +71,7 @@ class Problem(NamedTuple):
     bounds: dict[str, Scalar]
     ends: Float[Array, " 2"]
     vehicle: RoadParameters | None = None
+    stops: Any = np.zeros(2, bool)
 
 
 class Tables(NamedTuple):
@@ -91,7 +95,7 @@ class Found(NamedTuple):
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
     (limits, cells) is the largest ratio of each quantity to its limit, in the order of `listed`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
-    the optimality error of the last search.
+    the optimality error of the last search. `unbounded` indicates whether no limit bounds the speed.
     """
 
     powers: Float[Array, "cells 4"]
@@ -99,6 +103,7 @@ class Found(NamedTuple):
     sensitivity: Scalar
     steps: Array
     error: Scalar
+    unbounded: Array
 
 
 def last_gap(cells: int) -> float:
@@ -132,7 +137,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
     powers, usage, error = _satisfied(r, t, stop_gradient(places), tuple(problem.bounds))
-    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error)
+    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, unbounded(program, problem.stops))
 
 
 class _Round(NamedTuple):
@@ -157,8 +162,8 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     r = derivatives(shape, grid, t.cell, jnp.asarray(t.place, dtype))
     bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
     found = parts(r, shape.per_cell, bounds, problem.vehicle)
-    imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], -1, cells + 1), found)
-    between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], -1, cells), found)
+    imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
+    between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
     c = imposed.constraints()
     upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
@@ -200,17 +205,24 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 
 @eqx.filter_jit
 def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains."""
-    excess = jnp.max(_grouped(between, r.usage))
-    slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
+    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains.
+
+    A violation that a slower timing does not reduce remains, and the certificate reports it.
+    """
+    rows, on_road = listed(names, between.road is not None), slice(-len(ROAD), None)
+    if between.road is None:
+        slower = 1 / jnp.maximum(jnp.max(_grouped(between, r.usage)), 1.0)
+    else:
+        at_rest = _between_nodes(between, t.within, jnp.zeros_like(r.state.coefficients))
+        slower = 1 / jnp.maximum(jnp.max(_grouped(between, r.usage)[: -len(ROAD)]), 1.0)
+        slower = jnp.minimum(slower, jnp.min(slowing(r.usage[on_road], at_rest[on_road])))
+    slower = jnp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.state.coefficients
     powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slowed)[None], axis=1).T
     error = jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
-    rows = listed(names, between.road is not None)
     if between.road is None:
-        usage = [
-            x * (slower if name in UPPER else slower ** POWERS[name]) for x, name in zip(r.usage, rows, strict=True)
-        ]
+        factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
+        usage = r.usage * jnp.stack(factors)[:, None]
     else:  # friction and power change by no known factor
         usage = _between_nodes(between, t.within, slowed)
     roots = [jnp.sqrt(x) if name in UPPER and POWERS[name] < 1 else x for x, name in zip(usage, rows, strict=True)]
@@ -252,7 +264,13 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
-    highest = 1 / (c.upper[0] if c.jerk is None else jnp.maximum(c.upper[0], jnp.cbrt(c.jerk[0, 0])))
+    highest = 1 / c.upper[0]
+    if c.jerk is not None:
+        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
+        steepest = jnp.max(c.jerk[5])
+        typical = jnp.where(steepest > 0, jnp.cbrt(count**4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
+        highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
+        highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
     pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))

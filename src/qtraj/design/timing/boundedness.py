@@ -1,0 +1,111 @@
+"""Decide whether the limits bound the speed of a timing.
+
+The speed is unbounded if a profile of arbitrarily large a = u̇² satisfies all limits. At a large value of a, each node
+has an interval of possible a'. Without a limit on the jerk, such a profile exists if a can be large on at least one
+whole cell, and can become large and small again. It is large from the start if the speed there is free. Elsewhere it
+can become large only where a' has no upper bound, because the bounds on a' are proportional to a. The same applies to
+the end, with lower bounds. So a limit on power alone, which bounds a' only from above, does not bound the speed if the
+start speed is free: the vehicle may start arbitrarily fast, and drag only slows it down in proportion.
+
+A limit on the jerk bounds the speed on every path that bends. On a straight path, only the profiles whose squared
+speed is a linear function of the distance have no jerk.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from qtraj.design.timing.constraints import LARGEST, Constraints
+from qtraj.design.timing.interior_point import Program
+from qtraj.foundation.types import Flag
+
+STRAIGHT = 1e-12
+"""The lateral part of r'' is treated as zero if it is less than about this fraction of r'' squared, or of a turn of
+one radian in a cell."""
+
+
+def unbounded(program: Program, stops: Bool[Any, " 2"]) -> Flag:
+    """Return whether the speed is unbounded; `stops` indicates whether r' = 0 at the start and at the end."""
+    c: Constraints = jax.tree.map(_in_order, program.constraints)
+    place, standing = _in_order(jnp.asarray(program.nodes.place)), _in_order(jnp.asarray(program.nodes.standing))
+    at_end = jnp.zeros(place.shape, bool).at[0].set(stops[0]).at[-1].set(stops[1])
+    low, high = _slopes(c)
+    possible = (c.upper <= 2 / LARGEST) & (standing == 0) & ~at_end & (low <= high)
+    return _any(possible, low, high) if c.jerk is None else _linear(c.jerk, place, possible, low, high)
+
+
+def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]:
+    """Return the values at all nodes in the order of the path, without the padding."""
+    return jnp.swapaxes(x, -1, -2).reshape(*x.shape[:-2], -1)[..., :-1]
+
+
+def _slopes(c: Constraints) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
+    """Return bounds on a' at each node for a = LARGEST; the lower bound is the larger one if no a' is possible."""
+    low, high = jnp.full_like(c.upper, -jnp.inf), jnp.full_like(c.upper, jnp.inf)
+    for aa, ab, bb in c.forms:
+        limited = bb * LARGEST**2 > 1
+        size = jnp.where(limited, bb, 1.0)
+        rest = aa - jnp.where(limited, ab * ab / size, 0.0)
+        left = 1 - jnp.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * LARGEST**2
+        low, high = _within(low, high, limited | (left < 0), -LARGEST * ab / size, left / size)
+    if c.road is None:
+        return low, high
+    x0, x1, x2 = c.road.along
+    y, z = (p[0] + p[1] * LARGEST for p in (c.road.across, c.road.onto))
+    limited, size = x2 * LARGEST > 1, jnp.where(x2 > 0, x2, 1.0)
+    low, high = _within(low, high, limited, -(x0 + x1 * LARGEST) / size, (z * z - y * y) / size**2)
+    p0, p1, p2 = c.road.power
+    limited, size = p2 * LARGEST > 1, jnp.where(p2 > 0, p2, 1.0)
+    return low, jnp.where(limited, jnp.minimum(high, (LARGEST**-0.5 - p0 - p1 * LARGEST) / size), high)
+
+
+def _within(low: Array, high: Array, limited: Array, middle: Array, square: Array) -> tuple[Array, Array]:
+    """Restrict an interval to |a' − middle|² ≤ square where `limited`; a negative square makes the interval empty."""
+    half = jnp.where(square >= 0, jnp.sqrt(jnp.maximum(square, 0.0)), -jnp.inf)
+    return (
+        jnp.where(limited, jnp.maximum(low, middle - half), low),
+        jnp.where(limited, jnp.minimum(high, middle + half), high),
+    )
+
+
+def _any(possible: Bool[Array, " nodes"], low: Array, high: Array) -> Flag:
+    """Return whether a can be large on a whole cell, which has three nodes."""
+    ends = jnp.arange(possible.size)
+    begun = _reached(possible, (high == jnp.inf) | (ends == 0))
+    left = _reached(possible[::-1], ((low == -jnp.inf) | (ends == ends.size - 1))[::-1])[::-1]
+    large = begun & left
+    return jnp.any(large[:-2] & large[1:-1] & large[2:])
+
+
+def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) -> Bool[Array, " nodes"]:
+    """Return the nodes that are reached through possible nodes from one at which a may become large."""
+    index = jnp.arange(possible.size)
+    last = jax.lax.cummax(jnp.where(possible & entered, index, -1))
+    return last > jax.lax.cummax(jnp.where(possible, -1, index))
+
+
+def _linear(
+    jerk: Float[Array, "6 nodes"], place: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
+) -> Flag:
+    """Return whether a squared speed that is constant or proportional to the distance from an end is possible."""
+    _, _, bend, _, mixed, square = jerk  # multiples of 9 |r''|², 3 r'·r'' and |r'|² in units of cells
+    moving = jnp.where(square > 0, square, 1.0)
+    across = bend - jnp.where(square > 0, mixed**2 / moving, 0.0)
+    straight = jnp.all(across <= STRAIGHT * bend + STRAIGHT**2 * square)
+    speed, steady = jnp.sqrt(square), -2 / 3 * jnp.where(square > 0, mixed / moving, 0.0)
+    steps = 0.5 * jnp.diff(place) * (speed[1:] + speed[:-1])
+    gone = jnp.concatenate([jnp.zeros_like(speed[:1]), jnp.cumsum(steps)])
+    left = gone[-1] - gone
+    first, last = (jnp.arange(place.size) == k for k in (0, place.size - 1))
+    never = jnp.zeros_like(first)
+    found = []
+    for at_rest, change in (
+        (never, 0.0),
+        (first, speed / jnp.where(first, 1.0, gone)),
+        (last, -speed / jnp.where(last, 1.0, left)),
+    ):
+        slope = LARGEST * (steady + change)
+        found.append(jnp.all(at_rest | (possible & (low <= slope) & (slope <= high))))
+    return straight & (found[0] | found[1] | found[2])
