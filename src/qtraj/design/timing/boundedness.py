@@ -26,6 +26,7 @@ STRAIGHT = 1e-12
 one radian in a cell."""
 
 
+@jax.jit
 def unbounded(program: Program, stops: Bool[Any, " 2"]) -> Flag:
     """Return whether the speed is unbounded; `stops` indicates whether r' = 0 at the start and at the end."""
     c: Constraints = jax.tree.map(_in_order, program.constraints)
