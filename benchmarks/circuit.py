@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.tuning_route import basis, rounds, setup
+from qtraj.design.tuning_route import rounds, setup
 from qtraj.design.tuning_route.problem import JERK
 from qtraj.design.tuning_route.tube import Displacement
 from qtraj.design.tuning_route.tune_route import _solution
@@ -124,33 +124,21 @@ def with_ipopt(problem, count, weight, tube=TUBE):
     """Run IPOPT; return variables, time and status. `weight` multiplies the integral of the squared jerk."""
     import casadi as ca
 
-    data = {name: np.asarray(getattr(problem, name)) for name in ("ends", "durations", "axes")}
-    given = {name: ca.SX.sym(name, int(np.prod(x.shape[:-1], dtype=int))) for name, x in data.items()}
-    scale, z = np.asarray(problem.scale), [ca.SX.sym(name, 10) for name in ("z0", "z1")]
-    moves, h0 = [side * scale for side in z], given["durations"]
-    h = h0 + moves[1][9] - moves[0][9]
-    shifts = []
-    for side in range(2):
-        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # one column for each axis
-        shifts += [axes @ moves[side][3 * k : 3 * k + 3] for k in range(3)]
-    ends = ca.reshape(given["ends"], 3, 6).T
-    change = [h**e * shifts[k].T + ((h**e / h0**e) - 1) * ends[k, :] for k, e in enumerate(basis.POWERS)]
-    change = ca.vertcat(*change)
-    y, rows = ends + change, []
-    tables = basis.at_nodes(np.linspace(0, 1, NODES)[:-1], 2)
-    for j in range(NODES - 1):
-        v, a = (ca.DM(tables[k, j]).T @ y / h**k for k in (1, 2))
-        d = ca.DM(tables[0, j]).T @ change
+    from benchmarks.route_in_casadi import MOVES, segment
+
+    own, rows = segment(problem), []
+    for v, a, d in own.at_nodes(NODES):
         square, normal = ca.dot(v, v), ca.cross(v, a)
         rows += [square / LIMITS["speed"] ** 2, ca.dot(normal, normal) / square / LIMITS["lateral_acceleration"] ** 2]
         rows += [ca.dot(v, a) ** 2 / square / LIMITS["longitudinal_acceleration"] ** 2]
         rows += [(d[0] ** 2 + d[1] ** 2) / tube**2, d[2] ** 2 / tube**2]
+    h, y = own.duration, own.ends + own.change
     cost = h + weight * h**-5 * ca.trace(y.T @ ca.DM(JERK) @ y)
-    one = ca.Function("one", [*z, *given.values()], [cost, ca.vertcat(*rows), h / h0])
-    x = ca.MX.sym("x", 10, count)
+    one = ca.Function("one", [*own.variables, *own.given.values()], [cost, ca.vertcat(*rows), h / own.before])
+    x = ca.MX.sym("x", MOVES, count)
     late = ca.MX.sym("late")
     last = ca.vertcat(x[:9, 0], late)
-    constant = [a.reshape(-1, a.shape[-1])[:, :count] for a in data.values()]
+    constant = [a.reshape(-1, a.shape[-1])[:, :count] for a in own.data.values()]
     costs, limits, ratios = one.map(count)(x, ca.horzcat(x[:, 1:], last), *constant)
     free = np.append(np.asarray(problem.free)[:, :count].T.ravel(), 1.0)
     nlp = {"x": ca.vertcat(ca.vec(x), late), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.tuning_route import basis, constraints, rounds, setup
+from qtraj.design.tuning_route import constraints, rounds, setup
 from qtraj.design.tuning_route.problem import objective, segments
 
 NAMES = ("curvature", "speed", "lateral_acceleration")
@@ -75,37 +75,20 @@ def with_ipopt(problem, count, seconds):
     """Run IPOPT with limits at `NODES` instants of each segment; return variables, time and status."""
     import casadi as ca
 
-    z0, z1 = ca.SX.sym("z0", 10), ca.SX.sym("z1", 10)
-    fields = ("ends", "durations", "near", "pace", "axes")
-    data = {name: np.asarray(getattr(problem, name)) for name in fields}
-    sizes = {name: int(np.prod(x.shape[:-1], dtype=int)) for name, x in data.items()}
-    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    scale = np.asarray(problem.scale)
-    moves = [z * scale for z in (z0, z1)]
-    h0 = given["durations"]
-    h = h0 + moves[1][9] - moves[0][9]
-    shifts = []
-    for side in range(2):
-        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # one column for each axis
-        shifts += [axes @ moves[side][3 * k : 3 * k + 3] for k in range(3)]
-    ends = ca.reshape(given["ends"], 3, 6).T
-    change = [h**e * shifts[k].T + ((h**e / h0**e) - 1) * ends[k, :] for k, e in enumerate(basis.POWERS)]
-    change = ca.vertcat(*change)
-    y = ends + change
-    near = ca.reshape(given["near"], 6, 6)
-    cost = ca.trace(change.T @ near @ change) + given["pace"] * (h / h0 - 1) ** 2
-    tables = basis.at_nodes(np.linspace(0, 1, NODES)[:-1], 2)
+    from benchmarks.route_in_casadi import MOVES, segment
+
+    own = segment(problem, "near", "pace")
+    ratio, near = own.duration / own.before, ca.reshape(own.given["near"], 6, 6)
+    cost = ca.trace(own.change.T @ near @ own.change) + own.given["pace"] * (ratio - 1) ** 2
     rows = []
-    for j in range(NODES - 1):
-        v, a = (ca.DM(tables[k, j]).T @ y / h**k for k in (1, 2))
-        d = ca.DM(tables[0, j]).T @ change
+    for v, a, d in own.at_nodes(NODES):
         c = ca.cross(v, a)
         square, normal = ca.dot(v, v), ca.dot(c, c)
         rows += [normal / square**3 / BOUNDS[0] ** 2, square / BOUNDS[1] ** 2, normal / square / BOUNDS[2] ** 2]
         rows += [(d[0] ** 2 + d[1] ** 2) / TUBE**2, d[2] ** 2 / TUBE**2]
-    one = ca.Function("one", [z0, z1, *given.values()], [cost, ca.vertcat(*rows), h / h0])
-    z = ca.MX.sym("z", 10, count + 1)
-    constant = [x.reshape(-1, x.shape[-1])[:, :count] for x in data.values()]
+    one = ca.Function("one", [*own.variables, *own.given.values()], [cost, ca.vertcat(*rows), ratio])
+    z = ca.MX.sym("z", MOVES, count + 1)
+    constant = [x.reshape(-1, x.shape[-1])[:, :count] for x in own.data.values()]
     costs, limits, ratios = one.map(count)(z[:, :-1], z[:, 1:], *constant)
     free = np.asarray(problem.free)[:, : count + 1].T.ravel()
     nlp = {"x": ca.vec(z), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}
@@ -118,7 +101,7 @@ def with_ipopt(problem, count, seconds):
     found = solver(x0=np.zeros(free.size), lbx=-wide, ubx=wide, lbg=bottom, ubg=top)
     spent = time.process_time() - start
     values = np.zeros(problem.free.shape)
-    values[:, : count + 1] = np.array(found["x"]).reshape(count + 1, 10).T
+    values[:, : count + 1] = np.array(found["x"]).reshape(count + 1, MOVES).T
     return values, spent, f"{solver.stats()['return_status']}, {solver.stats()['iter_count']} steps"
 
 
