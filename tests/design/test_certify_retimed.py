@@ -96,8 +96,9 @@ def test_limits_on_the_shape_are_proved_on_the_original_path(case):
     tight = 0.9 * found.worst["slope"][1]
     broken = qt.certify(timed.path, qt.Limits(slope=tight))
     assert broken.status == {"slope": "broken"}
-    x, y, z = timed.path.velocity(broken.worst["slope"][0])
-    assert abs(z) > tight * jnp.hypot(x, y)
+    near = broken.worst["slope"][0] + np.array([-1e-2, 0.0, 1e-2])  # the largest slope may be that of a stop
+    slopes = qt.evaluate(timed.path, near, ("slope",)).values["slope"]
+    assert np.nanmax(slopes) > tight
 
 
 def test_a_stored_path_has_the_same_certificate(case, tmp_path):

@@ -38,7 +38,7 @@ ROUNDINGS = 64
 PLACES, ZOOMS = 17, 3
 """Number of equally spaced points in a cell, and in each of the smaller and smaller intervals around the largest."""
 
-INSIDE = 1e-7
+INSIDE = 1e-9
 """Smallest distance of a reported maximum from the ends of its cell, relative to the cell."""
 
 
@@ -227,14 +227,17 @@ def _zoomed(
     before, after = (jnp.asarray(stops)[cell] for stops in cells.stops)
     lowest = jnp.where(before, jnp.minimum(best, width), INSIDE)
     highest = jnp.where(after, jnp.maximum(best, 1 - width), 1 - INSIDE)
-    rows, around, value = jnp.arange(own.size), jnp.linspace(-1.0, 1.0, PLACES)[None], jnp.zeros_like(best)
-    for zoom in range(ZOOMS):
-        near = jnp.clip(best[:, None] + width * (2 / (PLACES - 1)) ** zoom * around, lowest[:, None], highest[:, None])
+    rows, around = jnp.arange(own.size), jnp.linspace(-1.0, 1.0, PLACES)[None]
+
+    def zoom(k: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        reach = width * (2.0 * width) ** k
+        near = jnp.clip(found[0][:, None] + reach * around, lowest[:, None], highest[:, None])
         ratios = _usage(path, cells, jnp.repeat(cell, PLACES), near.ravel(), bounds, vehicle)[own]
         ratios = ratios.reshape(own.size, own.size, PLACES)[rows, rows]
         at = jnp.argmax(jnp.where(jnp.isnan(ratios), -jnp.inf, ratios), axis=1)
-        best, value = near[rows, at], ratios[rows, at]
-    return best, value
+        return near[rows, at], ratios[rows, at]
+
+    return jax.lax.fori_loop(0, ZOOMS, zoom, (best, jnp.zeros_like(best)))
 
 
 def _usage(
