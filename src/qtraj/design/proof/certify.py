@@ -10,40 +10,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED, UNDECIDED, Certificate, contradicted, require_float64
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
-from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
-from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Evaluate, Findings, Scale, indices, judge
+from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Findings, indices, judge
+from qtraj.design.proof.paths import PolynomialPaths, from_curves, from_polynomials, prepared
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.timing.retimed_proof import certify_retimed
+from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation import cores
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.values import to_turned_basis
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 64
 """Number of paths that are processed together; their data fits into the processor's cache."""
-
-IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-class PolynomialPaths(eqx.Module):
-    """The data of a batch of polynomial paths; paths with equal numbers of coefficients share an executable."""
-
-    polynomials: MovingPolynomials
-    duration: Float[Array, "*paths"]
-    orientation: Float[Array | np.ndarray, "*paths 4"]
 
 
 @overload
@@ -86,6 +74,10 @@ def certify(
     - "sampled": the limit is satisfied according to refined sampling. This is the best possible status for a `Curve`,
       and for quantities that depend on the vertical if the axis of the path is not vertical.
 
+    For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on the curvature,
+    torsion and slope are proved on its original path. Limits on forces other than friction, on moments and on the
+    angular acceleration are sampled.
+
     For a batch of paths, the limits are scalars or have the same batch dimension, and the certificate has this
     dimension, too. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values`
     are differentiable with respect to the path (envelope theorem). The search for these values may miss a narrow peak
@@ -113,7 +105,8 @@ def certify(
             raise ValueError("a corridor is supported only for a SpiralHelix, but a Route was given: omit corridor=")
         found = certify_route(path, limits)
         return found.check() if throw else found
-    certificate = _certify(path, limits)
+    retimed = isinstance(path, RetimedPath)
+    certificate = certify_retimed(path, limits, _certify) if retimed else _certify(path, limits)
     if corridor is not None:
         certificate = add_corridor(certificate, path, reference, as_float(corridor))
     return certificate.check() if throw else certificate
@@ -139,7 +132,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     table = [in_batch(reduced.get(x.name, 1.0)) for x in LIMITS]
     road = [in_batch(x) for x in (limits.road(dtype) if limits.needs_vehicle else ())]
     # The vehicle's parameters follow the limits. If no limit depends on the road, these parameters are left out.
-    source, limits_array = _source(path, len(batch)), xp.stack([*table, *(road if limits.on_road else ())], axis=-1)
+    source, limits_array = prepared(path, len(batch)), xp.stack([*table, *(road if limits.on_road else ())], axis=-1)
     road_numbers = xp.stack(road, axis=-1) if road else xp.zeros((*batch, 0), dtype)
     if traced:
         source, limits_array = jax.lax.stop_gradient((source, limits_array))
@@ -161,27 +154,6 @@ def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[
         return empty.astype(np.int32), empty, empty
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), (source, limits))
     return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), function(*flat, index, count))
-
-
-def _source(path: AbstractHodograph, axes: int) -> Any:
-    """Return the data on which the findings depend: the polynomials of polynomial paths, or the paths themselves."""
-    polynomials = _vmap_times(lambda path: path.polynomials(), axes)(path)
-    if polynomials is None:
-        return path
-    placement, shape = polynomials.placement, path.duration.shape
-    if placement is None:
-        orientation: Any = np.broadcast_to(IDENTITY, (*shape, 4))
-    else:
-        orientation = placement.orientation.astype(path.duration.dtype)
-    return PolynomialPaths(
-        MovingPolynomials(polynomials.x, polynomials.y, polynomials.z, polynomials.angle), path.duration, orientation
-    )
-
-
-def _vmap_times(function: Any, axes: int) -> Any:
-    for _ in range(axes):
-        function = eqx.filter_vmap(function)
-    return function
 
 
 def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findings:
@@ -251,47 +223,8 @@ def _in_blocks(function: Any, data: Any) -> Findings:
 
 def _judge_block(source: Any, limits: Array, index: Array, count: Array) -> Findings:
     evaluate, scale, is_vertical, polynomials = (
-        _from_polynomials(source) if isinstance(source, PolynomialPaths) else _from_curves(source)
+        from_polynomials(source) if isinstance(source, PolynomialPaths) else from_curves(source)
     )
     vehicle = RoadParameters(*limits.T[LIMIT_COUNT:]) if limits.shape[1] > LIMIT_COUNT else None
     findings = judge(evaluate, scale, limits.T[:LIMIT_COUNT], is_vertical, polynomials, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, findings)
-
-
-def _from_polynomials(source: PolynomialPaths) -> tuple[Evaluate, Scale, Array, PathDerivatives]:
-    """Return the arguments of `judge` for polynomial paths."""
-    coefficients = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), source.polynomials)
-    polynomials = path_derivatives(coefficients, source.duration)
-    w, x, y, z = source.orientation.T
-    vertical = jax.vmap(lambda q: rotate(conjugate(q), jnp.asarray([0.0, 0.0, 1.0], q.dtype)))(source.orientation).T
-
-    @jax.jit
-    def up(s: Array) -> Vectors:
-        t, angle = polynomials.unit[None] * (s + 1), jnp.zeros_like(s)
-        for c in coefficients.angle[::-1]:
-            angle = angle * t + c[None]
-        return Vectors(*to_turned_basis(vertical[:, None], angle))
-
-    def evaluate(s: Array, order: int, with_vertical: bool) -> Invariants:
-        derivatives = [None, *(Vectors(*r.at(s)) for r in polynomials.derivatives[:order])]
-        return Invariants(derivatives, up(s) if with_vertical else None)
-
-    is_vertical = ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))
-    return evaluate, Scale(polynomials.length, polynomials.unit), is_vertical, polynomials
-
-
-def _from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None]:
-    """Return the arguments of `judge` for all other paths."""
-    unit = 0.5 * paths.duration
-    arrays, static = eqx.partition(paths, eqx.is_array)
-
-    def evaluate(s: Array, order: int, with_vertical: bool) -> Invariants:
-        def of_path(arrays: Any, t: Array) -> Array:
-            path = eqx.combine(arrays, static)
-            return jax.vmap(lambda t: path.derivatives(t, order))(t)
-
-        derivatives = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
-        scaled = [derivatives[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
-        return Invariants([Vectors(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
-
-    return evaluate, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None

@@ -12,9 +12,9 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate, require_float64
+from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
+from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import LARGEST, NAMES, listed
-from qtraj.design.timing.directions import straight
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
     STOP_DISTANCE,
@@ -33,7 +33,6 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
@@ -219,10 +218,11 @@ def _judged(
     usage = jnp.concatenate([x.usage for x in timed], axis=1)
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
-    if "angular_rate" in names:  # the natural trihedral is undefined on straight parts
-        without = straight(path, knots)[None] & np.array([name == "angular_rate" for name in names])[:, None]
-        codes = jnp.where(without & ((codes == UNDECIDED) | (codes == SAMPLED)), UNDEFINED, codes)
-    certificate = _certificate(timing, usage, codes, jnp.stack([bounds[name] for name in names]), polynomials, names)
+    codes = findings.with_straight(path, knots, codes, names)
+    limits, cell = jnp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
+    values = jnp.take_along_axis(usage, cell[:, None], axis=1)[:, 0] * limits
+    times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
+    certificate = findings.certificate(codes, times, values, limits, polynomials, names)
     searches = [x.found for x in timed if x.found is not None]
     powers, (pace, wanted) = timing.coefficients, speeds
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
@@ -241,27 +241,3 @@ def _judged(
     time = stop_gradient(timing.duration) + sum(found.sensitivity for found in searches)
     steps = sum((found.steps for found in searches), jnp.zeros((), jnp.int32))
     return RetimedPath(path, timing), time, certificate, usage, ends, code, steps
-
-
-def _certificate(
-    timing: Timing,
-    usage: Float[Array, "limits cells"],
-    codes: Int[Array, "limits cells"],
-    limits: Float[Array, " limits"],
-    polynomials: MovingPolynomials | None,
-    names: tuple[str, ...],
-) -> Certificate:
-    nowhere = (codes == UNDEFINED) & ~jnp.any(codes == BROKEN, axis=1, keepdims=True)
-    cell = jnp.argmax(jnp.where(nowhere, jnp.inf, usage), axis=1)
-    values = jnp.take_along_axis(usage, cell[:, None], axis=1)[:, 0] * limits
-    times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
-    rank = jnp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
-    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
-    if polynomials is not None and polynomials.placement is not None:
-        x, y = polynomials.placement.orientation[1:3]
-        vertical = np.array([QUANTITIES[name].upright for name in names])
-        whole = jnp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
-    over = values > limits
-    whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
-    values = jnp.where(jnp.any(nowhere, axis=1), jnp.nan, values)
-    return Certificate(names, whole, times, values, limits)

@@ -210,8 +210,8 @@ def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Arra
 class RetimedPath(AbstractHodograph):
     """A path r(u) with a timing u(t): the hodograph r(u(t)), where t is the time [s] since the start.
 
-    This hodograph is not polynomial in t, so `certify` can only sample it. The proofs of `retime` use the polynomials
-    r(u) and u̇²(u) instead.
+    This hodograph is not polynomial in t. The proofs of `retime` and `certify` use the polynomials r(u) and u̇²(u)
+    instead. They need the cells of a timing by `retime`; `certify` samples a path with other cells.
     """
 
     path: AbstractHodograph
