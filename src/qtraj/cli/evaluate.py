@@ -12,7 +12,6 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
-from qtraj.cli.tune import show_fit
 from qtraj.foundation.progress_bar import watching
 from qtraj.scenario import KINDS
 
@@ -73,12 +72,14 @@ def run(
         watch.say("reading the path")
         # Imported here, so that --help does not wait for pydantic and xarray.
         from qtraj.batch.evaluate import evaluate
-        from qtraj.cli.output import check_folder, header, provenance, table_writers, tabular, write_all
-        from qtraj.design.fitting.facts import facts
+        from qtraj.design.fitting.route_facts import facts_of
+        from qtraj.foundation.folder import check_folder, write_all
+        from qtraj.foundation.plain import tabular
         from qtraj.io.dataset import conventions, with_fit
         from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
         from qtraj.path.channel import provided
         from qtraj.path.quantity import QUANTITIES
+        from qtraj.viz import result_files
 
         if out is not None:
             check_folder(out)
@@ -90,8 +91,8 @@ def run(
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = header("evaluate", loaded) | {
-            "fit": None if fitted is None else facts(fitted),
+        content = terminal.header("evaluate", loaded) | {
+            "fit": facts_of(fitted),
             "frame": table.frame,
             "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
             **tabular(table.record()),
@@ -105,10 +106,10 @@ def run(
             variables: dict[str, Any] = {}
             texts = {} if fitted is None else with_fit(variables, fitted)
             dataset = dataset.assign(variables)
-            dataset.attrs |= conventions(table.frame) | provenance(loaded) | texts
-            content["files"] = [str(file) for file in write_all(out, table_writers(dataset, headers))]
+            dataset.attrs |= conventions(table.frame) | loaded.provenance() | texts
+            content["files"] = [str(file) for file in write_all(out, result_files.table(dataset, headers=headers))]
     loose = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, lambda console: _show(console, content), loose)
+    return Outcome(content, lambda console: _show(console, content, fitted), loose)
 
 
 def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
@@ -161,7 +162,7 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
-def _show(console: Console, content: dict[str, Any]) -> None:
+def _show(console: Console, content: dict[str, Any], fitted: "Fitted | None") -> None:
     """Print the path, and two or more tables, because one table would be wider than 80 columns."""
     from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
@@ -172,8 +173,7 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
     console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
-    if content["fit"] is not None:
-        show_fit(console, content["fit"])
+    layout.print_fit(console, fitted)
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
     defined = columns["defined"].astype(bool)
     exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}

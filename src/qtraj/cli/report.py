@@ -46,7 +46,7 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
         watch.say("reading")
         # Imported here, so that --help does not wait for xarray.
         from qtraj._version import __version__
-        from qtraj.cli.output import check_folder, write_all
+        from qtraj.foundation.folder import check_folder, write_all
         from qtraj.viz.report.source import DATASETS, find, is_folder
 
         folder = out or (result if is_folder(result) else result.parent)

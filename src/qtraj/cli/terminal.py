@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 from rich.console import Console
 
+from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
+    from qtraj.scenario.reader import ScenarioFile
 
 FAILED = 1
 """Exit code of a run that did not converge, or whose limits are not satisfied."""
@@ -33,9 +35,9 @@ class FrameName(StrEnum):
 
     def frame(self) -> "Frame":
         """Return the frame with this name."""
-        from qtraj.scenario.loop import FRAMES  # imported here, because the import would delay --help
+        from qtraj.motion.programs.rotation_minimizing import frame_named  # imported here, because it delays --help
 
-        return FRAMES[self.value]()
+        return frame_named(self.value)
 
 
 ABOUT_FRAMES = (
@@ -79,6 +81,11 @@ class Outcome(NamedTuple):
     show: Callable[[Console], None]
     failed: bool = False
     renamed: Sequence[str] = ()
+
+
+def header(command: str, loaded: "ScenarioFile[Any]") -> dict[str, Any]:
+    """Return the first keys of a command's JSON output: the version, the command and the scenario."""
+    return {"qtraj": __version__, "command": command, "scenario": loaded.about()}
 
 
 def finish(outcome: Outcome, as_json: bool) -> None:

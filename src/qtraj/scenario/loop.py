@@ -1,7 +1,7 @@
 """Define the scenario keys of `qtraj simulate`, and build the closed loop."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,16 +14,17 @@ from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, name_of
+from qtraj.motion.programs.rotation_minimizing import frame_named, name_of
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop import Loop, renewal_instants
+from qtraj.motion.simulation.loop_verdict import SETTLED
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.path.existence import MISSING, first_undefined
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
-from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.part import (
     ANGLES,
@@ -43,7 +44,6 @@ from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, read_scenario
 from qtraj.scenario.slew import SlewPart
 
-FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
@@ -108,7 +108,7 @@ class ProgramPart(Part):
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         name = (chosen or self.frame or UPRIGHT).replace("_", "-")
-        frame: Frame = FRAMES[name]()
+        frame = frame_named(name)
         if name == THRUST_ALIGNED and self.heading is not None:
             frame = ThrustAligned(radians(angles) * self.heading)
         if name == UPRIGHT and self.up is not None:
@@ -196,11 +196,7 @@ class LoopScenario(NamedPart):
 
 @dataclass(frozen=True)
 class LoopTask:
-    """The closed loop of a scenario, as arguments of `qtraj.simulate`.
-
-    `times` (n,) [s]: the instants of the table. `renewals` [s]: the sampling instants of the command, or None if the
-    command is continuous.
-    """
+    """The closed loop of a scenario; the fields are arguments of `qtraj.assess_loop`."""
 
     program: AbstractProgram
     law: AbstractLaw
@@ -212,12 +208,11 @@ class LoopTask:
     actuator: Actuator | None
     rtol: float
     atol: float
-    renewals: np.ndarray | None = None
+    settled: float
 
-    @property
-    def jumps(self) -> np.ndarray | None:
-        """The instants [s] at which the acceleration of slews may jump, or None for a program without slews."""
-        return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `qtraj.assess_loop`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)} | {"sign": "as given"}
 
 
 def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
@@ -225,7 +220,7 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
 
     **Raises:** OSError if a file cannot be read; ValueError for invalid data.
     """
-    scenario = loaded.scenario
+    scenario, simulation = loaded.scenario, loaded.scenario.simulation
     scale = radians(scenario.angles)
     program = _program(loaded, frame)
     times = _times(scenario, program, samples)
@@ -236,11 +231,11 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
     sensor = scenario.sensor and scenario.sensor.sensor(scale)
     actuator = scenario.actuator and scenario.actuator.actuator(scale)
     sampled = scenario.sensor is not None and scenario.sensor.sampling is not None
-    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):
-        instants = renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
-    renewals = None if instants is None else np.asarray(instants)
-    tolerances = (scenario.simulation.rtol, scenario.simulation.atol)
-    return LoopTask(program, law, quaternion, rate, times, disturbance, sensor, actuator, *tolerances, renewals)
+    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # too many commands are an error
+        renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
+    settled = SETTLED if simulation.settled is None else scale * simulation.settled
+    parts = (program, law, quaternion, rate, times, disturbance, sensor, actuator)
+    return LoopTask(*parts, simulation.rtol, simulation.atol, settled)
 
 
 def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:

@@ -42,6 +42,18 @@ class ScenarioFile(Generic[S]):
         """Return the path of the file with this name, relative to the folder of the scenario."""
         return self.file.parent / name
 
+    def about(self) -> dict[str, str | None]:
+        """Return file and hash of the scenario, its name and description, and the source of its recording."""
+        names = {name: getattr(self.scenario, name, None) for name in ("name", "description")}
+        names["source"] = getattr(getattr(self.scenario, "track", None), "source", None)
+        return {"file": str(self.file), "sha256": self.hash} | {k: v and v.strip() for k, v in names.items()}
+
+    def provenance(self) -> dict[str, str]:
+        """Return the attributes of a dataset that describe its origin."""
+        about = self.about()
+        facts = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
+        return {name: text for name, text in facts.items() if text} | {"scenario_file": self.file.name}
+
 
 def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
     """Read the scenario in a TOML file, or the built-in scenario if `file` is None.

@@ -5,22 +5,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import Certificate
-from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.naming import naming
-from qtraj.foundation.outcome import AbstractOutcome
 from qtraj.foundation.progress import Progress
 from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
 from qtraj.io.recording import is_recording
-from qtraj.io.saved import is_saved
+from qtraj.io.saved import is_saved, saved_hodograph
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track
 from qtraj.scenario import DATA
 from qtraj.scenario.path import LimitsPart, lay
@@ -45,37 +38,6 @@ class RetimeTask:
     track: Track | None = None
     fitted: Fitted | FittedRoute | None = None
     tuning: Callable[[Callable[[Progress], None]], Any] | None = None
-
-    def limits_of(self, timing: bool) -> Limits:
-        """Return the limits that depend on the timing; if `timing` is false, return the limits on the shape only."""
-        given = self.limits.given().items()
-        chosen = {name: value for name, value in given if _depends_on_timing(name) == timing}
-        vehicle = self.limits.vehicle if any(QUANTITIES[name].needs_vehicle for name in chosen) else None
-        return Limits(**chosen, vehicle=vehicle)
-
-    def checked(self, timed: Retimed) -> Certificate:
-        """Return the certificate for all limits; limits on the shape are checked on the original path."""
-        shape = self.limits_of(timing=False)
-        own = timed.certificate
-        if not shape.given():
-            return own
-        from qtraj.design.proof.certify import certify  # imported here, because most scenarios do not need it
-        from qtraj.design.proof.route_certificate import RouteCertificate
-
-        found = certify(timed.path.path, shape)
-        found = found.whole if isinstance(found, RouteCertificate) else found
-        times = [float(timed.timing.time(t)) for t in np.asarray(found.times)]
-        columns = zip((own.codes, own.times, own.values, own.limits), _columns(found, times), strict=True)
-        return Certificate((*own.names, *found.names), *(np.concatenate(pair) for pair in columns))
-
-
-def _depends_on_timing(name: str) -> bool:
-    entry = QUANTITIES[name]
-    return entry.on_road or entry.per_time > 0
-
-
-def _columns(certificate: Certificate, times: list[float]) -> tuple[Any, ...]:
-    return certificate.codes, np.array(times), certificate.values, certificate.limits
 
 
 def read_retiming(file: Path | None) -> ScenarioFile[Any]:
@@ -137,7 +99,7 @@ def retiming(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> RetimeTask
     path.
     """
     if loaded.scenario is None:
-        return RetimeTask(_saved(loaded.file), Limits(**more, vehicle=None))
+        return RetimeTask(saved_hodograph(loaded.file), Limits(**more, vehicle=None))
     loaded = with_limits(loaded, more)
     tuned = "tune" in loaded.scenario.model_fields_set
     if isinstance(loaded.scenario, RouteScenario):
@@ -154,16 +116,3 @@ def retiming(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> RetimeTask
             return tune(**task.tuning(), progress=progress)
 
     return RetimeTask(task.path, task.limits, task.track, task.fitted, tune if tuned else None)
-
-
-def _saved(file: Path) -> AbstractHodograph:
-    """Load the path from a saved path or result; for a retimed path, return the original path."""
-    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
-
-    stored = load(file)
-    path = getattr(stored, "path", None) if isinstance(stored, AbstractOutcome | Fitted | FittedRoute) else stored
-    path = path.path if isinstance(path, RetimedPath) else path
-    if not isinstance(path, AbstractHodograph):
-        name = type(stored).__name__
-        raise ValueError(f"{file}: a saved path was expected, but the file contains an object of type {name}")
-    return path
