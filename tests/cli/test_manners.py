@@ -250,7 +250,7 @@ def test_version(qtraj):
 )
 def test_the_environment_decides_on_the_cache(tmp_path, setting, expected):
     """A folder of JAX's own setting is left alone, and a cache that is switched off stays off."""
-    code = "import jax; from qtraj.cli.session import prepare; prepare(); print(jax.config.jax_compilation_cache_dir)"
+    code = "import jax; from qtraj.cli.main import prepare; prepare(); print(jax.config.jax_compilation_cache_dir)"
     done = process(["-c", code], XDG_CACHE_HOME=str(tmp_path), **setting)
     assert done.stdout.strip() == expected.format(cache=tmp_path)
     assert any(tmp_path.iterdir()) == (not setting)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
-from qtraj.foundation.progress_bar import watching
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
@@ -29,7 +30,9 @@ MAX_INSTANTS = 1_000_000
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
+@terminal.command
 def evaluate(
+    watch: Watch,
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
     samples: int | None = typer.Option(
         None, min=2, metavar="N", help=f"Number of instants, including both ends. \\[default: {SAMPLES}]"
@@ -43,7 +46,7 @@ def evaluate(
     frame: FrameName | None = terminal.frame_option(),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
     The path of a scenario is not tuned. Attitude and rate are those of the upright frame, unless --frame selects
@@ -51,65 +54,46 @@ def evaluate(
     includes forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The
     exit code is 1 if the path does not fit its recording.
     """
-    with terminal.guarded():
-        outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
-    terminal.finish(outcome, as_json)
+    watch.say("reading the path")
+    # Imported here, so that --help does not wait for pydantic and xarray.
+    from qtraj.batch.evaluate import evaluate as evaluated
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import tabular
+    from qtraj.io.dataset import conventions, with_fit
+    from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
+    from qtraj.path.channel import provided
+    from qtraj.path.quantity import QUANTITIES
+    from qtraj.viz import result_files
 
-
-def run(
-    file: Path,
-    samples: int | None,
-    step: float | None,
-    out: Path | None,
-    also: Sequence[str],
-    frame: FrameName,
-) -> Outcome:
-    """Evaluate the path in a file, and write its table if `out` is not None.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading the path")
-        # Imported here, so that --help does not wait for pydantic and xarray.
-        from qtraj.batch.evaluate import evaluate
-        from qtraj.design.fitting.route_facts import facts_of
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import tabular
-        from qtraj.io.dataset import conventions, with_fit
-        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
-        from qtraj.path.channel import provided
-        from qtraj.path.quantity import QUANTITIES
-        from qtraj.viz import result_files
-
-        if out is not None:
-            check_folder(out)
-        loaded, path, fitted, vehicle = _path(file)
-        _require_vehicle(also, vehicle)
-        available = provided(vehicle)
-        also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
-        times = instants(float(path.duration), samples, step)
-        watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
-        bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = terminal.header("evaluate", loaded) | {
-            "fit": facts_of(fitted),
-            "frame": table.frame,
-            "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
-            **tabular(table.record()),
-            "bends": bends.tolist(),
-            "files": [],
-        }
-        if out is not None:
-            dataset = table.to_xarray()
-            columns = csv_headers(dataset)
-            headers = PATH_HEADERS | {name: columns[name] for name in ("rate", *also) if name not in PATH_HEADERS}
-            variables: dict[str, Any] = {}
-            texts = {} if fitted is None else with_fit(variables, fitted)
-            dataset = dataset.assign(variables)
-            dataset.attrs |= conventions(table.frame) | loaded.provenance() | texts
-            content["files"] = [str(file) for file in write_all(out, result_files.table(dataset, headers=headers))]
+    loaded, path, fitted, vehicle = _path(scenario)
+    _require_vehicle(also, vehicle)
+    available = provided(vehicle)
+    also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+    times = instants(float(path.duration), samples, step)
+    watch.say("evaluating")
+    table = evaluated(
+        path, times, (*OUTPUTS, *also), (frame or FrameName.upright).frame(), continuous=True, vehicle=vehicle
+    )
+    bends = np.asarray(evaluated(path, times, ("defined",)).defined)
+    content = terminal.header("evaluate", loaded) | {
+        "fit": facts_of(fitted),
+        "frame": table.frame,
+        "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
+        **tabular(table.record()),
+        "bends": bends.tolist(),
+    }
+    writers = {}
+    if out is not None:
+        dataset = table.to_xarray()
+        columns = csv_headers(dataset)
+        headers = PATH_HEADERS | {name: columns[name] for name in ("rate", *also) if name not in PATH_HEADERS}
+        variables: dict[str, Any] = {}
+        texts = {} if fitted is None else with_fit(variables, fitted)
+        dataset = dataset.assign(variables)
+        dataset.attrs |= conventions(table.frame) | loaded.provenance() | texts
+        writers = result_files.table(dataset, headers=headers)
     loose = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, lambda console: _show(console, content, fitted), loose)
+    return Outcome(content, partial(_show, content=content, fitted=fitted), loose, (), out, writers)
 
 
 def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:

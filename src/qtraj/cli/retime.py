@@ -1,5 +1,6 @@
 """Implement `qtraj retime`, which finds the fastest timing along a path and the limits that bound the speed."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ from rich.text import Text
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
-from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.foundation.progress_bar import Watch
 
 if TYPE_CHECKING:
     from qtraj.design.proof.certificate import Certificate
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from qtraj.scenario.retime import RetimeTask
 
 
+@terminal.command
 def retime(
+    watch: Watch,
     scenario: Path | None = typer.Argument(
         None,
         metavar="SCENARIO",
@@ -41,7 +44,7 @@ def retime(
     knots: int | None = typer.Option(
         None, metavar="N", help="Number of cells of the timing, a power of two. Overrides the scenario."
     ),
-) -> None:
+) -> Outcome:
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
@@ -50,61 +53,47 @@ def retime(
     (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
     limit is not satisfied, the tuning fails, or an end speed cannot be reached.
     """
-    with terminal.guarded():
-        chosen = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
-        outcome = run(scenario, out, {k: v for k, v in chosen.items() if v is not None}, limit or [])
-    terminal.finish(outcome, as_json)
+    chosen = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import plain
+    from qtraj.io.retimed_dataset import retimed_dataset
+    from qtraj.path.trihedral import Upright
+    from qtraj.scenario.retime import read_retiming
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import speed_profile_figure
 
-
-def run(file: Path | None, out: Path, chosen: dict[str, Any], limits: list[str]) -> Outcome:
-    """Retime the path of a scenario and write the results; `chosen` settings and `limits` override the scenario.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.design.fitting.fitted import Fitted
-        from qtraj.design.fitting.route_facts import facts_of
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import plain
-        from qtraj.io.retimed_dataset import retimed_dataset
-        from qtraj.path.trihedral import Upright
-        from qtraj.scenario.retime import read_retiming
-        from qtraj.viz import result_files
-        from qtraj.viz.figures import speed_profile_figure
-
-        check_folder(out)
-        more = _limits(limits)
-        loaded = read_retiming(file)
-        found = _found(loaded, more, chosen, watch)
-        task, tuned, timed, certificate, profile = found
-        watch.say("sampling")
-        spiral = task.fitted if isinstance(task.fitted, Fitted) else None
-        about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
-        dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, spiral, Upright(), about)
-        content = terminal.header("retime", loaded) | {
-            "fit": facts_of(task.fitted),
-            "purpose": getattr(loaded.scenario, "purpose", {}),
-            "tuned": None if tuned is None else plain(tuned.record()),
-            "retimed": plain(timed.record()),
-            "certificate": plain(certificate.record()),
-            "profile": plain(profile.record()),
-            "result": timed.result,
-        }
-        watch.say("writing")
-        timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
-        writers = {
-            **result_files.netcdf("paths.nc", dataset),
-            **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
-            **result_files.table(timing, "timing"),
-            **result_files.figure("retime", speed_profile_figure(timing)),
-            **result_files.report(dataset),
-        }
-        content["files"] = [str(written) for written in write_all(out, writers)]
+    more = _limits(limit or [])
+    loaded = read_retiming(scenario)
+    found = _found(loaded, more, chosen, watch)
+    task, tuned, timed, certificate, profile = found
+    watch.say("sampling")
+    spiral = task.fitted if isinstance(task.fitted, Fitted) else None
+    about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
+    dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, spiral, Upright(), about)
+    content = terminal.header("retime", loaded) | {
+        "fit": facts_of(task.fitted),
+        "purpose": getattr(loaded.scenario, "purpose", {}),
+        "tuned": None if tuned is None else plain(tuned.record()),
+        "retimed": plain(timed.record()),
+        "certificate": plain(certificate.record()),
+        "profile": plain(profile.record()),
+        "result": timed.result,
+    }
+    timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
+    writers = {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
+        **result_files.table(timing, "timing"),
+        **result_files.figure("retime", speed_profile_figure(timing)),
+        **result_files.report(dataset),
+    }
     solved = [result for result in (timed, certificate, tuned, task.fitted) if result is not None]
     failed = not all(bool(result.successful) for result in solved)
-    return Outcome(content, lambda console: _show(console, content, found), failed, loaded.warnings)
+    return Outcome(content, partial(_show, content=content, found=found), failed, loaded.warnings, out, writers)
 
 
 def _limits(texts: list[str]) -> dict[str, float]:

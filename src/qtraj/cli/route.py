@@ -1,5 +1,6 @@
 """Implement `qtraj route`, which fits a route to a whole recording, checks its limits and tunes it."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import intervals
-from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.foundation.progress_bar import Watch
 
 if TYPE_CHECKING:
     from qtraj.design.proof.route_certificate import RouteCertificate
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
     from qtraj.scenario.route import RouteTask
 
 
+@terminal.command
 def route(
+    watch: Watch,
     recording: Path | None = typer.Argument(
         None,
         metavar="RECORDING",
@@ -29,7 +32,7 @@ def route(
     ),
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Fit a route to a whole recorded drive or flight, check limits, and tune the route so that they are satisfied.
 
     Stops, straight segments and gaps are allowed. For each limit of the scenario, the command determines on every
@@ -39,57 +42,43 @@ def route(
     the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is
     1 if a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at stops.
     """
-    with terminal.guarded():
-        outcome = run(recording, out)
-    terminal.finish(outcome, as_json)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.design.fitting.route_facts import route_facts
+    from qtraj.foundation.plain import plain
+    from qtraj.io.route_dataset import route_dataset
+    from qtraj.scenario.route import read_route
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import route_figure
 
-
-def run(file: Path | None, out: Path) -> Outcome:
-    """Fit a route to a recording, check its limits, tune it and write the results.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.design.fitting.route_facts import route_facts
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import plain
-        from qtraj.io.route_dataset import route_dataset
-        from qtraj.scenario.route import read_route
-        from qtraj.viz import result_files
-        from qtraj.viz.figures import route_figure
-
-        check_folder(out)
-        loaded = read_route(file)
-        task, certificate, tuned = _tuned(loaded, watch)
-        fitted = task.fitted
-        watch.say("sampling")
-        dataset = route_dataset(fitted, task.limits, certificate, tuned, task.track, loaded.provenance())
-        content = terminal.header("route", loaded) | {
-            "fit": route_facts(fitted),
-            "frame": dataset.attrs["frame"],
-            "purpose": loaded.scenario.purpose,
-            "certificate": None if certificate is None else plain(certificate.record()),
-            "tuned": None if tuned is None else plain(tuned.record()),
-        }
-        watch.say("writing")
-        documents = {
-            "route.json": fitted.path if tuned is None else tuned.path,
-            "fit.json": fitted,
-            "certificate.json": certificate if tuned is None else tuned.certificate,
-            "tuning.json": tuned,
-        }
-        writers = {
-            **result_files.netcdf("paths.nc", dataset),
-            **result_files.documents(documents),
-            **result_files.figure("route", route_figure(dataset)),
-            **result_files.report(dataset),
-        }
-        content["files"] = [str(written) for written in write_all(out, writers)]
+    loaded = read_route(recording)
+    task, certificate, tuned = _tuned(loaded, watch)
+    fitted = task.fitted
+    watch.say("sampling")
+    dataset = route_dataset(fitted, task.limits, certificate, tuned, task.track, loaded.provenance())
+    content = terminal.header("route", loaded) | {
+        "fit": route_facts(fitted),
+        "frame": dataset.attrs["frame"],
+        "purpose": loaded.scenario.purpose,
+        "certificate": None if certificate is None else plain(certificate.record()),
+        "tuned": None if tuned is None else plain(tuned.record()),
+    }
+    documents = {
+        "route.json": fitted.path if tuned is None else tuned.path,
+        "fit.json": fitted,
+        "certificate.json": certificate if tuned is None else tuned.certificate,
+        "tuning.json": tuned,
+    }
+    writers = {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents(documents),
+        **result_files.figure("route", route_figure(dataset)),
+        **result_files.report(dataset),
+    }
     checked = certificate if tuned is None else tuned
     failed = not bool(fitted.successful) or (checked is not None and not bool(checked.successful))
-    return Outcome(content, lambda console: _show(console, content, task, certificate, tuned), failed)
+    show = partial(_show, content=content, task=task, certificate=certificate, tuned=tuned)
+    return Outcome(content, show, failed, loaded.warnings, out, writers)
 
 
 def _tuned(

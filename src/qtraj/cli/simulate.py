@@ -1,5 +1,6 @@
 """Implement `qtraj simulate`, which simulates a body that follows a program under feedback."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import degrees
 from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.progress_bar import watching
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
@@ -62,7 +63,9 @@ NO_SIGN = (
 )
 
 
+@terminal.command
 def simulate(
+    watch: Watch,
     scenario: Path | None = terminal.scenario_argument("loop"),
     out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
@@ -73,85 +76,68 @@ def simulate(
         False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
     ),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Simulate a body that follows an attitude program under a feedback law.
 
     The program is a slew, the frame of a path, or a saved program. Disturbance, sensor and actuator are optional. The
     error is compared with its closed form. The command writes the motion (solution.toml), its table (table.nc,
     table.csv) and a figure (simulation.png, simulation.svg). The exit code is 1 if the integration did not finish.
     """
-    with terminal.guarded():
-        outcome = run(scenario, out, samples, frame and frame.value, open_loop)
-    terminal.finish(outcome, as_json)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.foundation.plain import finite, plain, tabular
+    from qtraj.foundation.record import to_dataset
+    from qtraj.motion.simulation.actuator import Actuator
+    from qtraj.motion.simulation.assess_loop import assess_loop
+    from qtraj.motion.simulation.loop_facts import gains_of
+    from qtraj.scenario.reader import read_scenario
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import simulation_figure
 
-
-def run(
-    file: Path | None, out: Path, samples: int | None, frame: str | None = None, open_loop: bool = False
-) -> Outcome:
-    """Simulate a closed loop and, if `open_loop` is true, also the body without feedback; write the results.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import finite, plain, tabular
-        from qtraj.foundation.record import to_dataset
-        from qtraj.motion.simulation.actuator import Actuator
-        from qtraj.motion.simulation.assess_loop import assess_loop
-        from qtraj.motion.simulation.loop_facts import gains_of
-        from qtraj.scenario.reader import read_scenario
-        from qtraj.viz import result_files
-        from qtraj.viz.figures import simulation_figure
-
-        check_folder(out)
-        loaded = read_scenario(file, "loop")
-        with naming(f"{loaded.file}: "):
-            watch.say("preparing the program and the law")
-            task: LoopTask = KINDS["loop"].build(loaded, samples, frame)
-            watch.say("simulating")
-            history, verdict = assess_loop(**task.arguments(), without_feedback=open_loop)
-        table, actuator = history.at(task.times), task.actuator or Actuator()
-        angles = history.open_loop_angle
-        ends = None if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
-        limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
-        content = terminal.header("simulate", loaded) | {
-            "program": {
-                "description": loaded.scenario.program.describe(task.program),
-                "duration": float(task.program.duration),
-            },
-            "law": {"kind": loaded.scenario.law.kind} | gains_of(task.law),
-            "start": {
-                "quaternion": np.asarray(task.quaternion).tolist(),
-                "rate": np.asarray(task.rate).tolist(),
-                "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
-            },
-            "duration": float(task.times[-1]),
-            "command_limit": limit,
-            "saturation": None if limit is None else actuator.saturation,
-            "verdict": plain(verdict.record()),
-            **({} if ends is None else {"open_loop": finite(ends)}),
-            "finished": bool(history.solution.successful),
-            "result": _result(history, verdict, loaded.scenario.error.sign),
-            **tabular(table.record()),
-            "files": [],
-        }
-        watch.say("writing")
-        about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
-        about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
-        about |= {} if limit is None else {"saturation": actuator.saturation}
-        dataset = to_dataset(table.record(), about)
-        if limit is not None:
-            dataset["command"].attrs["limit"] = limit
-        writers = {
-            **result_files.documents({"solution.toml": table.solution}),
-            **result_files.table(dataset),
-            **result_files.figure("simulation", simulation_figure(dataset, float(verdict.settled_angle), limit)),
-        }
-        content["files"] = [str(file) for file in write_all(out, writers)]
+    loaded = read_scenario(scenario, "loop")
+    with naming(f"{loaded.file}: "):
+        watch.say("preparing the program and the law")
+        task: LoopTask = KINDS["loop"].build(loaded, samples, frame and frame.value)
+        watch.say("simulating")
+        history, verdict = assess_loop(**task.arguments(), without_feedback=open_loop)
+    table, actuator = history.at(task.times), task.actuator or Actuator()
+    angles = history.open_loop_angle
+    ends = None if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
+    limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
+    content = terminal.header("simulate", loaded) | {
+        "program": {
+            "description": loaded.scenario.program.describe(task.program),
+            "duration": float(task.program.duration),
+        },
+        "law": {"kind": loaded.scenario.law.kind} | gains_of(task.law),
+        "start": {
+            "quaternion": np.asarray(task.quaternion).tolist(),
+            "rate": np.asarray(task.rate).tolist(),
+            "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
+        },
+        "duration": float(task.times[-1]),
+        "command_limit": limit,
+        "saturation": None if limit is None else actuator.saturation,
+        "verdict": plain(verdict.record()),
+        **({} if ends is None else {"open_loop": finite(ends)}),
+        "finished": bool(history.solution.successful),
+        "result": _result(history, verdict, loaded.scenario.error.sign),
+        **tabular(table.record()),
+    }
+    about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
+    about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
+    about |= {} if limit is None else {"saturation": actuator.saturation}
+    dataset = to_dataset(table.record(), about)
+    if limit is not None:
+        dataset["command"].attrs["limit"] = limit
+    writers = {
+        **result_files.documents({"solution.toml": table.solution}),
+        **result_files.table(dataset),
+        **result_files.figure("simulation", simulation_figure(dataset, float(verdict.settled_angle), limit)),
+    }
     failed = not content["finished"]
-    return Outcome(content, lambda console: _show(console, content, verdict, actuator), failed, loaded.warnings)
+    show = partial(_show, content=content, verdict=verdict, actuator=actuator)
+    return Outcome(content, show, failed, loaded.warnings, out, writers)
 
 
 def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:

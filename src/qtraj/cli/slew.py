@@ -1,6 +1,7 @@
 """Implement `qtraj slew`, which computes slews between attitudes within limits."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from rich.text import Text
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.number_text import degrees, number
-from qtraj.foundation.progress_bar import watching
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
@@ -32,71 +33,58 @@ ANGLES = ("angle", "angle_rate", "angle_acceleration")
 """Columns that are printed in degrees."""
 
 
+@terminal.command
 def slew(
+    watch: Watch,
     scenario: Path | None = terminal.scenario_argument("slew"),
     out: Path = terminal.out_option(),
     samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, including both ends."),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Compute a slew from one attitude to another, or through several attitudes, about fixed axes.
 
     The duration is the minimum within the limits of rate, acceleration, jerk and torque, unless the scenario specifies
     a duration. Torques need the inertia of the body in the table `body`. The command writes the program (program.toml),
     its table (table.nc, table.csv) and a figure (slew.png, slew.svg). The exit code is 1 if a limit is violated.
     """
-    with terminal.guarded():
-        outcome = run(scenario, out, samples)
-    terminal.finish(outcome, as_json)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.foundation.plain import plain, tabular
+    from qtraj.foundation.record import to_dataset
+    from qtraj.motion.programs.slew_history import fine_times, slew_history
+    from qtraj.motion.programs.slew_verdict import judge_slew
+    from qtraj.scenario.reader import read_scenario
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import slew_figure
 
-
-def run(file: Path | None, out: Path, samples: int) -> Outcome:
-    """Compute the program of a slew and write the results.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import plain, tabular
-        from qtraj.foundation.record import to_dataset
-        from qtraj.motion.programs.slew_history import fine_times, slew_history
-        from qtraj.motion.programs.slew_verdict import judge_slew
-        from qtraj.scenario.reader import read_scenario
-        from qtraj.viz import result_files
-        from qtraj.viz.figures import slew_figure
-
-        check_folder(out)
-        loaded = read_scenario(file, "slew")
-        watch.say("slewing")
-        scenario, program = loaded.scenario, KINDS["slew"].build(loaded)
-        body = scenario.body
-        inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
-        limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
-        verdict = judge_slew(program, limits, inertia, max_torque, end)
-        times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
-        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once
-        table, drawn = both[: len(times)].record(), both[len(times) :]
-        content = terminal.header("slew", loaded) | {
-            "law": scenario.law.kind,
-            "verdict": plain(verdict.record()),
-            "notes": _notes(scenario, verdict),
-            **tabular(table),
-            "files": [],
-        }
-        watch.say("writing")
-        about = loaded.provenance() | {"law": scenario.law.kind, "result": verdict.result}
-        dataset = to_dataset(table, about)
-        bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
-        for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
-            dataset[name].attrs["limit"] = limit
-        writers = {
-            **result_files.documents({"program.toml": program}),
-            **result_files.table(dataset),
-            **result_files.figure("slew", slew_figure(to_dataset(drawn.record(), about), limits)),
-        }
-        content["files"] = [str(file) for file in write_all(out, writers)]
-    return Outcome(content, lambda console: _show(console, content, verdict), not verdict.met, loaded.warnings)
+    loaded = read_scenario(scenario, "slew")
+    watch.say("slewing")
+    part, program = loaded.scenario, KINDS["slew"].build(loaded)
+    body = part.body
+    inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
+    limits, end = part.law.limits(part.angles), part.end.unit_quaternion(part.angles)
+    verdict = judge_slew(program, limits, inertia, max_torque, end)
+    times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
+    both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once
+    table, drawn = both[: len(times)].record(), both[len(times) :]
+    content = terminal.header("slew", loaded) | {
+        "law": part.law.kind,
+        "verdict": plain(verdict.record()),
+        "notes": _notes(part, verdict),
+        **tabular(table),
+    }
+    about = loaded.provenance() | {"law": part.law.kind, "result": verdict.result}
+    dataset = to_dataset(table, about)
+    bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
+    for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
+        dataset[name].attrs["limit"] = limit
+    writers = {
+        **result_files.documents({"program.toml": program}),
+        **result_files.table(dataset),
+        **result_files.figure("slew", slew_figure(to_dataset(drawn.record(), about), limits)),
+    }
+    show = partial(_show, content=content, verdict=verdict)
+    return Outcome(content, show, not verdict.met, loaded.warnings, out, writers)
 
 
 def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:

@@ -1,6 +1,7 @@
 """Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import number
-from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
@@ -36,7 +37,9 @@ CAUSES = (
 )
 
 
+@terminal.command
 def tune(
+    watch: Watch,
     scenario: Path | None = terminal.scenario_argument("path"),
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
@@ -53,86 +56,68 @@ def tune(
         help="Number of starting points: the specified states, and perturbations of them. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
-) -> None:
+) -> Outcome:
     """Tune the boundary velocities of a path so that the path satisfies its limits.
 
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     or if a path does not fit its recording.
     """
-    with terminal.guarded():
-        chosen = (motion and motion.value, objective and objective.value, starts)
-        outcome = run(scenario, out, chosen, frame or FrameName.upright)
-    terminal.finish(outcome, as_json)
+    chosen = (motion and motion.value, objective and objective.value, starts)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import finite, plain
+    from qtraj.io.dataset import path_dataset
+    from qtraj.io.saved import is_saved
+    from qtraj.path.change import compare_paths
+    from qtraj.scenario.reader import read_scenario
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import tuning_figure
 
-
-def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune the path of a scenario and write the results.
-
-    `chosen`: motion, objective and number of starts, which override the values of the scenario if they are not None.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.design.fitting.route_facts import facts_of
-        from qtraj.foundation.folder import check_folder, write_all
-        from qtraj.foundation.plain import finite, plain
-        from qtraj.io.dataset import path_dataset
-        from qtraj.io.saved import is_saved
-        from qtraj.path.change import compare_paths
-        from qtraj.scenario.reader import read_scenario
-        from qtraj.viz import result_files
-        from qtraj.viz.figures import tuning_figure
-
-        check_folder(out)
-        if file is not None and is_saved(file):
-            raise ValueError(
-                f"{file}: this is a saved path, which has no limits: write a scenario with path = '{file.name}' and "
-                "[limits]"
-            )
-        loaded = read_scenario(file, "path")
-        task, before, best = _tuned(loaded, chosen, watch)
-        change = compare_paths(task.path, best.path, (task.start, task.end))
-        warning = change.warning and f"{change.warning} {CAUSES}"
-        search = {"objective": task.objective, "motion": task.motion}
-        settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-        outcome = {"status": best.status, "result": best.result}
-        about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
-        dataset = path_dataset(
-            {"before": task.path, "after": best.path},
-            task.limits,
-            task.track,
-            attributes=loaded.provenance() | about,
-            fitted=task.fitted,
-            frame=frame.frame(),
-            findings={"before": before, "after": best.certificate},
+    if scenario is not None and is_saved(scenario):
+        raise ValueError(
+            f"{scenario}: this is a saved path, which has no limits: write a scenario with path = '{scenario.name}' "
+            "and [limits]"
         )
-        options = {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
-        bounds = finite({name: list(bounds) for name, bounds in task.part.ranges.items()})
-        content = terminal.header("tune", loaded) | {
-            "fit": facts_of(task.fitted),
-            "frame": dataset.attrs["frame"],
-            "purpose": loaded.scenario.purpose,
-            "before": plain(before.record()),
-            "tuned": plain(best.record()),
-            "change": plain(change.record()),
-            "tuning": search | options | {"bounds": bounds} | outcome,
-            "warning": warning,
-        }
-        watch.say("writing")
-        writers = {
-            **result_files.netcdf("paths.nc", dataset),
-            **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
-            **result_files.figure("tuning", tuning_figure(dataset)),
-        }
-        content["files"] = [str(file) for file in write_all(out, writers)]
+    loaded = read_scenario(scenario, "path")
+    task, before, best = _tuned(loaded, chosen, watch)
+    change = compare_paths(task.path, best.path, (task.start, task.end))
+    warning = change.warning and f"{change.warning} {CAUSES}"
+    search = {"objective": task.objective, "motion": task.motion}
+    settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
+    outcome = {"status": best.status, "result": best.result}
+    about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
+    dataset = path_dataset(
+        {"before": task.path, "after": best.path},
+        task.limits,
+        task.track,
+        attributes=loaded.provenance() | about,
+        fitted=task.fitted,
+        frame=(frame or FrameName.upright).frame(),
+        findings={"before": before, "after": best.certificate},
+    )
+    options = {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
+    bounds = finite({name: list(bounds) for name, bounds in task.part.ranges.items()})
+    content = terminal.header("tune", loaded) | {
+        "fit": facts_of(task.fitted),
+        "frame": dataset.attrs["frame"],
+        "purpose": loaded.scenario.purpose,
+        "before": plain(before.record()),
+        "tuned": plain(best.record()),
+        "change": plain(change.record()),
+        "tuning": search | options | {"bounds": bounds} | outcome,
+        "warning": warning,
+    }
+    writers = {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
+        **result_files.figure("tuning", tuning_figure(dataset)),
+    }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
-    return Outcome(
-        content, lambda console: _show(console, content, task, before, best, change), not met, loaded.warnings
-    )
+    show = partial(_show, content=content, task=task, before=before, best=best, change=change)
+    return Outcome(content, show, not met, loaded.warnings, out, writers)
 
 
 def _tuned(

@@ -1,10 +1,9 @@
 """Define the scenario keys of `qtraj route` (recording, fit, limits, tuning), and fit the route."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
-
-from pydantic import model_validator
 
 from qtraj.design.fitting.fit_route import fit_route
 from qtraj.design.fitting.fitted_route import FittedRoute
@@ -15,83 +14,69 @@ from qtraj.foundation.naming import naming
 from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.recording import is_recording
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, Counts, NamedPart, Part, Positive, Text, key
+from qtraj.scenario.part import Counts, Metres, NamedPart, Part, Positive, Seconds, Text, key
 from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
-from qtraj.scenario.path_parts import COUNT, RetimePart, TrackPart
+from qtraj.scenario.path_parts import RetimePart, TrackPart
 from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
 
 class RouteFitPart(Part):
     """The settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
-    spacing: Positive | None = key("time between the knots of the route", SECONDS, None)
+    spacing: Seconds | None = key("time between the knots of the route", None)
     smoothing: Positive | None = key(
         "weight of the integral of the squared jerk, relative to the sum of squared distances",
-        "a positive finite number [s⁵]",
         None,
+        values="a positive finite number [s⁵]",
     )
-    tolerance: Positive | None = key(
-        "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used",
-        "a positive finite number [m]",
-        None,
+    tolerance: Metres | None = key(
+        "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used", None
     )
-    position_sigma: Positive | None = key(
-        "standard deviation of a recorded position; by default estimated from the residuals",
-        "a positive finite number [m]",
-        None,
+    position_sigma: Metres | None = key(
+        "standard deviation of a recorded position; by default estimated from the residuals", None
     )
     velocity_sigma: Positive | None = key(
         "standard deviation of a recorded velocity; by default estimated from the residuals",
-        "a positive finite number [m/s]",
         None,
+        values="a positive finite number [m/s]",
     )
 
-    @model_validator(mode="after")
-    def _one_smoothing(self) -> "RouteFitPart":
+    def _faults(self) -> Iterator[str]:
         if self.smoothing is not None and self.tolerance is not None:
-            raise ValueError("smoothing and tolerance were both specified: specify one of them")
-        return self
+            yield "smoothing and tolerance were both specified: specify one of them"
 
 
 class RouteTunePart(Part):
     """The settings of the tuning; without this table, the limits are only checked."""
 
-    tube: Positive = key(
-        "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5
-    )
+    tube: Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
     objective: Literal["nearest", "smoothest", "fastest"] = key(
-        "the quantity to minimise: the change of the route, the jerk, or the duration",
-        "'nearest', 'smoothest' or 'fastest'",
-        "nearest",
+        "the quantity to minimise: the change of the route, the jerk, or the duration", "nearest"
     )
-    max_steps: Counts = key("maximum number of steps of all searches together", COUNT, 300)
+    max_steps: Counts = key("maximum number of steps of all searches together", 300)
 
 
 class RouteScenario(NamedPart):
     """A scenario with a recording, and limits that are checked on the whole route fitted to it."""
 
-    track: TrackPart = key("the recording", "a table [track]")
-    fit: RouteFitPart = key("settings of the fit", "a table [fit]", RouteFitPart())
+    track: TrackPart = key("the recording")
+    fit: RouteFitPart = key("settings of the fit", RouteFitPart())
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "limits to check on the whole route", "a table [limits]", LimitsPart()
+        "limits to check on the whole route", LimitsPart()
     )
-    vehicle: VehiclePart | None = key(
-        "the vehicle, for limits on friction, power, forces and moments", "a table [vehicle]", None
-    )
+    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
     purpose: dict[str, Text] = key(
-        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
+        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
     )
-    tune: RouteTunePart | None = key("settings of the tuning", "a table [tune]", None)
-    retime: RetimePart = key("settings of the retiming", "a table [retime]", RetimePart())
+    tune: RouteTunePart | None = key("settings of the tuning", None)
+    retime: RetimePart = key("settings of the retiming", RetimePart())
 
-    @model_validator(mode="after")
-    def _with_limits(self) -> "RouteScenario":
+    def _faults(self) -> Iterator[str]:
         require_limits(self.purpose, self.limits, self.vehicle)
         if self.tune is not None and not self.limits.limits():
-            raise ValueError("[tune] needs limits: add a table [limits]")
+            yield "[tune] needs limits: add a table [limits]"
         if self.tune is not None:
             require_suitable(tuple(self.limits.limits()), self.tune.objective)
-        return self
 
 
 @dataclass(frozen=True)
