@@ -16,8 +16,8 @@ from rich.console import Console
 
 import qtraj as qt
 from qtraj.cli import terminal
-from qtraj.cli.app import app
 from qtraj.cli.layout import plain_table
+from qtraj.cli.main import application
 from qtraj.foundation import folder
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
@@ -190,7 +190,7 @@ def test_help_has_examples_within_80_columns(qtraj, monkeypatch, arguments, frag
 
 
 def test_every_command_has_help_with_examples():
-    for command in app.registered_commands:
+    for command in application().registered_commands:
         assert command.help
         assert command.epilog.startswith("Examples:")
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from qtraj.design.speed_profile import SpeedProfile
     from qtraj.design.timing.outcome import Retimed
     from qtraj.scenario.reader import ScenarioFile
-    from qtraj.scenario.retime import RetimeTask
+    from qtraj.scenario.route import RetimeTask
 
 
 @terminal.command
@@ -62,7 +62,7 @@ def retime(
     from qtraj.foundation.plain import plain
     from qtraj.io.retimed_dataset import retimed_dataset
     from qtraj.path.trihedral import Upright
-    from qtraj.scenario.retime import read_retiming
+    from qtraj.scenario.route import read_retiming
     from qtraj.viz import result_files
     from qtraj.viz.figures import speed_profile_figure
 
@@ -126,7 +126,7 @@ def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str
     from qtraj.design.certify_retimed import certify_retimed
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
-    from qtraj.scenario.retime import retiming
+    from qtraj.scenario.route import retiming
 
     recorded = getattr(loaded.scenario, "track", None) is not None
     watch.say("fitting the recording" if recorded else "constructing the path")

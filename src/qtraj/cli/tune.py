@@ -128,7 +128,6 @@ def _tuned(
     **Raises:** ValueError, which names the file, for bad input.
     """
     from qtraj.design.proof.certify import certify
-    from qtraj.design.tuning.tune import tune
 
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
@@ -139,7 +138,7 @@ def _tuned(
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
-        return task, before, tune(**task.tuning(), progress=watch.tuning)
+        return task, before, task.tuned(watch.tuning)
 
 
 def _ranges(part: "TunePart") -> str:

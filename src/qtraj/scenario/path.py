@@ -9,7 +9,9 @@ from pydantic import Field, create_model
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.initial import initial_path
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
+from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
@@ -211,6 +213,12 @@ class PathTask:
         names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
         arguments = {name: getattr(self, name) for name in names}
         return arguments | {"placement": self.path.placement} | self.part.arguments()
+
+    def tuned(self, progress: Report | None = None) -> Tuned:
+        """Return the result of `qtraj.tune`."""
+        from qtraj.design.tuning.tune import tune
+
+        return tune(**self.tuning(), progress=progress)
 
 
 def lay(
