@@ -1,7 +1,6 @@
 """Implement `qtraj evaluate`, which tabulates the path of a scenario, or a saved path."""
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,14 +58,16 @@ def evaluate(
     from qtraj.batch.evaluate import evaluate as evaluated
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import tabular
-    from qtraj.io.dataset import conventions, with_fit
-    from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
-    from qtraj.path.channel import provided
+    from qtraj.io.dataset import table_dataset
+    from qtraj.io.instants_csv import path_headers
+    from qtraj.path.channel import CHANNELS, provided
     from qtraj.path.quantity import QUANTITIES
+    from qtraj.scenario.path import require_vehicle
     from qtraj.viz import result_files
 
     loaded, path, fitted, vehicle = _path(scenario)
-    _require_vehicle(also, vehicle)
+    for name in also:
+        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
     available = provided(vehicle)
     also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
     times = instants(float(path.duration), samples, step)
@@ -82,33 +83,10 @@ def evaluate(
         **tabular(table.record()),
         "bends": bends.tolist(),
     }
-    writers = {}
-    if out is not None:
-        dataset = table.to_xarray()
-        columns = csv_headers(dataset)
-        headers = PATH_HEADERS | {name: columns[name] for name in ("rate", *also) if name not in PATH_HEADERS}
-        variables: dict[str, Any] = {}
-        texts = {} if fitted is None else with_fit(variables, fitted)
-        dataset = dataset.assign(variables)
-        dataset.attrs |= conventions(table.frame) | loaded.provenance() | texts
-        writers = result_files.table(dataset, headers=headers)
+    dataset = table_dataset(table, fitted, loaded.provenance())
+    writers = result_files.table(dataset, headers=path_headers(dataset, also))
     loose = fitted is not None and not bool(fitted.successful)
     return Outcome(content, partial(_show, content=content, fitted=fitted), loose, (), out, writers)
-
-
-def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
-    """Raise a ValueError if an output in `also` needs a vehicle or a vehicle property that the scenario lacks."""
-    from qtraj.path.channel import CHANNELS
-    from qtraj.path.path_quantity import INERTIA, PRINCIPAL
-    from qtraj.path.vehicle import require
-
-    for name in also:
-        needs = CHANNELS[name].needs if name in CHANNELS else ""
-        if needs and vehicle is None:
-            raise ValueError(f"--also {name} needs a vehicle: add a table [vehicle] with the mass")
-        if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
-            raise ValueError(f"--also {name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
-        require(vehicle, needs, f"--also {name}")
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
@@ -117,10 +95,10 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
     For a saved path, there is no scenario, fit or vehicle.
     """
     from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+    from qtraj.scenario.reader import read_scenario, saved_file
 
     if is_saved(file):
-        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None, None
+        return saved_file(file), saved_path(file), None, None
     loaded = read_scenario(file, "path")
     task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted, task.limits.vehicle

@@ -15,7 +15,7 @@ from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
-from qtraj.path.path_quantity import PRINCIPAL
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
@@ -114,21 +114,25 @@ class VehiclePart(Part):
         return Vehicle(**self.model_dump())
 
 
+def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
+    """Raise a ValueError if `what`, such as a limit, `needs` a vehicle or one of its properties that is missing."""
+    if needs and vehicle is None:
+        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with the mass")
+    if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
+        raise ValueError(f"{what} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
+    require(vehicle, needs, what)
+
+
 def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
     """Raise a ValueError if a key of `purpose` names no limit, or if a limit needs a vehicle that is missing."""
-    needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
-    if needing and vehicle is None:
-        raise ValueError(f"limits.{needing[0]} needs a vehicle: add a table [vehicle] with the mass")
+    for name in limits.limits():
+        if QUANTITIES[name].needs_vehicle:
+            known = None if vehicle is None else vehicle.vehicle()
+            require_vehicle(known, QUANTITIES[name].needs, f"limits.{name}")
     if extra := sorted(set(purpose) - set(limits.limits())):
         raise ValueError(
             f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the purpose"
         )
-    if vehicle is None:
-        return
-    for name in needing:
-        if QUANTITIES[name].needs == PRINCIPAL and vehicle.inertia is None:
-            raise ValueError(f"limits.{name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
-        require(vehicle.vehicle(), QUANTITIES[name].needs, f"limits.{name}")
 
 
 def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:

@@ -26,7 +26,7 @@ from qtraj.scenario import DATA
 from qtraj.scenario.part import Counts, Metres, NamedPart, Part, Positive, Seconds, Text, key
 from qtraj.scenario.path import LimitsPart, VehiclePart, lay, limits_with, require_limits
 from qtraj.scenario.path_parts import RetimePart, TrackPart
-from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario, saved_file
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""
@@ -177,7 +177,7 @@ def read_retiming(file: Path | None) -> ScenarioFile[Any]:
     if is_recording(file):
         return read_route(file)
     if is_saved(file):
-        return ScenarioFile[Any](file, None, content_hash(read_bytes(file)))
+        return saved_file(file)
     first, *others = _kinds(file)
     try:
         return read_scenario(file, first)
