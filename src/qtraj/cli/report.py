@@ -12,9 +12,6 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import Watch
 
-PAGE = "report.html"
-"""The file name of the report of a folder, or of the main dataset in the folder."""
-
 
 @terminal.command
 def report(
@@ -40,6 +37,7 @@ def report(
     from qtraj._version import __version__
     from qtraj.foundation.folder import check_folder
     from qtraj.viz.report.source import DATASETS, find, is_folder
+    from qtraj.viz.result_files import REPORT
 
     folder = out or (result if is_folder(result) else result.parent)
     check_folder(folder)
@@ -57,7 +55,7 @@ def report(
         raise ValueError(text if str(result) in text else f"{result}: {text}") from error
     content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
     whole = is_folder(result) or result.name in DATASETS
-    name = PAGE if whole else f"{result.stem}.html"  # several files in one folder need separate reports
+    name = REPORT if whole else f"{result.stem}.html"  # several files in one folder need separate reports
     writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
     return Outcome(content, partial(_show, content=content), folder=folder, writers=writers)
 
