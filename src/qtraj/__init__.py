@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     )
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
+    from qtraj.design.certify_retimed import certify_retimed as certify_retimed
     from qtraj.design.fitting.fit import fit as fit
     from qtraj.design.fitting.fit_route import fit_route as fit_route
     from qtraj.design.fitting.fitted import Fitted as Fitted
@@ -97,6 +98,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
     from qtraj.motion.rate_residual import RateResidual as RateResidual, compare_rates as compare_rates
     from qtraj.motion.simulation.actuator import Actuator as Actuator
+    from qtraj.motion.simulation.assess_loop import assess_loop as assess_loop
     from qtraj.motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
     from qtraj.motion.simulation.body_motion import BodyMotion as BodyMotion
     from qtraj.motion.simulation.disturbance import (
@@ -134,6 +136,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
 _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
+    "qtraj.design.certify_retimed": ("certify_retimed",),
     "qtraj.design.fitting.fit": ("fit",),
     "qtraj.design.fitting.fit_route": ("fit_route",),
     "qtraj.design.fitting.fitted": ("Fitted",),
@@ -190,6 +193,7 @@ _HOMES = {
     "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
     "qtraj.motion.propagation.strapdown": ("propagate_samples",),
     "qtraj.motion.simulation.actuator": ("Actuator",),
+    "qtraj.motion.simulation.assess_loop": ("assess_loop",),
     "qtraj.motion.simulation.body": ("ReactionWheels", "RigidBody"),
     "qtraj.motion.simulation.body_motion": ("BodyMotion",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),

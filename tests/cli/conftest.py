@@ -9,7 +9,7 @@ import pytest
 import xarray
 from typer.testing import CliRunner
 
-from qtraj.cli.app import app
+from qtraj.cli.main import application
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -21,7 +21,7 @@ def unchecked(as_a_user_runs_it):
 def qtraj():
     """Run the command line in this process."""
     runner = CliRunner()
-    return lambda *args, **more: runner.invoke(app, [str(arg) for arg in args], prog_name="qtraj", **more)
+    return lambda *args, **more: runner.invoke(application(), [str(arg) for arg in args], prog_name="qtraj", **more)
 
 
 @dataclass

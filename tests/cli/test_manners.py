@@ -15,9 +15,10 @@ import pytest
 from rich.console import Console
 
 import qtraj as qt
-from qtraj.cli import output, terminal
-from qtraj.cli.app import app
+from qtraj.cli import terminal
 from qtraj.cli.layout import plain_table
+from qtraj.cli.main import application
+from qtraj.foundation import folder
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
 from qtraj.foundation.progress_bar import watching
@@ -34,7 +35,7 @@ def writes(text):
 def test_all_files_appear_and_others_stay(tmp_path):
     (tmp_path / "mine").write_text("old")
     (tmp_path / "a").write_text("old")
-    written = output.write_all(tmp_path, {"a": writes("new"), "b": writes("new")})
+    written = folder.write_all(tmp_path, {"a": writes("new"), "b": writes("new")})
     assert written == [tmp_path / "a", tmp_path / "b"]
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"mine": "old", "a": "new", "b": "new"}
 
@@ -48,7 +49,7 @@ def test_a_failure_leaves_nothing(tmp_path, error):
     (tmp_path / "a").write_text("old")
     for out in (tmp_path, tmp_path / "new" / "deep"):
         with pytest.raises(error):
-            output.write_all(out, {"a": writes("new"), "b": fail})
+            folder.write_all(out, {"a": writes("new"), "b": fail})
     assert [file.name for file in tmp_path.iterdir()] == ["a"]
     assert (tmp_path / "a").read_text() == "old"
 
@@ -62,7 +63,7 @@ def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        output.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
+        folder.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["a", "b"]
     assert [file.name for file in tmp_path.iterdir()] == ["out"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -71,12 +72,12 @@ def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
 KILLED = """
 import os, signal
 from pathlib import Path
-from qtraj.cli import output
+from qtraj.foundation import folder
 def write(file):
     file.write_text("half")
     {there}
 os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-output.write_all(Path("out"), {{"a": write, "b": write}})
+folder.write_all(Path("out"), {{"a": write, "b": write}})
 """
 
 
@@ -88,14 +89,14 @@ def test_a_run_after_a_killed_one_leaves_only_results(tmp_path, there):
         done = subprocess.run([sys.executable, "-c", KILLED.format(there=there)], env=surroundings(), cwd=tmp_path)
         assert done.returncode == -signal.SIGKILL
         assert list(tmp_path.rglob(".qtraj-*/a"))
-    output.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
+    folder.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
     assert sorted(str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*")) == ["out", "out/a", "out/b"]
 
 
 def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path):
     (tmp_path / "b").mkdir()
     with pytest.raises(IsADirectoryError, match="there is a folder with the same name"):
-        output.write_all(tmp_path, {"a": writes("1"), "b": writes("2")})
+        folder.write_all(tmp_path, {"a": writes("1"), "b": writes("2")})
     assert [file.name for file in tmp_path.iterdir()] == ["b"]
 
 
@@ -189,7 +190,7 @@ def test_help_has_examples_within_80_columns(qtraj, monkeypatch, arguments, frag
 
 
 def test_every_command_has_help_with_examples():
-    for command in app.registered_commands:
+    for command in application().registered_commands:
         assert command.help
         assert command.epilog.startswith("Examples:")
 
@@ -249,7 +250,7 @@ def test_version(qtraj):
 )
 def test_the_environment_decides_on_the_cache(tmp_path, setting, expected):
     """A folder of JAX's own setting is left alone, and a cache that is switched off stays off."""
-    code = "import jax; from qtraj.cli.session import prepare; prepare(); print(jax.config.jax_compilation_cache_dir)"
+    code = "import jax; from qtraj.cli.main import prepare; prepare(); print(jax.config.jax_compilation_cache_dir)"
     done = process(["-c", code], XDG_CACHE_HOME=str(tmp_path), **setting)
     assert done.stdout.strip() == expected.format(cache=tmp_path)
     assert any(tmp_path.iterdir()) == (not setting)

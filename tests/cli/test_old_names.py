@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from qtraj.cli.app import app
+from qtraj.cli.main import application
 
 from .loop_scenarios import LAW, SLEW
 from .slew_scenarios import LAW as SLEW_LAW, REST
@@ -39,7 +39,9 @@ def test_an_old_command_refuses_as_the_new_one(qtraj, tmp_path, old):
 
 def test_old_commands_are_not_listed(qtraj):
     text = qtraj("--help").stdout
-    listed = {command.name or command.callback.__name__: command.hidden for command in app.registered_commands}
+    listed = {
+        command.name or command.callback.__name__: command.hidden for command in application().registered_commands
+    }
     assert [name for name, hidden in listed.items() if hidden] == list(OLD)
     assert not any(f" {old} " in text for old in OLD)
 

@@ -10,7 +10,7 @@ import xarray
 import qtraj as qt
 from qtraj.scenario import KINDS
 from qtraj.scenario.reader import read_scenario
-from qtraj.scenario.retime import EMBEDDED, read_retiming, retiming
+from qtraj.scenario.route import EMBEDDED, read_retiming, retiming
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["paths.nc", "path.json", "retimed.json", "timing.nc", "timing.csv", "retime.png", "retime.svg", "report.html"]

@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 import qtraj as qt
 from qtraj.cli import simulate as command
 from qtraj.foundation.plain import plain
-from qtraj.foundation.progress_bar import Watch
-from qtraj.motion.simulation import loop_history as history_module, loop_verdict
+from qtraj.motion.simulation import assess_loop as assessment, loop_verdict
+from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.loop_verdict import judge_loop
+from qtraj.scenario import KINDS
 from qtraj.scenario.reader import read_scenario
 from qtraj.viz.report.page import report_of
 from qtraj.viz.simulation_figure import simulation_figure
@@ -112,8 +113,8 @@ def test_the_findings_do_not_depend_on_the_table(qtraj, default, tmp_path):
 
 @pytest.fixture(scope="module")
 def simulated():
-    task, history, found = command._simulated(read_scenario(None, "loop"), None, None, Watch(None))
-    return task, history, found
+    task = KINDS["loop"].build(read_scenario(None, "loop"))
+    return task, *qt.assess_loop(**task.arguments())
 
 
 def test_a_jump_of_the_command_is_seen_from_both_sides(simulated):
@@ -128,7 +129,7 @@ def test_a_jump_of_the_command_is_seen_from_both_sides(simulated):
 
 def printed(content, found):
     screen = Console(file=io.StringIO(), width=80)
-    command._show(screen, content, found)
+    command._show(screen, content, found, Actuator())
     return " ".join(screen.file.getvalue().split())
 
 
@@ -252,10 +253,10 @@ def test_an_interrupt_and_a_folder_that_is_none_leave_nothing(qtraj, tmp_path, m
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(history_module, "judging_times", interrupted)
+    monkeypatch.setattr(assessment, "judging_times", interrupted)
     result = qtraj("simulate", "--out", tmp_path / "out")
     assert (result.exit_code, result.stderr) == (130, "interrupted\n")
-    monkeypatch.setattr(history_module, "judging_times", lambda times, *_: times.astype(int).item(1) * 10**400 / 3)
+    monkeypatch.setattr(assessment, "judging_times", lambda times, *_: times.astype(int).item(1) * 10**400 / 3)
     result = qtraj("simulate", "--samples", 3, "--out", tmp_path / "out")
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith("error: a number is too large for the computation (")

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import pytest
 from typer.testing import CliRunner
 
-from qtraj.cli.app import app
+from qtraj.cli.main import application
 
 ROOT = Path(__file__).parents[2]
 PAGES = {str(file.relative_to(ROOT)): file for file in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
@@ -114,9 +114,9 @@ def qtraj(arguments):
     """Run the command line, or check that its option exists; return whether it ran."""
     runner = CliRunner()
     if WITHOUT_EFFECT & set(arguments):
-        assert arguments[0] in runner.invoke(app, ["--help"], prog_name="qtraj").output
+        assert arguments[0] in runner.invoke(application(), ["--help"], prog_name="qtraj").output
         return False
-    result = runner.invoke(app, arguments, prog_name="qtraj")
+    result = runner.invoke(application(), arguments, prog_name="qtraj")
     assert result.exit_code == 0, f"qtraj {shlex.join(arguments)}\n{result.output}\n{result.exception!r}"
     return True
 

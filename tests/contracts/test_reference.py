@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import qtraj
-from qtraj.cli.app import app
+from qtraj.cli.main import application
 from qtraj.viz import figures
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -83,7 +83,7 @@ def test_nothing_is_documented_twice():
 
 def test_every_command_is_on_a_page():
     page = (DOCS / "concepts" / "files.md").read_text(encoding="utf-8")
-    names = [command.callback.__name__ for command in app.registered_commands]
+    names = [command.callback.__name__ for command in application().registered_commands]
     assert [name for name in names if f"| `qtraj {name} " not in page] == []
 
 

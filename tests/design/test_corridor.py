@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import qtraj as qt
-from qtraj.cli.app import app
+from qtraj.cli.main import application
 from qtraj.design.tuning.initial import initial_path
 
 RATE = 0.45
@@ -127,7 +127,7 @@ def test_a_tuning_with_a_corridor_is_drawn(tmp_path):
     best = qt.tune(START, END, LIMITS, corridor=1.0)
     assert len(best.plot().axes) > 0
     best.save(tmp_path / "tuning.toml")
-    report = CliRunner().invoke(app, ["report", str(tmp_path / "tuning.toml")])
+    report = CliRunner().invoke(application(), ["report", str(tmp_path / "tuning.toml")])
     assert report.exit_code == 0, report.output
     assert "corridor [m]" in (tmp_path / "tuning.html").read_text(encoding="utf-8")
 
@@ -159,13 +159,15 @@ lateral_acceleration = 3.2
 corridor = 1.0
 """
     )
-    result = CliRunner().invoke(app, ["tune", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"), "--json"])
+    result = CliRunner().invoke(
+        application(), ["tune", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"), "--json"]
+    )
     content = json.loads(result.stdout)
     assert result.exit_code == 0
     found = {name: content[name]["limit"].index("corridor") for name in ("before", "tuned")}
     assert content["tuned"]["status"][found["tuned"]] == "proved"
     assert content["before"]["worst_value"][found["before"]] == 0.0
     assert content["change"]["deviation"] <= 1.0
-    report = CliRunner().invoke(app, ["report", str(tmp_path / "out")])
+    report = CliRunner().invoke(application(), ["report", str(tmp_path / "out")])
     assert report.exit_code == 0
     assert "corridor [m]" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -198,3 +198,12 @@ def test_the_page_states_the_degrees_of_the_inequalities():
     assert sorted((int(a), int(b)) for a, b in stated) == sorted(
         (degree(QUANTITIES[name], 0), degree(QUANTITIES[name], 2)) for name in (*ALL, *MOMENTS)
     )
+
+
+def test_limits_on_timing_and_on_shape():
+    bus = qt.Vehicle(12e3)
+    limits = qt.Limits(curvature=0.1, slope=0.2, speed=9.0, friction=0.5, vehicle=bus)
+    assert set(limits.on_timing().given()) == {"speed", "friction"}
+    assert limits.on_timing().vehicle is bus
+    assert set(limits.on_shape().given()) == {"curvature", "slope"}
+    assert limits.on_shape().vehicle is None

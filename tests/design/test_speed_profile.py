@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.retimed_facts import retimed_fact_rows
 from qtraj.viz import figures
 
 RADIUS, CELLS = 20.0, 4
@@ -130,3 +131,18 @@ def test_a_retimed_path_has_a_figure_and_a_dataset_of_both_paths(timed):
     assert dataset["reached_share"].sel(limit="lateral_acceleration").item() == pytest.approx(0.5)
     assert dataset["finding_speed"].values.tolist() == ["", "proved"]
     assert "speed_profile_figure" in figures.__all__
+
+
+def test_facts_as_text(timed, profile):
+    rows = dict(retimed_fact_rows(timed, profile))
+    assert rows["duration"] == "12.6491 s instead of 10.0000 s"
+    assert rows["length"] == "20.00 m, at 1.58 m/s on average"
+    assert "stops" not in rows  # the start at rest has no duration
+
+
+def test_limits_on_the_shape_are_added_to_the_certificate(timed):
+    assert qt.certify_retimed(timed, qt.Limits(speed=9.0)) is timed.certificate
+    whole = qt.certify_retimed(timed, qt.Limits(speed=9.0, curvature=0.06, slope=0.1))
+    assert whole.names == (*NAMES, "curvature", "slope")
+    assert whole.status["curvature"] == "proved"
+    assert qt.certify_retimed(timed, qt.Limits(curvature=0.04)).status["curvature"] == "broken"

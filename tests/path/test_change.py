@@ -73,3 +73,15 @@ def test_a_heading_that_does_not_exist_is_not_a_number():
     straight_up = qt.SpiralHelix([10.0], [0.0, 0.0], [0.0, 1.0], 1.0)
     around = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 1.0], 1.0)
     assert np.isnan(qt.compare_paths(straight_up, around).headings).all()
+
+
+def test_rows_of_text():
+    path = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 2.0)
+    slower = qt.SpiralHelix([10.0], [0.0, 0.2], [0.0, 0.25], 4.0)
+    states = tuple(qt.BoundaryState(path.position(t), path.velocity(t)) for t in (0.0, 2.0))
+    found = qt.compare_paths(path, slower, states)
+    velocities, whole = found.rows()
+    assert velocities[1] == ("V_φ at A", "4.0000", "2.0000", "-2.0000", "m/s")
+    assert whole[0] == ("duration", "2.0000", "4.0000", "+2.0000", "s")
+    assert found.given_text is None  # the path has the requested velocities
+    assert qt.compare_paths(slower, path, states).given_text.startswith("The specified states have (V_ρ, V_φ, V_h)")

@@ -7,6 +7,7 @@ import pytest
 import qtraj as qt
 from qtraj.io.dataset import path_dataset
 from qtraj.io.flat import flatten
+from qtraj.motion.programs.rotation_minimizing import frame_named, name_of
 from qtraj.path.frame_components import Basis
 from qtraj.path.trihedral import AbstractFrame
 
@@ -97,3 +98,10 @@ def test_a_basis_with_a_placement_alone_converts_vectors():
     world = basis.world(tuple(v))
     np.testing.assert_allclose(world, placement.to_world(v), rtol=0, atol=1e-15)
     np.testing.assert_allclose(basis.local(world), v, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["natural", "upright", "rotation-minimizing", "thrust-aligned"])
+def test_a_frame_by_its_name(name):
+    assert name_of(frame_named(name)) == name
+    with pytest.raises(ValueError, match="unknown frame 'forward': the frames are upright, natural"):
+        frame_named("forward")

@@ -1,7 +1,7 @@
 """Implement `qtraj evaluate`, which tabulates the path of a scenario, or a saved path."""
 
 import math
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,7 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
-from qtraj.cli.tune import show_fit
-from qtraj.foundation.progress_bar import watching
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
@@ -30,7 +29,9 @@ MAX_INSTANTS = 1_000_000
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
+@terminal.command
 def evaluate(
+    watch: Watch,
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
     samples: int | None = typer.Option(
         None, min=2, metavar="N", help=f"Number of instants, including both ends. \\[default: {SAMPLES}]"
@@ -44,7 +45,7 @@ def evaluate(
     frame: FrameName | None = terminal.frame_option(),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
     The path of a scenario is not tuned. Attitude and rate are those of the upright frame, unless --frame selects
@@ -52,78 +53,40 @@ def evaluate(
     includes forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The
     exit code is 1 if the path does not fit its recording.
     """
-    with terminal.guarded():
-        outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
-    terminal.finish(outcome, as_json)
+    watch.say("reading the path")
+    # Imported here, so that --help does not wait for pydantic and xarray.
+    from qtraj.batch.evaluate import evaluate as evaluated
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import tabular
+    from qtraj.io.dataset import table_dataset
+    from qtraj.io.instants_csv import path_headers
+    from qtraj.path.channel import CHANNELS, provided
+    from qtraj.path.quantity import QUANTITIES
+    from qtraj.scenario.path import require_vehicle
+    from qtraj.viz import result_files
 
-
-def run(
-    file: Path,
-    samples: int | None,
-    step: float | None,
-    out: Path | None,
-    also: Sequence[str],
-    frame: FrameName,
-) -> Outcome:
-    """Evaluate the path in a file, and write its table if `out` is not None.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading the path")
-        # Imported here, so that --help does not wait for pydantic and xarray.
-        from qtraj.batch.evaluate import evaluate
-        from qtraj.cli.output import check_folder, header, provenance, table_writers, tabular, write_all
-        from qtraj.design.fitting.facts import facts
-        from qtraj.io.dataset import conventions, with_fit
-        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
-        from qtraj.path.channel import provided
-        from qtraj.path.quantity import QUANTITIES
-
-        if out is not None:
-            check_folder(out)
-        loaded, path, fitted, vehicle = _path(file)
-        _require_vehicle(also, vehicle)
-        available = provided(vehicle)
-        also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
-        times = instants(float(path.duration), samples, step)
-        watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
-        bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = header("evaluate", loaded) | {
-            "fit": None if fitted is None else facts(fitted),
-            "frame": table.frame,
-            "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
-            **tabular(table.record()),
-            "bends": bends.tolist(),
-            "files": [],
-        }
-        if out is not None:
-            dataset = table.to_xarray()
-            columns = csv_headers(dataset)
-            headers = PATH_HEADERS | {name: columns[name] for name in ("rate", *also) if name not in PATH_HEADERS}
-            variables: dict[str, Any] = {}
-            texts = {} if fitted is None else with_fit(variables, fitted)
-            dataset = dataset.assign(variables)
-            dataset.attrs |= conventions(table.frame) | provenance(loaded) | texts
-            content["files"] = [str(file) for file in write_all(out, table_writers(dataset, headers))]
-    loose = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, lambda console: _show(console, content), loose)
-
-
-def _require_vehicle(also: Sequence[str], vehicle: "Vehicle | None") -> None:
-    """Raise a ValueError if an output in `also` needs a vehicle or a vehicle property that the scenario lacks."""
-    from qtraj.path.channel import CHANNELS
-    from qtraj.path.path_quantity import INERTIA, PRINCIPAL
-    from qtraj.path.vehicle import require
-
+    loaded, path, fitted, vehicle = _path(scenario)
     for name in also:
-        needs = CHANNELS[name].needs if name in CHANNELS else ""
-        if needs and vehicle is None:
-            raise ValueError(f"--also {name} needs a vehicle: add a table [vehicle] with the mass")
-        if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
-            raise ValueError(f"--also {name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
-        require(vehicle, needs, f"--also {name}")
+        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
+    available = provided(vehicle)
+    also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+    times = instants(float(path.duration), samples, step)
+    watch.say("evaluating")
+    table = evaluated(
+        path, times, (*OUTPUTS, *also), (frame or FrameName.upright).frame(), continuous=True, vehicle=vehicle
+    )
+    bends = np.asarray(evaluated(path, times, ("defined",)).defined)
+    content = terminal.header("evaluate", loaded) | {
+        "fit": facts_of(fitted),
+        "frame": table.frame,
+        "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
+        **tabular(table.record()),
+        "bends": bends.tolist(),
+    }
+    dataset = table_dataset(table, fitted, loaded.provenance())
+    writers = result_files.table(dataset, headers=path_headers(dataset, also))
+    loose = fitted is not None and not bool(fitted.successful)
+    return Outcome(content, partial(_show, content=content, fitted=fitted), loose, (), out, writers)
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
@@ -132,10 +95,10 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
     For a saved path, there is no scenario, fit or vehicle.
     """
     from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+    from qtraj.scenario.reader import read_scenario, saved_file
 
     if is_saved(file):
-        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None, None
+        return saved_file(file), saved_path(file), None, None
     loaded = read_scenario(file, "path")
     task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted, task.limits.vehicle
@@ -161,7 +124,7 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
-def _show(console: Console, content: dict[str, Any]) -> None:
+def _show(console: Console, content: dict[str, Any], fitted: "Fitted | None") -> None:
     """Print the path, and two or more tables, because one table would be wider than 80 columns."""
     from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
@@ -172,8 +135,7 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
     console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
-    if content["fit"] is not None:
-        show_fit(console, content["fit"])
+    layout.print_fit(console, fitted)
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
     defined = columns["defined"].astype(bool)
     exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}

@@ -1,8 +1,7 @@
 """Format the output of commands for a terminal with 80 columns: headings, tables, scenarios and file names."""
 
-import math
-from collections.abc import Container, Mapping, Sequence
-from typing import Any
+from collections.abc import Container, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich import box
@@ -10,7 +9,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from qtraj.foundation.number_text import decimals, digits
+from qtraj.foundation.number_text import decimals, digits, number
+from qtraj.foundation.outcome import ResultCode
+
+if TYPE_CHECKING:
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.design.fitting.fitted_route import FittedRoute
+    from qtraj.design.proof.certificate import Finding
 
 MAX_ROWS = 100
 """Maximum number of rows of a table of numbers; for longer tables, only the first and last rows are printed."""
@@ -18,10 +23,11 @@ MAX_ROWS = 100
 ROWS = 21
 """Maximum number of instants of a motion that are printed; the files and --json contain all instants."""
 
-VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green"}
+VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green", "no limit": ""}
+"""The style of each status; other statuses are printed in bold red."""
 
 
-def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
+def print_scenario(console: Console, scenario: Mapping[str, Any]) -> None:
     """Print the name, description, source and file of a scenario."""
     console.print(Text(scenario["name"] or scenario["file"], style="bold"))
     if scenario["description"]:
@@ -31,12 +37,37 @@ def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
     console.print(Text(f"Scenario: {scenario['file']} (sha256 {scenario['sha256']})"), soft_wrap=True)
 
 
-def print_files(console: Console, files: list[str]) -> None:
+def print_purposes(console: Console, purposes: Mapping[str, str]) -> None:
+    """Print the reasons for limits, one per line."""
+    for name, text in purposes.items():
+        console.print(Text(f"{name}: {text}"))
+
+
+def print_files(console: Console, files: Sequence[str]) -> None:
     """Print the names of the files that were written, one per line."""
     if files:
         heading(console, "Files written")
     for file in files:
         console.print(Text(file), soft_wrap=True)
+
+
+def print_fit(console: Console, fitted: "Fitted | FittedRoute | None") -> None:
+    """Print how well a path follows its recording; print nothing for None."""
+    from qtraj.design.fitting.facts import TITLE, fact_rows, facts
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE, route_fact_rows
+
+    if fitted is None:
+        return
+    if not isinstance(fitted, Fitted):
+        print_facts(console, ROUTE_TITLE, route_fact_rows(fitted))
+        return
+    fit = facts(fitted)
+    print_facts(console, TITLE, fact_rows(fit))
+    if fit["warning"]:
+        console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
+    elif fit["status"] != ResultCode.successful.name:
+        console.print(Text(f"Note: {fit['result']}", style="yellow"))
 
 
 def heading(console: Console, text: str) -> None:
@@ -50,16 +81,6 @@ def verdict(text: str) -> Text:
     return Text(text, VERDICTS.get(text, "bold red"))
 
 
-def number(value: float | None, digits: int = 6) -> str:
-    """Return a number as text with `digits` significant digits, or a dash for None."""
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
-def degrees(value: float | None, digits: int = 6) -> str:
-    """Return an angle [rad], or a derivative of an angle, as text in degrees, or a dash for None."""
-    return number(None if value is None else math.degrees(value), digits)
-
-
 def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
     """Return an empty table with the columns `names`, `right` and `last`; the columns `right` are right-aligned."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
@@ -69,13 +90,31 @@ def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] 
     return table
 
 
-def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
-    """Return a table of names and their values, without a header."""
+def print_facts(console: Console, title: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Print a title, and a table of names and their values without a header."""
+    heading(console, title)
     table = plain_table("", "")
     table.show_header = False
     for name, text in rows:
         table.add_row(Text(name), Text(text))
-    return table
+    console.print(table)
+
+
+def print_findings(
+    console: Console,
+    title: str,
+    findings: Iterable["Finding"],
+    column: str,
+    cell_of: Mapping[str, str],
+    digits_of_time: int,
+) -> None:
+    """Print the findings on limits, with one more column, named `column`, whose cells have the names of the limits."""
+    heading(console, title)
+    table = plain_table("limit", right=("largest", "limit", "at [s]", column), last=("",))
+    for x in findings:
+        cells = (number(x.value), number(x.limit), number(x.time, digits_of_time), cell_of.get(x.name, "-"))
+        table.add_row(Text(x.label), *cells, verdict(x.status))
+    console.print(table)
 
 
 def numbers_table(
@@ -106,13 +145,21 @@ def numbers_table(
 
 def print_instants(
     console: Console,
-    columns: Mapping[str, np.ndarray],
+    title: str,
+    columns: Mapping[str, Any],
     headers: Mapping[str, Sequence[str]],
+    angles: Container[str],
     significant: Container[str] = (),
 ) -> None:
-    """Print the `numbers_table` of at most `ROWS` instants, selected evenly from all instants."""
-    count = len(columns["time"])
+    """Print the `numbers_table` of at most `ROWS` instants, selected evenly from all instants.
+
+    Columns in `angles` are converted from radians to degrees.
+    """
+    heading(console, title)
+    values = {name: np.array(columns[name], dtype=float) for name in headers}
+    values = {name: np.degrees(x) if name in angles else x for name, x in values.items()}
+    count = len(values["time"])
     shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
-    console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))
+    console.print(numbers_table({name: x[shown] for name, x in values.items()}, headers, {}, significant))
     if len(shown) < count:
         console.print(Text(f"{len(shown)} of {count} instants; the files and --json contain all instants"))

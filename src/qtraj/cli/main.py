@@ -1,17 +1,80 @@
-"""Define the entry point of the command line, which imports the commands after changing settings."""
+"""Define the entry point of the command line: check packages, change settings, and list the commands."""
 
 import atexit
+import functools
 import gc
 import importlib.util
+import io
+import logging
 import os
 import sys
+import warnings
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
+from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED
+
+if TYPE_CHECKING:
+    import typer
+
+ABOUT = """Compute paths, slews and closed-loop motion of vehicles from boundary states, recordings and limits.
+
+The exit code is 0 for success, 1 for violated limits or no convergence, and 2 for invalid input.
+
+Results are also written if the exit code is 1.
+"""
+
+EXAMPLES = {
+    "": (
+        "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
+        "qtraj report  (writes an HTML report of the results in qtraj-out)",
+        "qtraj --install-completion  (installs tab completion)",
+    ),
+    "tune": (
+        "qtraj tune  (the built-in scenario)",
+        "qtraj tune turn.toml --out results",
+        "qtraj tune turn.toml --objective fastest --motion hermite",
+    ),
+    "evaluate": (
+        "qtraj evaluate turn.toml --samples 11",
+        "qtraj evaluate results/path.toml --step 0.1 --out table",
+    ),
+    "route": (
+        "qtraj route  (the built-in scenario)",
+        "qtraj route drive.csv --out drive",
+        "qtraj route bus.toml --out results",
+    ),
+    "retime": (
+        "qtraj retime  (the built-in scenario)",
+        "qtraj retime bus.toml --out results",
+        "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+    ),
+    "slew": (
+        "qtraj slew  (the built-in scenario)",
+        "qtraj slew camera.toml --out results --samples 401",
+    ),
+    "simulate": (
+        "qtraj simulate  (the built-in scenario)",
+        "qtraj simulate loop.toml --out results --json",
+    ),
+    "report": (
+        "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
+        "qtraj report results",
+        "qtraj report helix.parquet --out pages",
+    ),
+}
+"""The examples of each command, which is a function in the module with its name; those of the application are first."""
+
+OLD_NAMES = {"slew": "turn", "simulate": "track"}
+"""The old names of renamed commands."""
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """Packages that the command line needs in addition to the core of qtraj."""
+
+NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
+"""Packages whose warnings and log messages do not help a user of the command line."""
 
 GC_THRESHOLDS = (100_000, 20, 100)
 """Thresholds of Python's garbage collector; with the defaults, garbage collection takes a tenth of the run time."""
@@ -29,12 +92,8 @@ def main() -> None:
     gc.set_threshold(*GC_THRESHOLDS)
     atexit.register(gc.freeze)  # no garbage collection at the end of the process
     try:
-        from qtraj.cli.session import prepare
-
         prepare()
-        from qtraj.cli.app import app  # after the settings, because imports may run computations
-
-        app(prog_name="qtraj")
+        application()(prog_name="qtraj")  # after the settings, because the imports of commands may run computations
     except KeyboardInterrupt:  # before a command starts; commands handle interrupts themselves
         sys.stderr.write("interrupted\n")
         _leave()
@@ -42,6 +101,89 @@ def main() -> None:
         if end.code == INTERRUPTED:
             _leave()
         raise
+
+
+@functools.cache
+def application() -> "typer.Typer":
+    """Return the application with all commands, with hidden aliases for the old names of commands."""
+    import typer
+
+    app = typer.Typer(
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+    def print_version(requested: bool) -> bool:
+        if requested:
+            typer.echo(f"qtraj {__version__}")
+            raise typer.Exit
+        return requested
+
+    shown = typer.Option(False, "--version", callback=print_version, is_eager=True, help="Print the version.")
+
+    @app.callback(help=_prose(ABOUT), epilog=_examples(EXAMPLES[""]))
+    def root(version: bool = shown) -> None: ...
+
+    for name in filter(None, EXAMPLES):
+        command = getattr(importlib.import_module(f"qtraj.cli.{name}"), name)
+        options: Any = {"help": _prose(command.__doc__), "epilog": _examples(EXAMPLES[name])}
+        app.command(name, **options)(command)
+        if name in OLD_NAMES:
+            app.command(OLD_NAMES[name], hidden=True, **options)(_renamed(command, OLD_NAMES[name]))
+    return app
+
+
+def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
+    """Return the command with a warning about its `old` name."""
+    from qtraj.cli.terminal import UNTIL, warn
+
+    @functools.wraps(command)
+    def renamed(*args: object, **options: object) -> None:
+        warn(f"`qtraj {old}` is now `qtraj {command.__name__}`; {UNTIL}")
+        command(*args, **options)
+
+    return renamed
+
+
+def _prose(docstring: str | None) -> str:
+    """Return a docstring with each paragraph on one line, which the terminal wraps."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
+
+
+def _examples(lines: Sequence[str]) -> str:
+    """Return the examples of a command, one per line, as text for the end of the help."""
+    return "\n\n".join(("Examples:", *lines))
+
+
+def prepare() -> None:
+    """Enable float64 and the compilation cache, and suppress the warnings of other packages."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_PLATFORMS"):
+        jax.config.update("jax_platforms", "cpu")  # problems are small, sequential and in float64
+    # Compilation takes much longer than the computation, so LLVM does not optimise unless the user sets XLA_FLAGS.
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+    _enable_cache(jax.config.jax_enable_compilation_cache)  # type: ignore[attr-defined]
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without Greek letters prints question marks
+    for name in NOISY:
+        logging.getLogger(name).setLevel(logging.ERROR)
+        warnings.filterwarnings("ignore", module=rf"{name}(\.|$)")
+
+
+def _enable_cache(enabled: bool) -> None:
+    """Store compiled code for the next run, if a writable folder exists.
+
+    `JAX_ENABLE_COMPILATION_CACHE=0` disables the cache. If `JAX_COMPILATION_CACHE_DIR` is set, JAX uses that folder.
+    """
+    from qtraj.foundation.compilation_cache import enable_compilation_cache
+
+    if enabled and not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        with suppress(ValueError):
+            enable_compilation_cache()
 
 
 def _leave() -> NoReturn:

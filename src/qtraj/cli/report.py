@@ -1,5 +1,6 @@
 """Implement `qtraj report`, which writes an HTML report of a result."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,20 +10,19 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
-from qtraj.foundation.progress_bar import watching
-
-PAGE = "report.html"
-"""The file name of the report of a folder, or of the main dataset in the folder."""
+from qtraj.foundation.progress_bar import Watch
 
 
+@terminal.command
 def report(
+    watch: Watch,
     result: Path = typer.Argument(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."),
     frame: FrameName | None = terminal.frame_option("the frame of the dataset; upright for a saved path"),
     as_json: bool = terminal.json_option(),
-) -> None:
+) -> Outcome:
     """Write a report of a result as one HTML file, which does not need a network connection.
 
     The report animates the path with its moving frame, or the attitude with its
@@ -32,44 +32,32 @@ def report(
     of a folder, or of its paths.nc or table.nc, is named report.html. Other reports
     are named after their files: the report of path.toml is path.html.
     """
-    with terminal.guarded():
-        outcome = run(result, out, frame)
-    terminal.finish(outcome, as_json)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for xarray.
+    from qtraj._version import __version__
+    from qtraj.foundation.folder import check_folder
+    from qtraj.viz.report.source import DATASETS, find, is_folder
+    from qtraj.viz.result_files import REPORT
 
+    folder = out or (result if is_folder(result) else result.parent)
+    check_folder(folder)
+    try:
+        source = find(result, None if frame is None else frame.frame())
+        from qtraj.viz.report.page import html, report_of
 
-def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
-    """Write the report of a result; `frame` is the frame of a saved path, and None means the upright frame.
-
-    **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for xarray.
-        from qtraj._version import __version__
-        from qtraj.cli.output import check_folder, write_all
-        from qtraj.viz.report.source import DATASETS, find, is_folder
-
-        folder = out or (result if is_folder(result) else result.parent)
-        check_folder(folder)
-        try:
-            source = find(result, None if frame is None else frame.frame())
-            from qtraj.viz.report.page import html, report_of
-
-            watch.say("drawing")
-            summary = report_of(source.dataset, source.tuned)
-            page = html(summary)
-        except ModuleNotFoundError as error:
-            raise ValueError(str(error)) from error
-        except ValueError as error:
-            text = str(error)
-            raise ValueError(text if str(result) in text else f"{result}: {text}") from error
-        content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
-        watch.say("writing")
-        whole = is_folder(result) or result.name in DATASETS
-        name = PAGE if whole else f"{result.stem}.html"  # several files in one folder need separate reports
-        writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
-        content["files"] = [str(file) for file in write_all(folder, writers)]
-    return Outcome(content, lambda console: _show(console, content))
+        watch.say("drawing")
+        summary = report_of(source.dataset, source.tuned)
+        page = html(summary)
+    except ModuleNotFoundError as error:
+        raise ValueError(str(error)) from error
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if str(result) in text else f"{result}: {text}") from error
+    content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
+    whole = is_folder(result) or result.name in DATASETS
+    name = REPORT if whole else f"{result.stem}.html"  # several files in one folder need separate reports
+    writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
+    return Outcome(content, partial(_show, content=content), folder=folder, writers=writers)
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:

@@ -4,32 +4,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.text import Text
 
 from qtraj.cli import layout, terminal
-from qtraj.cli.report import PAGE
 from qtraj.cli.terminal import Outcome
-from qtraj.foundation.folder import Writer
 from qtraj.foundation.naming import naming
-from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.foundation.progress_bar import Watch
 
 if TYPE_CHECKING:
-    import xarray
-
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.speed_profile import SpeedProfile
     from qtraj.design.timing.outcome import Retimed
     from qtraj.scenario.reader import ScenarioFile
-    from qtraj.scenario.retime import RetimeTask
-
-LISTED = 12
-"""Maximum number of stops that are listed; the other stops are only counted."""
+    from qtraj.scenario.route import RetimeTask
 
 
+@terminal.command
 def retime(
+    watch: Watch,
     scenario: Path | None = typer.Argument(
         None,
         metavar="SCENARIO",
@@ -50,7 +44,7 @@ def retime(
     knots: int | None = typer.Option(
         None, metavar="N", help="Number of cells of the timing, a power of two. Overrides the scenario."
     ),
-) -> None:
+) -> Outcome:
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
@@ -59,45 +53,47 @@ def retime(
     (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
     limit is not satisfied, the tuning fails, or an end speed cannot be reached.
     """
-    with terminal.guarded():
-        chosen = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
-        outcome = run(scenario, out, {k: v for k, v in chosen.items() if v is not None}, limit or [])
-    terminal.finish(outcome, as_json)
+    chosen = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import plain
+    from qtraj.io.retimed_dataset import retimed_dataset
+    from qtraj.path.trihedral import Upright
+    from qtraj.scenario.route import read_retiming
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import speed_profile_figure
 
-
-def run(file: Path | None, out: Path, chosen: dict[str, Any], limits: list[str]) -> Outcome:
-    """Retime the path of a scenario and write the results; `chosen` settings and `limits` override the scenario.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here so that --help does not wait for pydantic and xarray.
-        from qtraj.cli.output import check_folder, header, write_all
-        from qtraj.foundation.plain import plain
-        from qtraj.scenario.retime import read_retiming
-
-        check_folder(out)
-        more = _limits(limits)
-        loaded = read_retiming(file)
-        found = _found(loaded, more, chosen, watch)
-        watch.say("sampling")
-        dataset = _dataset(loaded, found)
-        content = header("retime", loaded) | {
-            "fit": _fit(found.task),
-            "purpose": getattr(loaded.scenario, "purpose", {}),
-            "tuned": None if found.tuned is None else plain(found.tuned.record()),
-            "retimed": plain(found.timed.record()),
-            "certificate": plain(found.certificate.record()),
-            "profile": plain(found.profile.record()),
-            "result": found.timed.result,
-        }
-        watch.say("writing")
-        content["files"] = [str(written) for written in write_all(out, _writers(found, dataset))]
-    solved = [found.timed, found.certificate, *([] if found.tuned is None else [found.tuned])]
-    solved += [] if found.task.fitted is None else [found.task.fitted]
+    more = _limits(limit or [])
+    loaded = read_retiming(scenario)
+    found = _found(loaded, more, chosen, watch)
+    task, tuned, timed, certificate, profile = found
+    watch.say("sampling")
+    spiral = task.fitted if isinstance(task.fitted, Fitted) else None
+    about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
+    dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, spiral, Upright(), about)
+    content = terminal.header("retime", loaded) | {
+        "fit": facts_of(task.fitted),
+        "purpose": getattr(loaded.scenario, "purpose", {}),
+        "tuned": None if tuned is None else plain(tuned.record()),
+        "retimed": plain(timed.record()),
+        "certificate": plain(certificate.record()),
+        "profile": plain(profile.record()),
+        "result": timed.result,
+    }
+    timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
+    writers = {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
+        **result_files.table(timing, "timing"),
+        **result_files.figure("retime", speed_profile_figure(timing)),
+        **result_files.report(dataset),
+    }
+    solved = [result for result in (timed, certificate, tuned, task.fitted) if result is not None]
     failed = not all(bool(result.successful) for result in solved)
-    return Outcome(content, lambda console: _show(console, content, found), failed, loaded.warnings)
+    return Outcome(content, partial(_show, content=content, found=found), failed, loaded.warnings, out, writers)
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -127,9 +123,10 @@ class Found(NamedTuple):
 
 
 def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
+    from qtraj.design.certify_retimed import certify_retimed
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
-    from qtraj.scenario.retime import retiming
+    from qtraj.scenario.route import retiming
 
     recorded = getattr(loaded.scenario, "track", None) is not None
     watch.say("fitting the recording" if recorded else "constructing the path")
@@ -139,125 +136,25 @@ def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str
         watch.say("tuning")
         tuned = None if task.tuning is None else task.tuning(watch.tuning)
         watch.say("retiming")
-        timed = retime(task.path if tuned is None else tuned.path, task.limits_of(timing=True), **own | chosen)
+        timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")
-        return Found(task, tuned, timed, task.checked(timed), speed_profile(timed))
-
-
-def _fit(task: "RetimeTask") -> dict[str, Any] | None:
-    from qtraj.cli.route import summary
-    from qtraj.design.fitting.facts import facts
-    from qtraj.design.fitting.fitted import Fitted
-    from qtraj.foundation.plain import plain
-
-    if task.fitted is None or isinstance(task.fitted, Fitted):
-        return None if task.fitted is None else facts(task.fitted)
-    return plain(task.fitted.record()) | summary(task.fitted)
-
-
-def _dataset(loaded: "ScenarioFile[Any]", found: Found) -> "xarray.Dataset":
-    from qtraj.cli.output import provenance
-    from qtraj.design.fitting.fitted import Fitted
-    from qtraj.io.retimed_dataset import retimed_dataset
-    from qtraj.path.trihedral import Upright
-
-    about = {} if found.tuned is None else {"tuning_result": found.tuned.result}
-    fitted = found.task.fitted if isinstance(found.task.fitted, Fitted) else None
-    return retimed_dataset(
-        found.timed,
-        found.task.limits,
-        found.certificate,
-        found.profile,
-        found.task.track,
-        fitted,
-        Upright(),
-        provenance(loaded) | about,
-    )
-
-
-def _writers(found: Found, dataset: "xarray.Dataset") -> dict[str, Writer]:
-    from qtraj.foundation import document
-    from qtraj.io.dataset import write_netcdf
-    from qtraj.io.instants_csv import csv_headers, write_csv
-
-    titles = {name: dataset.attrs[name] for name in ("title", "scenario_file") if name in dataset.attrs}
-    timing = found.profile.to_xarray(titles)
-    over_time = timing[[name for name in timing.data_vars if timing[name].dims == ("time",)]]
-    columns = {str(name): over_time[name].values for name in over_time.variables}
-
-    def draw(target: Path) -> None:
-        from qtraj.viz.figures import save, speed_profile_figure  # imported last, because matplotlib loads slowly
-
-        save(speed_profile_figure(timing), target)
-
-    def page(target: Path) -> None:
-        from qtraj.viz.report.page import report_page
-
-        target.write_text(report_page(dataset), encoding="utf-8", newline="\n")
-
-    return {
-        "paths.nc": partial(write_netcdf, dataset),
-        "path.json": found.timed.path.save,
-        "retimed.json": partial(document.save, found.timed),
-        "timing.nc": partial(write_netcdf, timing),
-        "timing.csv": partial(write_csv, columns, csv_headers(over_time)),
-        "retime.png": draw,
-        "retime.svg": draw,
-        PAGE: page,
-    }
+        return Found(task, tuned, timed, certify_retimed(timed, task.limits), speed_profile(timed))
 
 
 def _show(console: Console, content: dict[str, Any], found: Found) -> None:
     """Print the results, readable at 80 columns."""
-    from qtraj.cli.route import show_fit as show_route
-    from qtraj.cli.tune import show_fit
-    from qtraj.design.fitting.fitted_route import FittedRoute
+    from qtraj.design.retimed_facts import retimed_fact_rows
 
+    profile = found.profile
     layout.print_scenario(console, content["scenario"])
-    if isinstance(found.task.fitted, FittedRoute):
-        show_route(console, found.task.fitted, content["fit"])
-    elif content["fit"] is not None:
-        show_fit(console, content["fit"])
+    layout.print_fit(console, found.task.fitted)
     if found.tuned is not None:
         layout.heading(console, "Tuning")
         console.print(Text(found.tuned.result))
-    _show_limits(console, found)
-    for name, text in content["purpose"].items():
-        console.print(Text(f"{name}: {text}"))
-    layout.heading(console, "Result")
-    console.print(layout.facts_table(_facts(found)))
+    title = "Limits on the retimed path, and where they bound the speed"
+    shares = {name: f"{100 * profile.share(name):.1f} %" for name in profile.names}
+    layout.print_findings(console, title, found.certificate.findings(), "reached on", shares, digits_of_time=4)
+    layout.print_purposes(console, content["purpose"])
+    layout.print_facts(console, "Result", retimed_fact_rows(found.timed, profile))
     console.print(Text(found.timed.result))
     layout.print_files(console, content["files"])
-
-
-def _show_limits(console: Console, found: Found) -> None:
-    from qtraj.foundation.units import symbol
-    from qtraj.path.quantity import quantity
-
-    layout.heading(console, "Limits on the retimed path, and where they bound the speed")
-    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "reached on"), last=("",))
-    for finding in found.certificate.findings():
-        unit = symbol(quantity(finding.name).unit) or "-"
-        timed = finding.name in found.profile.names
-        share = f"{100 * found.profile.share(finding.name):.1f} %" if timed else "-"
-        value = layout.number(finding.value if np.isfinite(finding.value) else None)
-        cells = value, layout.number(finding.limit), layout.number(finding.time, 4), share
-        table.add_row(Text(f"{finding.name} [{unit}]"), *cells, layout.verdict(finding.status))
-    console.print(table)
-
-
-def _facts(found: Found) -> list[tuple[str, str]]:
-    profile = found.profile
-    length, (before, after) = float(profile.distance[-1]), np.asarray(profile.durations).tolist()
-    start, end = np.asarray(found.timed.speeds).tolist()
-    rows = [
-        ("duration", f"{after:.4f} s instead of {before:.4f} s"),
-        ("length", f"{length:.2f} m, at {length / after:.2f} m/s on average"),
-        ("speed", f"{start:.3f} m/s at the start, {end:.3f} m/s at the end"),
-    ]
-    stops = [(a, b) for a, b in np.asarray(profile.stops).tolist() if b > a]
-    if stops:
-        listed = ", ".join(f"{a:.2f}-{b:.2f}" for a, b in stops[:LISTED])
-        more = f" and {len(stops) - LISTED} more" if len(stops) > LISTED else ""
-        rows.append(("stops", f"{len(stops)}, at t [s] = {listed}{more}"))
-    return rows

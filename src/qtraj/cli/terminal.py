@@ -1,20 +1,27 @@
 """Define what commands have in common: options, output streams, and exit codes."""
 
+import functools
+import inspect
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
 
+from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED
+from qtraj.foundation.folder import Writer, check_folder, write_all
+from qtraj.foundation.progress_bar import watching
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
+    from qtraj.scenario.reader import ScenarioFile
 
 FAILED = 1
 """Exit code of a run that did not converge, or whose limits are not satisfied."""
@@ -33,9 +40,9 @@ class FrameName(StrEnum):
 
     def frame(self) -> "Frame":
         """Return the frame with this name."""
-        from qtraj.scenario.loop import FRAMES  # imported here, because the import would delay --help
+        from qtraj.motion.programs.rotation_minimizing import frame_named  # imported here, because it delays --help
 
-        return FRAMES[self.value]()
+        return frame_named(self.value)
 
 
 ABOUT_FRAMES = (
@@ -72,24 +79,50 @@ class Outcome(NamedTuple):
     """The result of a command.
 
     `content`: the result as JSON types. `show`: a function that prints the result. `failed`: whether the exit code is
-    1. `renamed`: warnings about renamed keys.
+    1. `renamed`: warnings about renamed keys. `folder` and `writers`: the files to write, by name; None for no files.
     """
 
     content: dict[str, Any]
     show: Callable[[Console], None]
     failed: bool = False
     renamed: Sequence[str] = ()
+    folder: Path | None = None
+    writers: Mapping[str, Writer] = MappingProxyType({})
 
 
-def finish(outcome: Outcome, as_json: bool) -> None:
-    """Print the outcome and exit with its exit code."""
-    for text in outcome.renamed:
-        warn(f"{text}; {UNTIL}")
-    if as_json:
-        typer.echo(json.dumps(outcome.content, indent=2, allow_nan=False))
-    else:
-        outcome.show(stdout())
-    raise typer.Exit(FAILED if outcome.failed else 0)
+def header(command: str, loaded: "ScenarioFile[Any]") -> dict[str, Any]:
+    """Return the first keys of a command's JSON output: the version, the command and the scenario."""
+    return {"qtraj": __version__, "command": command, "scenario": loaded.about()}
+
+
+def command(run: Callable[..., Outcome]) -> Callable[..., None]:
+    """Convert a function to a command, which writes the files of its outcome, prints it and exits.
+
+    The first argument of the function is a `Watch`. An OSError or ValueError for bad input, which the function raises
+    before files are written, becomes one message and exit code 2. The option `as_json` selects the output format.
+    """
+
+    @functools.wraps(run)
+    def command(*, out: Path | None, as_json: bool, **options: Any) -> None:
+        with guarded(), watching() as watch:
+            if out is not None:
+                check_folder(out)
+            outcome = run(watch, out=out, as_json=as_json, **options)
+            watch.say("writing")
+            files = [] if outcome.folder is None else write_all(outcome.folder, outcome.writers)
+            outcome.content["files"] = [str(file) for file in files]
+        for text in outcome.renamed:
+            warn(f"{text}; {UNTIL}")
+        if as_json:
+            typer.echo(json.dumps(outcome.content, indent=2, allow_nan=False))
+        else:
+            outcome.show(stdout())
+        raise typer.Exit(FAILED if outcome.failed else 0)
+
+    signature = inspect.signature(run)
+    _, *parameters = signature.parameters.values()
+    command.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    return command
 
 
 def stdout() -> Console:

@@ -1,23 +1,20 @@
 """Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
-import math
-from collections.abc import Mapping
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
-from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.foundation.number_text import number
+from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
@@ -34,14 +31,15 @@ else:  # enumerations, for shell completion
     Motion = StrEnum("Motion", {name: name for name in MOTIONS})
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
-SYMBOLS = ("V_ρ", "V_φ", "V_h")
 CAUSES = (
     "A limit may be too small or in the wrong unit. To keep the path near the original path, use tune.corridor or "
     "[tune.bounds]."
 )
 
 
+@terminal.command
 def tune(
+    watch: Watch,
     scenario: Path | None = terminal.scenario_argument("path"),
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
@@ -58,93 +56,68 @@ def tune(
         help="Number of starting points: the specified states, and perturbations of them. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
-) -> None:
+) -> Outcome:
     """Tune the boundary velocities of a path so that the path satisfies its limits.
 
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     or if a path does not fit its recording.
     """
-    with terminal.guarded():
-        chosen = (motion and motion.value, objective and objective.value, starts)
-        outcome = run(scenario, out, chosen, frame or FrameName.upright)
-    terminal.finish(outcome, as_json)
+    chosen = (motion and motion.value, objective and objective.value, starts)
+    watch.say("reading")
+    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import finite, plain
+    from qtraj.io.dataset import path_dataset
+    from qtraj.io.saved import is_saved
+    from qtraj.path.change import compare_paths
+    from qtraj.scenario.reader import read_scenario
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import tuning_figure
 
-
-def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune the path of a scenario and write the results.
-
-    `chosen`: motion, objective and number of starts, which override the values of the scenario if they are not None.
-
-    **Raises:** OSError or ValueError for bad input, before anything is written.
-    """
-    with watching() as watch:
-        watch.say("reading")
-        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-        from qtraj.cli.output import check_folder, header, provenance, write_all
-        from qtraj.design.fitting.facts import facts
-        from qtraj.foundation.plain import finite, plain
-        from qtraj.io.dataset import path_dataset, write_netcdf
-        from qtraj.io.saved import is_saved
-        from qtraj.path.change import compare_paths
-        from qtraj.scenario.reader import read_scenario
-
-        check_folder(out)
-        if file is not None and is_saved(file):
-            raise ValueError(
-                f"{file}: this is a saved path, which has no limits: write a scenario with path = '{file.name}' and "
-                "[limits]"
-            )
-        loaded = read_scenario(file, "path")
-        task, before, best = _tuned(loaded, chosen, watch)
-        change = compare_paths(task.path, best.path, (task.start, task.end))
-        warning = change.warning and f"{change.warning} {CAUSES}"
-        search = {"objective": task.objective, "motion": task.motion}
-        settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-        outcome = {"status": best.status, "result": best.result}
-        about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
-        dataset = path_dataset(
-            {"before": task.path, "after": best.path},
-            task.limits,
-            task.track,
-            attributes=provenance(loaded) | about,
-            fitted=task.fitted,
-            frame=frame.frame(),
-            findings={"before": before, "after": best.certificate},
+    if scenario is not None and is_saved(scenario):
+        raise ValueError(
+            f"{scenario}: this is a saved path, which has no limits: write a scenario with path = '{scenario.name}' "
+            "and [limits]"
         )
-        content = header("tune", loaded) | {
-            "fit": None if task.fitted is None else facts(task.fitted),
-            "frame": dataset.attrs["frame"],
-            "purpose": loaded.scenario.purpose,
-            "before": plain(before.record()),
-            "tuned": plain(best.record()),
-            "change": plain(change.record()),
-            "tuning": search
-            | {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
-            | {"bounds": finite({name: list(bounds) for name, bounds in task.part.ranges.items()})}
-            | outcome,
-            "warning": warning,
-        }
-
-        def draw(file: Path) -> None:
-            from qtraj.viz.figures import save, tuning_figure  # imported last, because matplotlib loads slowly
-
-            save(tuning_figure(dataset), file)
-
-        watch.say("writing")
-        writers = {
-            "paths.nc": lambda file: write_netcdf(dataset, file),
-            "path.toml": best.path.save,
-            "tuning.toml": best.save,
-            "tuning.png": draw,
-            "tuning.svg": draw,
-        }
-        content["files"] = [str(file) for file in write_all(out, writers)]
+    loaded = read_scenario(scenario, "path")
+    task, before, best = _tuned(loaded, chosen, watch)
+    change = compare_paths(task.path, best.path, (task.start, task.end))
+    warning = change.warning and f"{change.warning} {CAUSES}"
+    search = {"objective": task.objective, "motion": task.motion}
+    settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
+    outcome = {"status": best.status, "result": best.result}
+    about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
+    dataset = path_dataset(
+        {"before": task.path, "after": best.path},
+        task.limits,
+        task.track,
+        attributes=loaded.provenance() | about,
+        fitted=task.fitted,
+        frame=(frame or FrameName.upright).frame(),
+        findings={"before": before, "after": best.certificate},
+    )
+    options = {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
+    bounds = finite({name: list(bounds) for name, bounds in task.part.ranges.items()})
+    content = terminal.header("tune", loaded) | {
+        "fit": facts_of(task.fitted),
+        "frame": dataset.attrs["frame"],
+        "purpose": loaded.scenario.purpose,
+        "before": plain(before.record()),
+        "tuned": plain(best.record()),
+        "change": plain(change.record()),
+        "tuning": search | options | {"bounds": bounds} | outcome,
+        "warning": warning,
+    }
+    writers = {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
+        **result_files.figure("tuning", tuning_figure(dataset)),
+    }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
-    return Outcome(
-        content, lambda console: _show(console, content, task, before, best, change), not met, loaded.warnings
-    )
+    show = partial(_show, content=content, task=task, before=before, best=best, change=change)
+    return Outcome(content, show, not met, loaded.warnings, out, writers)
 
 
 def _tuned(
@@ -155,7 +128,6 @@ def _tuned(
     **Raises:** ValueError, which names the file, for bad input.
     """
     from qtraj.design.proof.certify import certify
-    from qtraj.design.tuning.tune import tune
 
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
@@ -166,7 +138,7 @@ def _tuned(
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
-        return task, before, tune(**task.tuning(), progress=watch.tuning)
+        return task, before, task.tuned(watch.tuning)
 
 
 def _ranges(part: "TunePart") -> str:
@@ -191,10 +163,19 @@ def _show(
 ) -> None:
     """Print scenario, results and files, for a terminal with 80 columns."""
     layout.print_scenario(console, content["scenario"])
-    if content["fit"] is not None:
-        show_fit(console, content["fit"])
-    _show_limits(console, before, best.certificate, content["purpose"])
-    _show_change(console, change)
+    layout.print_fit(console, task.fitted)
+    _show_limits(console, before, best.certificate)
+    layout.print_purposes(console, content["purpose"])
+    layout.heading(console, "Boundary velocities before and after")
+    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
+    for group in change.rows():
+        table.add_section()
+        for name, *cells in group:
+            table.add_row(Text(name), *map(Text, cells))
+    console.print(table)
+    console.print(Text("A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."))
+    if change.given_text:
+        console.print(Text(change.given_text))
     console.print(Text(f"The tuned path deviates from the original path by at most {float(change.deviation):.3g} m."))
     console.print(Text(change.text))
     layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
@@ -207,57 +188,14 @@ def _show(
     layout.print_files(console, content["files"])
 
 
-def show_fit(console: Console, fit: Mapping[str, Any]) -> None:
-    """Print how well the spiral-helix fits its recording."""
-    from qtraj.design.fitting.facts import TITLE, fact_rows
-
-    layout.heading(console, TITLE)
-    console.print(layout.facts_table(fact_rows(fit)))
-    if fit["warning"]:
-        console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
-    elif fit["status"] != ResultCode.successful.name:
-        console.print(Text(f"Note: {fit['result']}", style="yellow"))
-
-
-def _show_limits(console: Console, before: "Certificate", after: "Certificate", purpose: Mapping[str, str]) -> None:
-    from qtraj.foundation.units import symbol
-    from qtraj.path.quantity import quantity
-
+def _show_limits(console: Console, before: "Certificate", after: "Certificate") -> None:
     layout.heading(console, "Limits before and after")
     table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
     for was, now in zip(before.findings(), after.findings(), strict=True):
-        unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
-        for label, path, finding in ((was.name, "before", was), (unit, "after", now)):
-            finite = math.isfinite(finding.value)
-            margin = "active" if finding.active else f"{finding.limit - finding.value:+.3g}" if finite else "-"
-            value, limit = layout.number(finding.value if finite else None), layout.number(finding.limit)
-            time = layout.number(finding.time, 4)
-            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(finding.status))
+        name, unit = now.label.split()
+        for label, path, finding in ((name, "before", was), (unit, "after", now)):
+            margin = "active" if finding.active else number(finding.limit - finding.value, 3, sign="+")
+            numbers = number(finding.value), number(finding.limit), margin, number(finding.time, 4)
+            table.add_row(Text(label), path, *numbers, layout.verdict(finding.status))
         table.add_section()
     console.print(table)
-    for name, text in purpose.items():
-        console.print(Text(f"{name}: {text}"))
-
-
-def _show_change(console: Console, change: "PathChange") -> None:
-    layout.heading(console, "Boundary velocities before and after")
-    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
-    before, after = np.asarray(change.velocities)
-    for letter, was, now in zip("AB", before, after, strict=True):
-        for symbol, *values in zip(SYMBOLS, was, now, strict=True):
-            _compare(table, f"{symbol} at {letter}", values, "m/s")
-    table.add_section()
-    _compare(table, "duration", change.durations, "s")
-    _compare(table, "mean rate", change.mean_rates, "rad/s")
-    _compare(table, "length", change.lengths, "m")
-    console.print(table)
-    console.print(Text("A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."))
-    if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
-        start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
-        console.print(Text(f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
-
-
-def _compare(table: Table, label: str, values: Any, unit: str) -> None:
-    before, after = map(float, values)
-    was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # avoids -0.0000
-    table.add_row(Text(label), f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", Text(unit))

@@ -3,7 +3,7 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import equinox as eqx
@@ -147,6 +147,21 @@ class Limits(eqx.Module):
         """Return the limits that are set, by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
         return {name: value for name, value in values.items() if value is not None}
+
+    def on_timing(self) -> Limits:
+        """Return the limits that depend on the timing of a path, which are the limits that `retime` accepts."""
+        return self._chosen(lambda name: quantity(name).on_road or quantity(name).per_time > 0)
+
+    def on_shape(self) -> Limits:
+        """Return the limits that depend only on the shape of a path, such as curvature, torsion and slope."""
+        timing = self.on_timing().given()
+        return self._chosen(lambda name: name not in timing)
+
+    def _chosen(self, chosen: Callable[[str], bool]) -> Limits:
+        """Return the limits whose names are `chosen`, with the vehicle if one of them needs it."""
+        limits = {name: limit for name, limit in self.given().items() if chosen(name)}
+        vehicle = self.vehicle if any(quantity(name).needs_vehicle for name in limits) else None
+        return Limits(**limits, vehicle=vehicle)
 
     @property
     def needs_vehicle(self) -> bool:

@@ -1,6 +1,7 @@
-"""Format columns of numbers for printed tables."""
+"""Format numbers, columns of numbers and intervals for printed tables."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -31,3 +32,22 @@ def decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
 
 def _magnitude(x: float) -> int:
     return math.floor(math.log10(x)) if x > 0 else 0
+
+
+def number(value: float | None, digits: int = 6, sign: str = "-") -> str:
+    """Format a number with `digits` significant digits; None and numbers that are not finite become a dash.
+
+    `sign`: "-" for a sign of negative numbers only, "+" for a sign of all numbers.
+    """
+    return "-" if value is None or not math.isfinite(value) else f"{value:{sign}.{digits}g}"
+
+
+def degrees(value: float | None, digits: int = 6) -> str:
+    """Format an angle [rad], or a derivative of an angle, in degrees; None and NaN become a dash."""
+    return number(None if value is None else math.degrees(value), digits)
+
+
+def intervals(bounds: Sequence[tuple[float, float]], most: int = 12) -> str:
+    """Format at most `most` intervals, such as "0.00-1.25, 3.00-4.50"; other intervals are only counted."""
+    listed = ", ".join(f"{a:.2f}-{b:.2f}" for a, b in bounds[:most])
+    return f"{listed} and {len(bounds) - most} more" if len(bounds) > most else listed

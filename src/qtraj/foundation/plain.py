@@ -22,6 +22,12 @@ def plain(record: Record) -> dict[str, Any]:
     return {"summary": record.summary, **values, "units": units}
 
 
+def tabular(record: Record) -> dict[str, Any]:
+    """Return the `units` and the `columns` of a record over instants, with the names of the quantities as keys."""
+    columns = plain(record)
+    return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
+
+
 def finite(value: Any) -> Any:
     """Replace NaN and infinities in `value`, also inside dicts and lists, by None."""
     if isinstance(value, float):

@@ -131,6 +131,14 @@ def bounded_values(name: str, values: Any) -> np.ndarray:
     return np.asarray(values, float) if name in SIGNED_VARIABLES else np.abs(np.asarray(values, float))
 
 
+def table_dataset(table: Table, fitted: Fitted | None, attributes: Mapping[str, str]) -> xarray.Dataset:
+    """Return the dataset of a table of one path, with the conventions of its frame and the properties of its fit."""
+    variables: dict[str, Any] = {}
+    about = {} if fitted is None else with_fit(variables, fitted)
+    dataset = table.to_xarray().assign(variables)
+    return dataset.assign_attrs(conventions(table.frame) | dict(attributes) | about)
+
+
 def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
     """Add the results of a fit to the `variables` of a dataset, and return further attributes for the dataset."""
     facts, attributes = fit_variables(fitted)

@@ -41,3 +41,9 @@ def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
         components = product(*(dataset[axis].values for axis in variable.dims[1:]))
         headers[str(name)] = ["_".join([str(name), *labels]) + (f" [{unit}]" if unit else "") for labels in components]
     return headers
+
+
+def path_headers(dataset: xarray.Dataset, others: Sequence[str]) -> dict[str, list[str]]:
+    """Return the column headers of a path: `PATH_HEADERS`, the angular rate, and the variables `others`."""
+    headers = csv_headers(dataset)
+    return PATH_HEADERS | {name: headers[name] for name in ("rate", *others) if name not in PATH_HEADERS}

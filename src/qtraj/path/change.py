@@ -21,6 +21,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
 """Cylindrical components of a velocity: away from the axis, about the axis, and along the axis."""
+SYMBOLS = ("V_ρ", "V_φ", "V_h")
 PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
@@ -88,6 +89,32 @@ class PathChange(AbstractResult):
             f"The heading changes {start} at A and {end} at B; the lowest point moves by {low:+.2f} m and the highest "
             f"point by {high:+.2f} m in height."
         )
+
+    @property
+    def given_text(self) -> str | None:
+        """A description of the requested boundary velocities if the original path has other ones; otherwise None."""
+        if self.given is None or np.allclose(self.given, self.velocities[0], rtol=1e-6, atol=1e-6):
+            return None
+        start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(self.given))
+        return f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."
+
+    def rows(self) -> list[list[tuple[str, str, str, str, str]]]:
+        """Return name, value before, value after, change and unit as texts, in two groups.
+
+        The groups are the boundary velocities, and the duration, the mean rate about the axis and the length.
+        """
+        pairs = np.moveaxis(np.asarray(self.velocities), 0, -1).tolist()
+        velocities = [
+            _row(f"{symbol} at {letter}", pair, "m/s")
+            for letter, of_end in zip("AB", pairs, strict=True)
+            for symbol, pair in zip(SYMBOLS, of_end, strict=True)
+        ]
+        whole = (
+            ("duration", self.durations, "s"),
+            ("mean rate", self.mean_rates, "rad/s"),
+            ("length", self.lengths, "m"),
+        )
+        return [velocities, [_row(name, values, unit) for name, values, unit in whole]]
 
     def record(self) -> Record:
         """Return labelled arrays over the dimensions `path` (both paths) and `end` (both ends), and the differences."""
@@ -178,6 +205,12 @@ def _heading_change(before: Vec3, after: Vec3) -> Any:
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
+
+
+def _row(name: str, values: Any, unit: str) -> tuple[str, str, str, str, str]:
+    before, after = map(float, values)
+    was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # avoids -0.0000
+    return name, f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", unit
 
 
 def _in_words(turn: float) -> str:

@@ -1,11 +1,12 @@
 """Define the scenario keys of `qtraj simulate`, and build the closed loop."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
@@ -14,26 +15,27 @@ from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, name_of
+from qtraj.motion.programs.rotation_minimizing import frame_named, name_of
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop import Loop, renewal_instants
+from qtraj.motion.simulation.loop_verdict import SETTLED
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.path.existence import MISSING, first_undefined
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
-from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.part import (
     ANGLES,
-    SECONDS,
     THREE,
     Angles,
     NamedPart,
     Number,
     Part,
     Positive,
+    Seconds,
     Text,
     Vector,
     key,
@@ -43,7 +45,6 @@ from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, read_scenario
 from qtraj.scenario.slew import SlewPart
 
-FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
@@ -53,11 +54,11 @@ LONGER = 1e-9
 class ProgramPart(Part):
     """The attitude program: a slew, the frame of a path, or a saved program."""
 
-    slew: SlewPart | None = key("a slew within limits", "a table [program.slew]", None)
+    slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
     path: Text | None = key(
         "a path whose frame is the program",
-        "the name of a path scenario or a saved path, relative to the scenario",
         None,
+        values="the name of a path scenario or a saved path, relative to the scenario",
     )
     frame: (
         Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing", "thrust-aligned", "thrust_aligned"]
@@ -66,36 +67,32 @@ class ProgramPart(Part):
         "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
         "binormal, which flips at inflections of the path; 'rotation-minimizing', zero rate about the tangent; "
         "or 'thrust-aligned', z along the thrust, for multirotors",
-        "'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
         None,
+        values="'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
     )
-    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", THREE, None)
+    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None, values=THREE)
     heading: Number | None = key(
         "heading of the thrust-aligned frame, from world x towards world y; default: along the velocity",
-        "a finite angle",
         None,
+        values="a finite angle",
     )
     file: Text | None = key(
         "a saved program, such as program.toml from `qtraj slew`",
-        "the name of a saved program, relative to the scenario",
         None,
+        values="the name of a saved program, relative to the scenario",
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> "ProgramPart":
+    def _faults(self) -> Iterator[str]:
         sources = self.given("slew", "path", "file")
         if len(sources) != 1:
             problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
-            raise ValueError(f"{problem}: specify one of {SOURCES}")
+            yield f"{problem}: specify one of {SOURCES}"
         if self.path is None and (extra := self.given("frame", "up", "heading")):
-            raise ValueError(
-                f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
-            )
+            yield f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
-            raise ValueError("the key 'up' is valid only with frame = 'upright', and must not be zero")
+            yield "the key 'up' is valid only with frame = 'upright', and must not be zero"
         if self.heading is not None and (self.frame or "").replace("_", "-") != "thrust-aligned":
-            raise ValueError("the key 'heading' is valid only with frame = 'thrust-aligned'")
-        return self
+            yield "the key 'heading' is valid only with frame = 'thrust-aligned'"
 
     def describe(self, program: AbstractProgram) -> str:
         """Describe the program as text."""
@@ -108,7 +105,7 @@ class ProgramPart(Part):
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         name = (chosen or self.frame or UPRIGHT).replace("_", "-")
-        frame: Frame = FRAMES[name]()
+        frame = frame_named(name)
         if name == THRUST_ALIGNED and self.heading is not None:
             frame = ThrustAligned(radians(angles) * self.heading)
         if name == UPRIGHT and self.up is not None:
@@ -125,82 +122,62 @@ class ProgramPart(Part):
 class SimulationPart(Part):
     """The times and tolerances of the simulation."""
 
-    duration: Positive | None = key(
-        "simulated time; default: the duration of the program; it may be longer only if the program ends at rest",
-        SECONDS,
-        None,
+    duration: Seconds | None = key(
+        "simulated time; default: the duration of the program; it may be longer only if the program ends at rest", None
     )
     samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
         "number of instants in the table; the option --samples overrides it",
-        f"an integer from 2 to {MAX_SAMPLES}, the number of instants",
         601,
+        values=f"an integer from 2 to {MAX_SAMPLES}, the number of instants",
     )
     settled: Positive | None = key(
-        "error angle below which the loop counts as settled; default: 1°",
-        "a positive finite angle",
-        None,
+        "error angle below which the loop counts as settled; default: 1°", None, values="a positive finite angle"
     )
     rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = key(
-        "relative tolerance of a step", "a number from 1e-14 to 1e-2", 1e-10
+        "relative tolerance of a step", 1e-10, values="a number from 1e-14 to 1e-2"
     )
     atol: Annotated[float, Field(ge=1e-16, le=1e-2)] = key(
-        "absolute tolerance of a step", "a number from 1e-16 to 1e-2", 1e-12
+        "absolute tolerance of a step", 1e-12, values="a number from 1e-16 to 1e-2"
     )
 
 
 class LoopScenario(NamedPart):
     """A body that follows a program under a feedback law, with an optional disturbance, sensor and actuator."""
 
-    angles: Angles = key("the unit of angles", ANGLES)
-    program: ProgramPart = key("the attitude program", "a table [program]")
-    law: FeedbackPart = key("the feedback law", "a table [law]")
-    error: ErrorPart = key("the initial error of the body", "a table [error]", ErrorPart())
-    disturbance: DisturbancePart | None = key("an external disturbance", "a table [disturbance]", None)
-    sensor: SensorPart | None = key("the sensor; default: exact and continuous", "a table [sensor]", None)
-    actuator: ActuatorPart | None = key("the actuator; default: unlimited and continuous", "a table [actuator]", None)
-    simulation: SimulationPart = key("times and tolerances", "a table [simulation]", SimulationPart())
+    angles: Angles = key("the unit of angles", values=ANGLES)
+    program: ProgramPart = key("the attitude program")
+    law: FeedbackPart = key("the feedback law")
+    error: ErrorPart = key("the initial error of the body", ErrorPart())
+    disturbance: DisturbancePart | None = key("an external disturbance", None)
+    sensor: SensorPart | None = key("the sensor; default: exact and continuous", None)
+    actuator: ActuatorPart | None = key("the actuator; default: unlimited and continuous", None)
+    simulation: SimulationPart = key("times and tolerances", SimulationPart())
 
-    @model_validator(mode="after")
-    def _compatible(self) -> "LoopScenario":
+    def _faults(self) -> Iterator[str]:
         if self.law.kind == "rate":
             if self.disturbance is not None:
-                raise ValueError(
-                    "[disturbance] cannot be used with a law of kind 'rate', which commands the rate directly"
-                )
+                yield "[disturbance] cannot be used with a law of kind 'rate', which commands the rate directly"
             if self.sensor is not None and self.sensor.kind == "gyros":
-                raise ValueError(
-                    "[sensor] of kind 'gyros' cannot be used with a law of kind 'rate', whose rate is discontinuous"
-                )
+                yield "[sensor] of kind 'gyros' cannot be used with a law of kind 'rate', whose rate is discontinuous"
             if any(self.error.rate):
-                raise ValueError(
-                    "'error.rate' cannot be used with a law of kind 'rate', which commands the rate directly"
-                )
+                yield "'error.rate' cannot be used with a law of kind 'rate', which commands the rate directly"
         if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
-            raise ValueError("error.gauge = 'gibbs' is valid only with laws of kind 'body' or 'inertial'")
+            yield "error.gauge = 'gibbs' is valid only with laws of kind 'body' or 'inertial'"
         if self.error.gauge == "gibbs" and self.error.sign == "far":
-            raise ValueError(
-                "error.sign = 'far' contradicts error.gauge = 'gibbs', which means μ0 = 1: remove one of these keys"
-            )
+            yield "error.sign = 'far' contradicts error.gauge = 'gibbs', which means μ0 = 1: remove one of these keys"
         if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
-            raise ValueError(
+            yield (
                 f"'error.sign' cannot be used with a law of kind '{self.law.kind}', whose command is the same for λ "
                 "and −λ"
             )
         samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
         if len(set(samplings)) > 1:
-            raise ValueError(
-                "sensor.sampling and actuator.sampling differ: use the same period for both, or remove one of them"
-            )
-        return self
+            yield "sensor.sampling and actuator.sampling differ: use the same period for both, or remove one of them"
 
 
 @dataclass(frozen=True)
 class LoopTask:
-    """The closed loop of a scenario, as arguments of `qtraj.simulate`.
-
-    `times` (n,) [s]: the instants of the table. `renewals` [s]: the sampling instants of the command, or None if the
-    command is continuous.
-    """
+    """The closed loop of a scenario; the fields are arguments of `qtraj.assess_loop`."""
 
     program: AbstractProgram
     law: AbstractLaw
@@ -212,12 +189,11 @@ class LoopTask:
     actuator: Actuator | None
     rtol: float
     atol: float
-    renewals: np.ndarray | None = None
+    settled: float
 
-    @property
-    def jumps(self) -> np.ndarray | None:
-        """The instants [s] at which the acceleration of slews may jump, or None for a program without slews."""
-        return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `qtraj.assess_loop`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)} | {"sign": "as given"}
 
 
 def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
@@ -225,7 +201,7 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
 
     **Raises:** OSError if a file cannot be read; ValueError for invalid data.
     """
-    scenario = loaded.scenario
+    scenario, simulation = loaded.scenario, loaded.scenario.simulation
     scale = radians(scenario.angles)
     program = _program(loaded, frame)
     times = _times(scenario, program, samples)
@@ -236,11 +212,11 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
     sensor = scenario.sensor and scenario.sensor.sensor(scale)
     actuator = scenario.actuator and scenario.actuator.actuator(scale)
     sampled = scenario.sensor is not None and scenario.sensor.sampling is not None
-    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):
-        instants = renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
-    renewals = None if instants is None else np.asarray(instants)
-    tolerances = (scenario.simulation.rtol, scenario.simulation.atol)
-    return LoopTask(program, law, quaternion, rate, times, disturbance, sensor, actuator, *tolerances, renewals)
+    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # too many commands are an error
+        renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
+    settled = SETTLED if simulation.settled is None else scale * simulation.settled
+    parts = (program, law, quaternion, rate, times, disturbance, sensor, actuator)
+    return LoopTask(*parts, simulation.rtol, simulation.atol, settled)
 
 
 def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:

@@ -1,11 +1,12 @@
 """Define the scenario tables of a closed loop: law, gains, initial error, disturbance, sensor and actuator."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pydantic import Field, PlainValidator, model_validator
+from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
 from qtraj.foundation.naming import naming
@@ -24,13 +25,13 @@ from qtraj.motion.simulation.disturbance import (
 )
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
 from qtraj.scenario.part import (
-    SECONDS,
     THREE,
     AttitudePart,
     NotNegative,
     Number,
     Part,
     Positive,
+    Seconds,
     Vector,
     is_number,
     key,
@@ -41,7 +42,6 @@ LINEAR = ("body", "inertial", "additive")
 """Acceleration laws whose error equation is exactly linear."""
 BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
 """Established feedback laws whose error equation is not linear."""
-KIND = "'body', 'inertial', 'additive', 'rate', 'quaternion', 'geometric' or 'logarithmic'"
 GAINS = ("k1", "k", "settling_time", "damping", "weights")
 WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
 GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of finite numbers"
@@ -101,9 +101,9 @@ class WeightsPart(Part):
     The keys error, rate and command are the weights w_e, w_r and w_c.
     """
 
-    error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
-    rate: NotNegative = key("weight of the rate of the error", "a non-negative finite number [1/s²]", 0.0)
-    command: Positive = key("weight of the command", "a positive finite number", 1.0)
+    error: Positive = key("weight of the error", values="a positive finite number [1/s⁴]")
+    rate: NotNegative = key("weight of the rate of the error", 0.0, values="a non-negative finite number [1/s²]")
+    command: Positive = key("weight of the command", 1.0, values="a positive finite number")
 
 
 class FeedbackPart(Part):
@@ -116,53 +116,45 @@ class FeedbackPart(Part):
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
-        "the feedback law", KIND, "body"
+        "the feedback law", "body"
     )
-    k1: Gain | None = key("gain of the rate of the error", f"{GAIN} [1/s]", None)
-    k2: Gain | None = key("gain of the error", f"{GAIN} [1/s²]", None)
-    k: Gain | None = key("gain of the rate law", f"{GAIN} [1/s]", None)
-    settling_time: Positive | None = key(
-        "time in which the critically damped error decays to the fraction 'residual'", SECONDS, None
+    k1: Gain | None = key("gain of the rate of the error", None, values=f"{GAIN} [1/s]")
+    k2: Gain | None = key("gain of the error", None, values=f"{GAIN} [1/s²]")
+    k: Gain | None = key("gain of the rate law", None, values=f"{GAIN} [1/s]")
+    settling_time: Seconds | None = key(
+        "time in which the critically damped error decays to the fraction 'residual'", None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
-        "fraction of the initial error at settling_time", "a number between 0 and 1", 0.02
+        "fraction of the initial error at settling_time", 0.02, values="a number between 0 and 1"
     )
-    damping: Positive | None = key("damping ratio", "a positive finite number, the damping ratio", None)
-    frequency: Positive | None = key("undamped natural frequency", "a positive finite number [rad/s]", None)
-    weights: WeightsPart | None = key("weights of a linear-quadratic regulator", "a table [law.weights]", None)
+    damping: Positive | None = key("damping ratio", None, values="a positive finite number, the damping ratio")
+    frequency: Positive | None = key("undamped natural frequency", None, values="a positive finite number [rad/s]")
+    weights: WeightsPart | None = key("weights of a linear-quadratic regulator", None, values="a table [law.weights]")
 
-    @model_validator(mode="after")
-    def _one_form(self) -> "FeedbackPart":
+    def _faults(self) -> Iterator[str]:
         for a, b in (("k1", "k2"), ("damping", "frequency")):
             if len(set_keys := self.given(a, b)) == 1:
                 missing = b if set_keys == [a] else a
-                raise ValueError(f"the key '{missing}' is missing: {a} and {b} must be specified together")
+                yield f"the key '{missing}' is missing: {a} and {b} must be specified together"
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
             if forms:
-                raise ValueError(
-                    f"the gains are specified in several ways ({', '.join(forms)}): specify only one of {ways}"
-                )
-            raise ValueError(f"there are no gains: specify one of {ways}")
+                yield f"the gains are specified in several ways ({', '.join(forms)}): specify only one of {ways}"
+            yield f"there are no gains: specify one of {ways}"
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
-            raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': specify {ways}")
+            yield f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': specify {ways}"
         if self.settling_time is None and "residual" in self.model_fields_set:
-            raise ValueError("the key 'residual' requires 'settling_time', which is missing")
-        return self
-
-    @model_validator(mode="after")
-    def _gain_sizes(self) -> "FeedbackPart":
+            yield "the key 'residual' requires 'settling_time', which is missing"
         size = 4 if self.kind in (*LINEAR, "rate") else 3
         for name in self.given("k1", "k2", "k"):
             value = getattr(self, name)
             if isinstance(value, list) and len(value) != size:
-                raise ValueError(
+                yield (
                     f"the key '{name}' has a gain of size {len(value)}, but must be a number, {size} numbers for a "
                     f"diagonal, or a {size} × {size} matrix for a law of kind '{self.kind}'"
                 )
-        return self
 
     def law(self) -> AbstractLaw:
         """Return the feedback law."""
@@ -186,18 +178,16 @@ class FeedbackPart(Part):
 class ErrorPart(AttitudePart):
     """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: Vector = key("rate of the body minus rate of the program", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
+    rate: Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], values=f"{THREE}, angle per s")
     sign: Literal["auto", "near", "far"] = key(
         "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
         "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
         "the laws 'quaternion', 'geometric' and 'logarithmic'",
-        "'auto', 'near' or 'far'",
         "auto",
     )
     gauge: Literal["unit", "gibbs"] = key(
         "initial values of |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values with which the Gibbs vector of the error "
         "satisfies the linear equation of the law",
-        "'unit' or 'gibbs'",
         "unit",
     )
 
@@ -216,21 +206,19 @@ class ErrorPart(AttitudePart):
 class DisturbancePart(Part):
     """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
-    acceleration: Vector | None = key("angular acceleration", f"{THREE}, angle per s²", None)
-    torque: Vector | None = key("torque, with inertia", f"{THREE} [N m]", None)
-    inertia: Annotated[Any, PlainValidator(_inertia)] | None = key("inertia of the body", INERTIA, None)
-    period: Positive | None = key("period of a sinusoid", SECONDS, None)
-    phase: Number = key("phase of a sinusoid", "a finite angle", 0.0)
+    acceleration: Vector | None = key("angular acceleration", None, values=f"{THREE}, angle per s²")
+    torque: Vector | None = key("torque, with inertia", None, values=f"{THREE} [N m]")
+    inertia: Annotated[Any, PlainValidator(_inertia)] | None = key("inertia of the body", None, values=INERTIA)
+    period: Seconds | None = key("period of a sinusoid", None)
+    phase: Number = key("phase of a sinusoid", 0.0, values="a finite angle")
 
-    @model_validator(mode="after")
-    def _one(self) -> "DisturbancePart":
+    def _faults(self) -> Iterator[str]:
         if len(self.given("acceleration", "torque")) != 1:
-            raise ValueError("specify either acceleration, or torque and inertia")
+            yield "specify either acceleration, or torque and inertia"
         if len(self.given("torque", "inertia")) == 1:
-            raise ValueError("torque and inertia must be specified together, because ε = J⁻¹M")
+            yield "torque and inertia must be specified together, because ε = J⁻¹M"
         if self.period is None and "phase" in self.model_fields_set:
-            raise ValueError("the key 'phase' requires 'period', which is missing")
-        return self
+            yield "the key 'phase' requires 'period', which is missing"
 
     def disturbance(self, scale: float) -> AbstractDisturbance:
         """Return the disturbance; `scale` converts angles to radians."""
@@ -247,27 +235,25 @@ class DisturbancePart(Part):
 class SensorPart(Part):
     """A sensor of attitude and rate, or gyros with which the on-board computer propagates λ."""
 
-    kind: Literal["state", "gyros"] = key("the kind of sensor", "'state' or 'gyros'", "state")
-    sampling: Positive | None = key("sampling period; default: continuous", SECONDS, None)
-    rate_bias: Vector = key("bias of the rate", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
+    kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
+    sampling: Seconds | None = key("sampling period; default: continuous", None)
+    rate_bias: Vector = key("bias of the rate", [0.0, 0.0, 0.0], values=f"{THREE}, angle per s")
     rate_noise: NotNegative = key(
-        "standard deviation of each sample of the rate", "a non-negative finite number, angle per s", 0.0
+        "standard deviation of each sample of the rate", 0.0, values="a non-negative finite number, angle per s"
     )
     attitude_bias: Vector = key(
-        "bias of the attitude; for gyros, the error of the initial attitude", f"{THREE}, angles", [0.0, 0.0, 0.0]
+        "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], values=f"{THREE}, angles"
     )
     attitude_noise: NotNegative = key(
-        "standard deviation of each sample of the attitude; not for gyros", "a non-negative finite angle", 0.0
+        "standard deviation of each sample of the attitude; not for gyros", 0.0, values="a non-negative finite angle"
     )
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", "an integer from 0 to 2⁶³ − 1", 0)
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", 0, values="an integer from 0 to 2⁶³ − 1")
 
-    @model_validator(mode="after")
-    def _sampled(self) -> "SensorPart":
+    def _faults(self) -> Iterator[str]:
         if self.sampling is None and (self.rate_noise or self.attitude_noise or self.kind == "gyros"):
-            raise ValueError("the key 'sampling' is missing: noise and gyros need a sampling period [s]")
+            yield "the key 'sampling' is missing: noise and gyros need a sampling period [s]"
         if self.kind == "gyros" and self.attitude_noise:
-            raise ValueError("'attitude_noise' cannot be used with gyros, which do not measure the attitude")
-        return self
+            yield "'attitude_noise' cannot be used with gyros, which do not measure the attitude"
 
     def sensor(self, scale: float) -> AbstractSensor:
         """Return the sensor; `scale` converts angles to radians."""
@@ -282,17 +268,15 @@ class SensorPart(Part):
 class ActuatorPart(Part):
     """The limit and the sampling of the command; the limit applies to the vector part of the command."""
 
-    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit on the command", AXIS_LIMIT, None)
+    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
-        "whether the limit applies to the norm of the command or to each component", "'norm' or 'axis'", "norm"
+        "whether the limit applies to the norm of the command or to each component", "norm"
     )
-    sampling: Positive | None = key("sampling period of the command; default: continuous", SECONDS, None)
+    sampling: Seconds | None = key("sampling period of the command; default: continuous", None)
 
-    @model_validator(mode="after")
-    def _per_axis(self) -> "ActuatorPart":
+    def _faults(self) -> Iterator[str]:
         if isinstance(self.limit, list) and self.saturation == "norm":
-            raise ValueError("a limit for each axis requires saturation = 'axis'")
-        return self
+            yield "a limit for each axis requires saturation = 'axis'"
 
     def actuator(self, scale: float) -> Actuator:
         """Return the actuator; `scale` converts angles to radians."""

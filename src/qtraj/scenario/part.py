@@ -1,19 +1,21 @@
 """Define the types of the keys of scenario files, and the tables of attitudes.
 
 The `title` of a key says what the key means. The `description` of a key says which values are valid, and completes
-"expected …" in error messages. docs/scenarios.md contains both.
+"expected …" in error messages; it is part of a type or is specified for one key. docs/scenarios.md contains both.
 """
 
 import math
 import sys
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 import jax.numpy as jnp
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic.fields import FieldInfo
 
 from qtraj.algebra import rotation
+from qtraj.design.tuning.choices import either
 from qtraj.foundation.types import Quat
 
 
@@ -22,22 +24,24 @@ def _form(value: Any) -> str:
     return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
 
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a positive finite number")]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Seconds = Annotated[Positive, Field(description="a positive finite number [s]")]
+Metres = Annotated[Positive, Field(description="a positive finite number [m]")]
+Speed = Annotated[NotNegative, Field(description="a finite number, 0 or more [m/s]")]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 OpenPair = Annotated[dict[Literal["min", "max"], Number], Field(min_length=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
-Wholes = Annotated[int, Field(ge=0)]
-Counts = Annotated[int, Field(ge=1)]
-Text = Annotated[str, Field(min_length=1)]
+Wholes = Annotated[int, Field(ge=0, description="an integer, 0 or more")]
+Counts = Annotated[int, Field(ge=1, description="an integer, 1 or more")]
+Text = Annotated[str, Field(min_length=1, description="a string")]
 Angles = Literal["deg", "rad"]
 
 RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
 """Ranges by name, each of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
 
-SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
@@ -46,12 +50,25 @@ LONGER = 1e-9
 """Relative tolerance by which a rotation vector may exceed half a turn."""
 
 
-def key(title: str, description: str, *default: Any) -> Any:
-    """Return a key of a table with the meaning `title`, the valid values `description`, and a `default`.
+def key(title: str, *default: Any, values: str | None = None) -> Any:
+    """Return a key of a table with the meaning `title`, a `default`, and the description `values` of valid values.
 
-    A key without a default is required.
+    A key without a default is required. By default, the description is that of the type.
     """
-    return Field(*default, title=title, description=description)
+    return Field(*default, title=title, **({} if values is None else {"description": values}))
+
+
+def described(annotation: Any, name: str) -> str | None:
+    """Return the description of the valid values of a type, for a key with this name; None for an unknown type."""
+    if isinstance(annotation, FieldInfo):
+        return annotation.description
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"a table [{name}]"
+    parts = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return either(parts)
+    outer = parts[1:] if get_origin(annotation) is Annotated else parts
+    return next((text for part in reversed(outer) if (text := described(part, name))), None)
 
 
 def is_number(x: Any) -> bool:
@@ -64,6 +81,23 @@ class Part(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Describe the keys whose types have a description."""
+        for name, field in cls.model_fields.items():
+            field.description = field.description or described(field.annotation, name)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Raise a ValueError with the first of the `_faults` of this table."""
+        for fault in self._faults():
+            raise ValueError(fault)
+        return self
+
+    def _faults(self) -> Iterator[str]:
+        """Yield a message for each combination of keys that is not valid."""
+        yield from ()
+
     def given(self, *names: str) -> list[str]:
         """Return the names of the keys that are set."""
         return [name for name in names if getattr(self, name) is not None]
@@ -72,39 +106,35 @@ class Part(BaseModel):
 class NamedPart(Part):
     """A table with the name and the description of a scenario."""
 
-    name: Text | None = key("the name of the scenario, used in titles", "a string", None)
-    description: Text | None = key("a description, which the commands print", "a string", None)
+    name: Text | None = key("the name of the scenario, used in titles", None)
+    description: Text | None = key("a description, which the commands print", None)
 
 
 class AttitudePart(Part):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     quaternion: Quaternion | None = key(
-        "quaternion, which need not be normalised", "four finite numbers, scalar first, not all zero", None
+        "quaternion, which need not be normalised", None, values="four finite numbers, scalar first, not all zero"
     )
-    euler: Vector | None = key("Euler angles [angle]", "three finite angles in the order of 'sequence'", None)
-    sequence: Text | None = key("axes of the Euler angles", SEQUENCE, None)
+    euler: Vector | None = key("Euler angles [angle]", None, values="three finite angles in the order of 'sequence'")
+    sequence: Text | None = key("axes of the Euler angles", None, values=SEQUENCE)
     rotation_vector: Vector | None = key(
-        "rotation vector [angle]", f"{THREE}: the angle of the rotation times its unit axis", None
+        "rotation vector [angle]", None, values=f"{THREE}: the angle of the rotation times its unit axis"
     )
-    gibbs: Vector | None = key("Gibbs vector", f"{THREE}: tan(angle/2) times the unit axis, dimensionless", None)
+    gibbs: Vector | None = key("Gibbs vector", None, values=f"{THREE}: tan(angle/2) times the unit axis, dimensionless")
 
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         forms = self.given(*FORMS)
         if len(forms) > 1:
-            raise ValueError(
+            yield (
                 f"the attitude is specified in several forms ({', '.join(forms)}): specify one of {', '.join(FORMS)}"
             )
         if (self.euler is None) != (self.sequence is None):
-            raise ValueError(
-                f"euler and sequence must be specified together: euler is three angles, sequence is {SEQUENCE}"
-            )
+            yield f"euler and sequence must be specified together: euler is three angles, sequence is {SEQUENCE}"
         if self.sequence is not None:
             rotation.from_euler(self.sequence, jnp.zeros(3))  # raises for an unknown sequence
         if self.quaternion is not None and not any(self.quaternion):
-            raise ValueError("the quaternion is zero, which does not represent an attitude")
-        return self
+            yield "the quaternion is zero, which does not represent an attitude"
 
     def unit_quaternion(self, angles: str) -> Quat | None:
         """Return the attitude as a unit quaternion, or None if no form is specified; `angles` is "deg" or "rad".
@@ -131,11 +161,10 @@ class AttitudePart(Part):
 class KnownAttitudePart(AttitudePart):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
-    @model_validator(mode="after")
-    def _required(self) -> "KnownAttitudePart":
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if not self.given(*FORMS):
-            raise ValueError(f"there is no attitude: specify one of {', '.join(FORMS)}")
-        return self
+            yield f"there is no attitude: specify one of {', '.join(FORMS)}"
 
     def attitude(self, angles: str) -> np.ndarray:
         """Return the attitude as a unit quaternion (4,); `angles` is "deg" or "rad"."""

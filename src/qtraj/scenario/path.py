@@ -1,31 +1,34 @@
 """Define the scenario keys of a path, and build the path and the tuning problem."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Field, create_model, model_validator
+from pydantic import Field, create_model
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.initial import initial_path
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
+from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
-from qtraj.path.path_quantity import PRINCIPAL
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
 from qtraj.scenario.part import (
-    SECONDS,
     THREE,
     NamedPart,
     NotNegative,
     Part,
     Positive,
     Quaternion,
+    Seconds,
     Text,
     Vector,
     Wholes,
@@ -38,23 +41,23 @@ from qtraj.scenario.reader import ScenarioFile
 class StatePart(Part):
     """A boundary state in world axes."""
 
-    position: Vector = key("position", f"{THREE} [m]")
-    velocity: Vector = key("velocity", f"{THREE} [m/s]")
+    position: Vector = key("position", values=f"{THREE} [m]")
+    velocity: Vector = key("velocity", values=f"{THREE} [m/s]")
     acceleration: Vector | None = key(
         "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics",
-        f"{THREE} [m/s²]",
         None,
+        values=f"{THREE} [m/s²]",
     )
 
 
 class PlacementPart(Part):
     """The axis of a path between two boundary states."""
 
-    origin: Vector = key("a point on the axis", f"{THREE} [m]")
+    origin: Vector = key("a point on the axis", values=f"{THREE} [m]")
     orientation: Quaternion | None = key(
         "the direction of the axis; default: vertical",
-        "a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
         None,
+        values="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
     )
 
 
@@ -68,7 +71,7 @@ class LimitedPart(Part):
 
 _number: Any = Positive
 _limits: dict[str, Any] = {
-    name: (_number | None, key(entry.meaning, f"a positive finite number [{entry.label}]", None))
+    name: (_number | None, key(entry.meaning, None, values=f"a positive finite number [{entry.label}]"))
     for name, entry in QUANTITIES.items()
 }
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
@@ -78,54 +81,58 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 class VehiclePart(Part):
     """The vehicle, for limits on friction, power, forces and moments: a point mass with tyres, on a banked road."""
 
-    mass: Positive = key("mass", "a positive finite number [kg]")
+    mass: Positive = key("mass", values="a positive finite number [kg]")
     inertia: (
         Annotated[list[Positive], Field(min_length=3, max_length=3)]
         | Annotated[list[Vector], Field(min_length=3, max_length=3)]
         | None
     ) = key(
         "principal moments of inertia about the vehicle's axes, or the whole tensor; used only for moments",
-        "three positive numbers, or three rows of three numbers [kg m²]",
         None,
+        values="three positive numbers, or three rows of three numbers [kg m²]",
     )
-    drag_area: NotNegative = key("drag coefficient times frontal area", "a finite number, 0 or more [m²]", 0.0)
+    drag_area: NotNegative = key("drag coefficient times frontal area", 0.0, values="a finite number, 0 or more [m²]")
     rolling_resistance: NotNegative = key(
-        "rolling resistance divided by the load on the road", "a finite number, 0 or more [-]", 0.0
+        "rolling resistance divided by the load on the road", 0.0, values="a finite number, 0 or more [-]"
     )
     friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
         "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
         "quantity `friction` is the coefficient of friction that the path requires of the road",
-        "one or two positive finite numbers [-]",
         1.0,
+        values="one or two positive finite numbers [-]",
     )
     bank: Annotated[float, Field(gt=-MAX_BANK, lt=MAX_BANK, allow_inf_nan=False)] = key(
         "bank angle of the road, positive if the left side is lower, as in a banked left turn",
-        "a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
         0.0,
+        values="a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
     )
-    air_density: NotNegative = key("density of the air", "a finite number, 0 or more [kg/m³]", AIR_DENSITY)
-    gravity: NotNegative = key("gravity, downwards", "a finite number, 0 or more [m/s²]", GRAVITY)
+    air_density: NotNegative = key("density of the air", AIR_DENSITY, values="a finite number, 0 or more [kg/m³]")
+    gravity: NotNegative = key("gravity, downwards", GRAVITY, values="a finite number, 0 or more [m/s²]")
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle of this table."""
         return Vehicle(**self.model_dump())
 
 
+def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
+    """Raise a ValueError if `what`, such as a limit, `needs` a vehicle or one of its properties that is missing."""
+    if needs and vehicle is None:
+        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with the mass")
+    if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
+        raise ValueError(f"{what} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
+    require(vehicle, needs, what)
+
+
 def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
     """Raise a ValueError if a key of `purpose` names no limit, or if a limit needs a vehicle that is missing."""
-    needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
-    if needing and vehicle is None:
-        raise ValueError(f"limits.{needing[0]} needs a vehicle: add a table [vehicle] with the mass")
+    for name in limits.limits():
+        if QUANTITIES[name].needs_vehicle:
+            known = None if vehicle is None else vehicle.vehicle()
+            require_vehicle(known, QUANTITIES[name].needs, f"limits.{name}")
     if extra := sorted(set(purpose) - set(limits.limits())):
         raise ValueError(
             f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the purpose"
         )
-    if vehicle is None:
-        return
-    for name in needing:
-        if QUANTITIES[name].needs == PRINCIPAL and vehicle.inertia is None:
-            raise ValueError(f"limits.{name} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
-        require(vehicle.vehicle(), QUANTITIES[name].needs, f"limits.{name}")
 
 
 def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
@@ -136,69 +143,55 @@ def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
 class PathScenario(NamedPart):
     """A scenario with one path (a track, two boundary states, or a saved path), limits and settings of the tuning."""
 
-    track: TrackPart | None = key("the recording to which the path is fitted", "a table [track]", None)
-    fit: FitPart | None = key("settings of the fit", "a table [fit]", None)
-    start: StatePart | None = key("the first of two boundary states", "a table [start]", None)
-    end: StatePart | None = key("the second of two boundary states", "a table [end]", None)
-    path: Text | None = key("a saved path", "the name of a saved path, relative to the scenario", None)
-    placement: PlacementPart | None = key("the axis of a path between two states", "a table [placement]", None)
-    duration: Positive | None = key(
-        "duration of a path between two states; default: computed from their rates about the axis", SECONDS, None
+    track: TrackPart | None = key("the recording to which the path is fitted", None)
+    fit: FitPart | None = key("settings of the fit", None)
+    start: StatePart | None = key("the first of two boundary states", None)
+    end: StatePart | None = key("the second of two boundary states", None)
+    path: Text | None = key("a saved path", None, values="the name of a saved path, relative to the scenario")
+    placement: PlacementPart | None = key("the axis of a path between two states", None)
+    duration: Seconds | None = key(
+        "duration of a path between two states; default: computed from their rates about the axis", None
     )
-    turns: Wholes | None = key("additional whole turns of a path between two states", "an integer, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns of a path between two states", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "the limits of the tuned path", "a table [limits]", LimitsPart()
+        "the limits of the tuned path", LimitsPart()
     )
-    vehicle: VehiclePart | None = key(
-        "the vehicle, for limits on friction, power, forces and moments", "a table [vehicle]", None
-    )
+    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
     purpose: dict[str, Text] = key(
-        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
+        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
     )
-    tune: TunePart = key("settings of the tuning", "a table [tune]", TunePart())
-    retime: RetimePart = key("settings of the retiming", "a table [retime]", RetimePart())
+    tune: TunePart = key("settings of the tuning", TunePart())
+    retime: RetimePart = key("settings of the retiming", RetimePart())
 
     @property
     def motion(self) -> str:
         """The motion of the tuned path, which is the value in [tune] or the default for the source of the path."""
         return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
-    @model_validator(mode="after")
-    def _one_path(self) -> "PathScenario":
+    def _faults(self) -> Iterator[str]:
         states, sources = self.given("start", "end"), self.given("track", "start", "end", "path")
         if not sources:
-            raise ValueError('there is no path: specify [track], or [start] and [end], or path = "a saved path"')
+            yield 'there is no path: specify [track], or [start] and [end], or path = "a saved path"'
         if len(states) == 1 and len(sources) == 1:
-            raise ValueError(f"[{states[0]}] requires [{'end' if states == ['start'] else 'start'}], which is missing")
+            yield f"[{states[0]}] requires [{'end' if states == ['start'] else 'start'}], which is missing"
         if len(sources) > 1 and sources != ["start", "end"]:
-            raise ValueError(
+            yield (
                 f"there are several paths ({', '.join(sources)}): specify only [track], or only [start] and [end], or "
                 'only path = "a saved path"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "PathScenario":
         if self.fit is not None and self.track is None:
-            raise ValueError("[fit] requires [track], which is missing")
+            yield "[fit] requires [track], which is missing"
         for name in self.given("placement", "duration", "turns"):
             if self.start is None:
-                raise ValueError(
+                yield (
                     f"{name} is valid only with [start] and [end]: a track or a saved path already defines its {name}"
                 )
         if self.tune.turns is not None and self.start is None:
-            raise ValueError(
-                "tune.turns is valid only with [start] and [end]: a track or a saved path already defines its turn"
-            )
+            yield "tune.turns is valid only with [start] and [end]: a track or a saved path already defines its turn"
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
-                raise ValueError(f"{name} and tune.{name} are the same setting: specify one of them")
-        return self
-
-    @model_validator(mode="after")
-    def _purposes(self) -> "PathScenario":
+                yield f"{name} and tune.{name} are the same setting: specify one of them"
         require_limits(self.purpose, self.limits, self.vehicle)
-        return self
 
 
 @dataclass(frozen=True)
@@ -224,6 +217,12 @@ class PathTask:
         names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
         arguments = {name: getattr(self, name) for name in names}
         return arguments | {"placement": self.path.placement} | self.part.arguments()
+
+    def tuned(self, progress: Report | None = None) -> Tuned:
+        """Return the result of `qtraj.tune`."""
+        from qtraj.design.tuning.tune import tune
+
+        return tune(**self.tuning(), progress=progress)
 
 
 def lay(

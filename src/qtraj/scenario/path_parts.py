@@ -1,28 +1,30 @@
 """Define tables of a path scenario: the recording, and the settings of its fit, the tuning and the retiming."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
+from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_file import read_track
 from qtraj.path.track import Track
 from qtraj.scenario.part import (
-    SECONDS,
     Angles,
     Counts,
+    Metres,
     NotNegative,
     Pair,
     Part,
     Positive,
     RangeMap,
+    Seconds,
+    Speed,
     Text,
     Vector,
     Wholes,
@@ -37,10 +39,7 @@ else:
     Objective = Literal[tuple(OBJECTIVES)]
 Method = Literal["sqp", "lbfgs", "adam"]
 
-MOTION, OBJECTIVE, METHOD = either(MOTIONS), either(OBJECTIVES), "'sqp', 'lbfgs' or 'adam'"
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
-COUNT = "an integer, 1 or more"
-SPEED = "a finite number, 0 or more [m/s]"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 LEARNING_RATE = 0.01
 """Default learning rate of "adam"."""
@@ -51,58 +50,57 @@ class AnglesPart(Part):
 
     sequence: Text = key(
         "order of the rotations: x roll, y pitch, z heading; upper case for moving axes, lower case for fixed axes",
-        "three letters such as 'ZYX'",
+        values="three letters such as 'ZYX'",
     )
     heading: Literal["north-clockwise", "x-anticlockwise"] = key(
-        "zero direction and positive sense of rotation of the heading", "'north-clockwise' or 'x-anticlockwise'"
+        "zero direction and positive sense of rotation of the heading"
     )
-    unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
+    unit: Angles = key("the unit of the columns")
     body: Literal["forward-right-down", "forward-left-up"] = key(
-        "directions of the body axes x, y, z, about which roll and pitch are right-handed",
-        "'forward-right-down' or 'forward-left-up'",
+        "directions of the body axes x, y, z, about which roll and pitch are right-handed"
     )
 
 
 class TrackPart(Part):
     """A window of a recording to which a path is fitted."""
 
-    file: Text = key("the recording: CSV with a header, or TUM", "the name of a text file, relative to the scenario")
+    file: Text = key(
+        "the recording: CSV with a header, or TUM", values="the name of a text file, relative to the scenario"
+    )
     window: Pair | None = key(
         "time interval of the recording to use; default: the whole recording",
-        "two finite times [t0, t1] in seconds on the recording's own clock",
         None,
+        values="two finite times [t0, t1] in seconds on the recording's own clock",
     )
     columns: dict[Literal["time", "position", "velocity", "attitude", "rate"], Text | list[Text]] | None = key(
         "names of columns that are not recognised automatically",
-        "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
         None,
+        values="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
     )
     angles: AnglesPart | None = key(
-        "the convention of recorded roll, pitch and heading", "a table [track.angles]", None
+        "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
     )
     projection: Literal["tangent-plane", "tangent_plane"] | None = key(
         "conversion of latitude, longitude and height to metres; default: positions are in metres",
-        "'tangent-plane': east, north and up on the tangent plane of WGS 84",
         None,
+        values="'tangent-plane': east, north and up on the tangent plane of WGS 84",
     )
     origin: Vector | None = key(
         "the origin of the tangent plane; default: the first sample of the file",
-        "[latitude °, longitude °, height m]",
         None,
+        values="[latitude °, longitude °, height m]",
     )
     source: Text | None = key(
         "attribution of the recording, copied to the results",
-        "a string: the source and the licence of the recording",
         None,
+        values="a string: the source and the licence of the recording",
     )
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "TrackPart":
+    def _faults(self) -> Iterator[str]:
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'window' has the value {self.window}, but must be [t0, t1] with t0 < t1")
+            yield f"the key 'window' has the value {self.window}, but must be [t0, t1] with t0 < t1"
         if self.origin is not None and self.projection is None:
-            raise ValueError("the key 'origin' is valid only with projection = 'tangent-plane'")
-        return self
+            yield "the key 'origin' is valid only with projection = 'tangent-plane'"
 
     def read(self, beside: Callable[[str], Path]) -> Track:
         """Read the window of the recording; `beside` maps the name of the file to a path."""
@@ -118,20 +116,18 @@ class FitPart(Part):
     """The settings of the fit of a path to a recording."""
 
     motion: Motion | None = key(
-        "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", MOTION, None
+        "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", None
     )
-    position_sigma: Positive | None = key(
-        f"standard deviation of a recorded position; default: {POSITION_SIGMA}", "a positive finite number [m]", None
-    )
+    position_sigma: Metres | None = key(f"standard deviation of a recorded position; default: {POSITION_SIGMA}", None)
     velocity_sigma: Positive | None = key(
         f"standard deviation of a recorded velocity; default: {VELOCITY_SIGMA}",
-        "a positive finite number [m/s]",
         None,
+        values="a positive finite number [m/s]",
     )
     radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = key(
         f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} times the mean radius",
-        "two positive finite radii [low, high] [m]",
         None,
+        values="two positive finite radii [low, high] [m]",
     )
 
     def fit(self, track: Track, motion: str) -> Fitted:
@@ -147,62 +143,57 @@ class TunePart(Part):
 
     objective: Objective = key(
         "the quantity to minimise: the change of the boundary velocities (not of the path), the duration, or the jerk",
-        OBJECTIVE,
         "nearest",
     )
     motion: Motion | None = key(
         "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], otherwise 'uniform'",
-        MOTION,
         None,
     )
-    duration: Positive | None = key(
+    duration: Seconds | None = key(
         "initial duration of a hermite path, fixed for the objective 'smoothest'; default: computed from the rates of "
         "the given states",
-        SECONDS,
         None,
     )
-    turns: Wholes | None = key("additional whole turns about the axis", "an integer, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns about the axis", None)
     fixed: list[Text] = key(
         f"variables that are held fixed: {VARIABLES}; also 'start.heading' and 'end.heading'",
-        'a list of names, as in fixed = ["end.V_h"]',
         [],
+        values='a list of names, as in fixed = ["end.V_h"]',
     )
     bounds: RangeMap = key(
         "ranges of variables; other variables have the default bounds of the search",
-        "a table [tune.bounds] of ranges [low, high] in m/s or s: duration = [4.0, 8.0], or with one bound: "
-        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
         {},
+        values="a table [tune.bounds] of ranges [low, high] in m/s or s: duration = [4.0, 8.0], or with one bound: "
+        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
     )
-    corridor: Positive | None = key(
+    corridor: Metres | None = key(
         "maximum distance between the two paths at the same fraction of their durations; the azimuth difference "
         "enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
-        "a positive finite number [m]",
         None,
     )
     starts: Counts = key(
-        "number of starting points of the search: the specified states, and perturbations of these states", COUNT, 8
+        "number of starting points of the search: the specified states, and perturbations of these states", 8
     )
     method: Method = key(
         "search method: sequential quadratic programming, which is by far the fastest, or for comparison an augmented "
         "Lagrangian with an optax optimiser",
-        METHOD,
         "sqp",
     )
     max_steps: Counts | None = key(
-        "maximum number of iterations of 'sqp', or of outer iterations of 'lbfgs' or 'adam'; default: 300", COUNT, None
+        "maximum number of iterations of 'sqp', or of outer iterations of 'lbfgs' or 'adam'; default: 300", None
     )
-    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", COUNT, None)
+    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", None)
     learning_rate: Positive | None = key(
-        "learning rate of 'adam', in units of the reference speed; default: 0.01", "a positive finite number", None
+        "learning rate of 'adam', in units of the reference speed; default: 0.01",
+        None,
+        values="a positive finite number",
     )
 
-    @model_validator(mode="after")
-    def _options(self) -> "TunePart":
+    def _faults(self) -> Iterator[str]:
         if self.learning_rate is not None and self.method != "adam":
-            raise ValueError(f"learning_rate is valid only with method = 'adam', but the method is {self.method!r}")
+            yield f"learning_rate is valid only with method = 'adam', but the method is {self.method!r}"
         if self.inner_steps is not None and self.method == "sqp":
-            raise ValueError("inner_steps is valid only with method = 'lbfgs' or 'adam', but the method is 'sqp'")
-        return self
+            yield "inner_steps is valid only with method = 'lbfgs' or 'adam', but the method is 'sqp'"
 
     @property
     def options(self) -> dict[str, Any]:
@@ -234,38 +225,30 @@ class RetimePart(Part):
 
     shape: Literal["route", "spiral-helix"] | None = key(
         "the class of path fitted to a [track]; default: a route, unless [fit] or [tune] has keys of a spiral-helix",
-        "'route' or 'spiral-helix'",
         None,
     )
-    start_speed: NotNegative | None = key(
-        "speed at the start, 0 for rest; default: as high as the limits allow", SPEED, None
-    )
-    end_speed: NotNegative | None = key(
-        "speed at the end, 0 for rest; default: as high as the limits allow", SPEED, None
-    )
+    start_speed: Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
+    end_speed: Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
     knots: Counts = key(
         "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
         "minimum",
-        "a power of two, at least 16",
         512,
+        values="a power of two, at least 16",
     )
-    stop_speed: NotNegative | None = key(
+    stop_speed: Speed | None = key(
         "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
         "default: 0.2 m/s, at most 2 % of the highest speed",
-        SPEED,
         None,
     )
     stop_distance: NotNegative | None = key(
         "largest distance within which slow motion counts as a stop; default: 0.2 m",
-        "a finite number, 0 or more [m]",
         None,
+        values="a finite number, 0 or more [m]",
     )
 
-    @model_validator(mode="after")
-    def _power_of_two(self) -> "RetimePart":
+    def _faults(self) -> Iterator[str]:
         if self.knots < 16 or self.knots & (self.knots - 1):
-            raise ValueError(f"the key 'knots' has the value {self.knots}, but must be a power of two, at least 16")
-        return self
+            yield f"the key 'knots' has the value {self.knots}, but must be a power of two, at least 16"
 
 
 @lru_cache(maxsize=8)

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar, get_args
+from typing import Any, Generic, NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,7 +22,6 @@ LIKE = 0.7
 PATHS = ("track", "start", "path")
 """Keys of which a path scenario contains at least one, although each of them is optional."""
 
-Location = Sequence[int | str]
 S = TypeVar("S", bound=BaseModel)
 
 
@@ -41,6 +40,18 @@ class ScenarioFile(Generic[S]):
     def beside(self, name: str) -> Path:
         """Return the path of the file with this name, relative to the folder of the scenario."""
         return self.file.parent / name
+
+    def about(self) -> dict[str, str | None]:
+        """Return file and hash of the scenario, its name and description, and the source of its recording."""
+        names = {name: getattr(self.scenario, name, None) for name in ("name", "description")}
+        names["source"] = getattr(getattr(self.scenario, "track", None), "source", None)
+        return {"file": str(self.file), "sha256": self.hash} | {k: v and v.strip() for k, v in names.items()}
+
+    def provenance(self) -> dict[str, str]:
+        """Return the attributes of a dataset that describe its origin."""
+        about = self.about()
+        facts = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
+        return {name: text for name, text in facts.items() if text} | {"scenario_file": self.file.name}
 
 
 def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
@@ -68,6 +79,11 @@ def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
         raise ValueError(f"{path}: {text}") from None
     warnings = (f"{path}: '{old}' is now '{new}'" for old, new in renamed.items())
     return ScenarioFile(path, scenario, content_hash(content), tuple(warnings))
+
+
+def saved_file(file: Path) -> ScenarioFile[Any]:
+    """Return a saved document as a file without a scenario."""
+    return ScenarioFile(file, None, content_hash(read_bytes(file)))
 
 
 def content_hash(content: bytes) -> str:
@@ -125,59 +141,61 @@ def _recorded(file: Path, kind: Kind) -> str:
     return f"{what}: to use it with {KINDS['path'].title}, write a .toml file with {table}"
 
 
+class Place(NamedTuple):
+    """The place of a fault: the keys, the model of the table with the last key, and the valid values of this key."""
+
+    keys: Sequence[int | str]
+    table: type[BaseModel]
+    expected: str
+
+    def __str__(self) -> str:
+        text = ""
+        for step in self.keys:
+            text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+        return text
+
+
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """Return the message for a validation error of a `root` model: the first error and a count of other faulty keys."""
     faults = error.errors(include_url=False)
     first = min(faults, key=lambda fault: fault["type"] == "missing")  # report a misspelt key before a missing key
-    keys = {_dotted(_within(fault["loc"], root)) for fault in faults}
+    keys = {str(_place(fault["loc"], root)) for fault in faults}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     return f"{_fault(dict(first), root)}{more}"
 
 
 def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
-    where = _within(fault["loc"], root)
+    place = _place(fault["loc"], root)
     if fault["type"] == "extra_forbidden":
-        return _unknown(where, root)
+        return f"unknown key '{place}'; {_hint(str(place.keys[-1]), list(place.table.model_fields))}"
     if fault["type"] == "value_error":
         text = str(fault["ctx"]["error"])
-        return f"[{_dotted(where)}]: {text}" if where else text
-    expected = _expected(where, root)
+        return f"[{place}]: {text}" if place.keys else text
     if fault["type"] == "missing":
-        return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' has the value {quoted(fault['input'])}: expected {expected}"
+        return f"the key '{place}' is missing: expected {place.expected}"
+    return f"the key '{place}' has the value {quoted(fault['input'])}: expected {place.expected}"
 
 
-def _unknown(where: Location, root: type[BaseModel]) -> str:
-    model = root
-    for step in where[:-1]:
-        model = _table(model, step) or model
-    keys, name = list(model.model_fields), str(where[-1])
+def _hint(name: str, keys: Sequence[str]) -> str:
+    """Return a suggestion for the unknown key `name` in a table with other `keys`."""
     begun = [key for key in keys if key.startswith(name)]  # the user may have shortened or misspelt the key
     near = difflib.get_close_matches(name, begun or keys, n=1, cutoff=0.0 if begun else LIKE)
-    hint = f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
-    return f"unknown key '{_dotted(where)}'; {hint}"
+    return f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
 
 
-def _within(location: Location, root: type[BaseModel]) -> Location:
-    """Return a location without the steps added by pydantic, such as the member of a union or '[key]'."""
-    model: type[BaseModel] | None = root
-    kept: list[int | str] = []
+def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
+    """Return the place at a location, without the steps added by pydantic, such as the member of a union or '[key]'."""
+    place, model = Place((), root, "another value"), root
     for step in location:
         if isinstance(step, int):
-            kept.append(step)
+            place = place._replace(keys=(*place.keys, step))
         elif model is not None:
-            kept.append(step)
+            field = model.model_fields.get(step)
+            place = Place((*place.keys, step), model, (field and field.description) or place.expected)
             model = _table(model, step)
-        elif kept[-1] in ("columns", "purpose", "bounds") and step != "[key]":
-            kept.append(step)
-    return kept
-
-
-def _dotted(location: Location) -> str:
-    text = ""
-    for step in location:
-        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
-    return text
+        elif place.keys[-1] in ("columns", "purpose", "bounds") and step != "[key]":
+            place = place._replace(keys=(*place.keys, step))
+    return place
 
 
 def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
@@ -188,20 +206,3 @@ def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
     choices = [field.annotation, *get_args(field.annotation)]
     choices += [inner for choice in choices for inner in get_args(choice)]
     return next((c for c in choices if isinstance(c, type) and issubclass(c, BaseModel)), None)
-
-
-def _expected(location: Location, root: type[BaseModel]) -> str:
-    """Return the description of the key at a location, or of the nearest key above it."""
-    model, description = root, "another value"
-    for step in location:
-        if isinstance(step, int):
-            continue
-        field = model.model_fields.get(step)
-        if field is None:
-            break
-        description = field.description or description
-        inner = _table(model, step)
-        if inner is None:
-            break  # names inside a plain value, as in [tune.bounds], are not keys of the model
-        model = inner
-    return description

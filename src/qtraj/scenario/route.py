@@ -1,97 +1,96 @@
-"""Define the scenario keys of `qtraj route` (recording, fit, limits, tuning), and fit the route."""
+"""Define the scenario keys of recorded drives, fit their routes, and read the input of `qtraj retime`.
 
-from dataclasses import dataclass
+`qtraj retime` reads scenarios of paths and of recorded drives, recordings, and saved paths.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import model_validator
-
 from qtraj.design.fitting.fit_route import fit_route
+from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route.tune_route import require_suitable
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
-from qtraj.foundation.untrusted import read_bytes
+from qtraj.foundation.progress import Report
+from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
 from qtraj.io.recording import is_recording
+from qtraj.io.saved import is_saved, saved_hodograph
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.route import Route
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, Counts, NamedPart, Part, Positive, Text, key
-from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
-from qtraj.scenario.path_parts import COUNT, RetimePart, TrackPart
-from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+from qtraj.scenario import DATA
+from qtraj.scenario.part import Counts, Metres, NamedPart, Part, Positive, Seconds, Text, key
+from qtraj.scenario.path import LimitsPart, VehiclePart, lay, limits_with, require_limits
+from qtraj.scenario.path_parts import RetimePart, TrackPart
+from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario, saved_file
+
+EMBEDDED = DATA / "retime.toml"
+"""The built-in scenario of `qtraj retime`."""
+SHAPES = {"route": ("route",), "spiral-helix": ("path",)}
+"""The kinds of scenarios for each value of `retime.shape`."""
 
 
 class RouteFitPart(Part):
     """The settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
-    spacing: Positive | None = key("time between the knots of the route", SECONDS, None)
+    spacing: Seconds | None = key("time between the knots of the route", None)
     smoothing: Positive | None = key(
         "weight of the integral of the squared jerk, relative to the sum of squared distances",
-        "a positive finite number [s⁵]",
         None,
+        values="a positive finite number [s⁵]",
     )
-    tolerance: Positive | None = key(
-        "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used",
-        "a positive finite number [m]",
-        None,
+    tolerance: Metres | None = key(
+        "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used", None
     )
-    position_sigma: Positive | None = key(
-        "standard deviation of a recorded position; by default estimated from the residuals",
-        "a positive finite number [m]",
-        None,
+    position_sigma: Metres | None = key(
+        "standard deviation of a recorded position; by default estimated from the residuals", None
     )
     velocity_sigma: Positive | None = key(
         "standard deviation of a recorded velocity; by default estimated from the residuals",
-        "a positive finite number [m/s]",
         None,
+        values="a positive finite number [m/s]",
     )
 
-    @model_validator(mode="after")
-    def _one_smoothing(self) -> "RouteFitPart":
+    def _faults(self) -> Iterator[str]:
         if self.smoothing is not None and self.tolerance is not None:
-            raise ValueError("smoothing and tolerance were both specified: specify one of them")
-        return self
+            yield "smoothing and tolerance were both specified: specify one of them"
 
 
 class RouteTunePart(Part):
     """The settings of the tuning; without this table, the limits are only checked."""
 
-    tube: Positive = key(
-        "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5
-    )
+    tube: Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
     objective: Literal["nearest", "smoothest", "fastest"] = key(
-        "the quantity to minimise: the change of the route, the jerk, or the duration",
-        "'nearest', 'smoothest' or 'fastest'",
-        "nearest",
+        "the quantity to minimise: the change of the route, the jerk, or the duration", "nearest"
     )
-    max_steps: Counts = key("maximum number of steps of all searches together", COUNT, 300)
+    max_steps: Counts = key("maximum number of steps of all searches together", 300)
 
 
 class RouteScenario(NamedPart):
     """A scenario with a recording, and limits that are checked on the whole route fitted to it."""
 
-    track: TrackPart = key("the recording", "a table [track]")
-    fit: RouteFitPart = key("settings of the fit", "a table [fit]", RouteFitPart())
+    track: TrackPart = key("the recording")
+    fit: RouteFitPart = key("settings of the fit", RouteFitPart())
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "limits to check on the whole route", "a table [limits]", LimitsPart()
+        "limits to check on the whole route", LimitsPart()
     )
-    vehicle: VehiclePart | None = key(
-        "the vehicle, for limits on friction, power, forces and moments", "a table [vehicle]", None
-    )
+    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
     purpose: dict[str, Text] = key(
-        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
+        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
     )
-    tune: RouteTunePart | None = key("settings of the tuning", "a table [tune]", None)
-    retime: RetimePart = key("settings of the retiming", "a table [retime]", RetimePart())
+    tune: RouteTunePart | None = key("settings of the tuning", None)
+    retime: RetimePart = key("settings of the retiming", RetimePart())
 
-    @model_validator(mode="after")
-    def _with_limits(self) -> "RouteScenario":
+    def _faults(self) -> Iterator[str]:
         require_limits(self.purpose, self.limits, self.vehicle)
         if self.tune is not None and not self.limits.limits():
-            raise ValueError("[tune] needs limits: add a table [limits]")
+            yield "[tune] needs limits: add a table [limits]"
         if self.tune is not None:
             require_suitable(tuple(self.limits.limits()), self.tune.objective)
-        return self
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,13 @@ class RouteTask:
     limits: Limits | None
     tune: RouteTunePart | None
 
-    def tuned(self) -> TunedRoute:
-        """Return the tuned route.
+    @property
+    def path(self) -> Route:
+        """The fitted route."""
+        return self.fitted.path
+
+    def tuned(self, progress: Report | None = None) -> TunedRoute:
+        """Return the tuned route; its progress is not reported.
 
         **Raises:** ValueError if the scenario has no limits or no table [tune], or for limits that the tuning does not
         support.
@@ -145,3 +149,83 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
         sigmas = part.position_sigma, part.velocity_sigma
         fitted = fit_route(track, part.spacing, part.tolerance, part.smoothing, *sigmas)
         return RouteTask(track, fitted, limits if limits.given() else None, scenario.tune)
+
+
+@dataclass(frozen=True)
+class RetimeTask:
+    """The path to retime, its limits, the recording to which the path was fitted, and a function that tunes the path.
+
+    `track` and `fitted` are None without a recording, and `tuning` is None if the path is not tuned.
+    """
+
+    path: AbstractHodograph
+    limits: Limits
+    track: Track | None = None
+    fitted: Fitted | FittedRoute | None = None
+    tuning: Callable[[Report], Any] | None = None
+
+
+def read_retiming(file: Path | None) -> ScenarioFile[Any]:
+    """Read the scenario in a file; a recording is read as a scenario without limits.
+
+    For a saved path, the field `scenario` of the result is None.
+
+    **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not valid.
+    """
+    if file is None:
+        return read_scenario(EMBEDDED, "path")
+    if is_recording(file):
+        return read_route(file)
+    if is_saved(file):
+        return saved_file(file)
+    first, *others = _kinds(file)
+    try:
+        return read_scenario(file, first)
+    except ValueError:
+        for kind in others:
+            try:
+                return read_scenario(file, kind)
+            except ValueError:
+                continue
+        raise
+
+
+def _kinds(file: Path) -> tuple[str, ...]:
+    """Return the possible kinds of a scenario: two if it has a [track] but no valid `retime.shape`, otherwise one."""
+    try:
+        data = parse_toml(decoded(file, read_bytes(file)))
+    except ValueError:  # `read_scenario` describes the fault
+        return ("path",)
+    if "track" not in data:
+        return ("path",)
+    part = data.get("retime")
+    return SHAPES.get(str(part.get("shape")) if isinstance(part, dict) else "", ("route", "path"))
+
+
+def with_limits(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> ScenarioFile[Any]:
+    """Return the scenario with the additional limits `more`, which replace its own limits with the same names.
+
+    **Raises:** ValueError for a limit that is not positive, or that needs a vehicle that the scenario does not have.
+    """
+    if not more or loaded.scenario is None:
+        return loaded
+    vehicle = loaded.scenario.vehicle
+    Limits(**more, vehicle=None if vehicle is None else vehicle.vehicle())
+    limits = LimitsPart(**loaded.scenario.limits.limits() | dict(more))
+    return replace(loaded, scenario=loaded.scenario.model_copy(update={"limits": limits}))
+
+
+def retiming(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> RetimeTask:
+    """Return the task of a scenario; it includes the tuning of the path if the scenario has a table [tune].
+
+    The limits `more` are added to the limits of the scenario, and replace its limits with the same names.
+
+    **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if the data do not define a
+    path.
+    """
+    if loaded.scenario is None:
+        return RetimeTask(saved_hodograph(loaded.file), Limits(**more, vehicle=None))
+    loaded = with_limits(loaded, more)
+    task = fit_recording(loaded) if isinstance(loaded.scenario, RouteScenario) else lay(loaded)
+    tuned = task.tuned if "tune" in loaded.scenario.model_fields_set and task.limits else None
+    return RetimeTask(task.path, task.limits or Limits(), task.track, task.fitted, tuned)

@@ -1,9 +1,9 @@
 """Define the scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`, and build the slew."""
 
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from qtraj.foundation.naming import naming
 from qtraj.motion.dynamics import inertia_matrix
@@ -15,13 +15,13 @@ from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.scenario.part import (
     ANGLES,
-    SECONDS,
     Angles,
     KnownAttitudePart,
     NamedPart,
     Number,
     Part,
     Positive,
+    Seconds,
     Vector,
     key,
     radians,
@@ -29,7 +29,6 @@ from qtraj.scenario.part import (
 from qtraj.scenario.reader import ScenarioFile
 
 LAWS = {"time_optimal": TimeOptimal, "s_curve": SCurve, "cubic": Cubic, "quintic": Quintic, "septic": Septic}
-KIND = "'time_optimal', 's_curve', 'cubic', 'quintic' or 'septic'"
 LIMITS = ("max_rate", "max_acceleration", "max_jerk")
 END_RATES = ("start_rate", "end_rate")
 NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
@@ -46,55 +45,51 @@ class SlewLawPart(Part):
     the limits.
     """
 
-    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key(
-        "the motion profile", KIND, "time_optimal"
+    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the motion profile", "time_optimal")
+    max_rate: Positive | None = key("limit on the rate", None, values="a positive finite number, angle per s")
+    max_acceleration: Positive | None = key(
+        "limit on the acceleration", None, values="a positive finite number, angle per s²"
     )
-    max_rate: Positive | None = key("limit on the rate", "a positive finite number, angle per s", None)
-    max_acceleration: Positive | None = key("limit on the acceleration", "a positive finite number, angle per s²", None)
     max_jerk: Positive | None = key(
         "limit on the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
-        "a positive finite number, angle per s³",
         None,
+        values="a positive finite number, angle per s³",
     )
-    duration: Positive | None = key(
-        "duration of each slew; with a polynomial profile the limits are then only checked",
-        SECONDS,
-        None,
+    duration: Seconds | None = key(
+        "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
     start_rate: Number | None = key(
-        "initial rate of a time_optimal slew; default: 0", "a finite number, angle per s along the slew", None
+        "initial rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
     )
     end_rate: Number | None = key(
-        "final rate of a time_optimal slew; default: 0", "a finite number, angle per s along the slew", None
+        "final rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
     )
 
-    @model_validator(mode="after")
-    def _compatible(self) -> "SlewLawPart":
+    def _faults(self) -> Iterator[str]:
         needed = NEEDED.get(self.kind)
         for name in needed or ():
             if getattr(self, name) is None:
-                raise ValueError(f"a slew of kind '{self.kind}' needs the key '{name}', which is missing")
+                yield f"a slew of kind '{self.kind}' needs the key '{name}', which is missing"
         if self.kind in JERKY and self.max_jerk is not None:
             other = "'s_curve'" if self.kind == "time_optimal" else "'quintic', 'septic' or 's_curve'"
-            raise ValueError(
+            yield (
                 f"max_jerk cannot be used with a {self.kind} slew, whose acceleration is discontinuous: use kind = "
                 f"{other}"
             )
         if self.kind != "time_optimal" and (extra := self.given(*END_RATES)):
-            raise ValueError(
+            yield (
                 f"the key '{extra[0]}' is valid only with kind = 'time_optimal': a slew of kind '{self.kind}' starts "
                 "and ends at rest"
             )
         if needed is None and not self.given(*LIMITS, "duration"):
             limits = LIMITS[:2] if self.kind in JERKY else LIMITS
-            raise ValueError(f"a {self.kind} slew needs a duration or a limit: {', '.join(limits)}")
+            yield f"a {self.kind} slew needs a duration or a limit: {', '.join(limits)}"
         for name in self.given(*END_RATES):
             if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
-                raise ValueError(
+                yield (
                     f"the key '{name}' has the value {getattr(self, name)!r}, but must be at most max_rate = "
                     f"{self.max_rate!r}"
                 )
-        return self
 
     def limits(self, angles: str) -> dict[str, float]:
         """Return the limits that are set, by name, with angles in radians; `angles` is "deg" or "rad"."""
@@ -120,44 +115,38 @@ class BodyPart(Part):
 
     inertia: Positive | Vector | list[Vector] = key(
         "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
-        "a positive number, three positive numbers, or three rows of three numbers",
+        values="a positive number, three positive numbers, or three rows of three numbers",
     )
     max_torque: Positive | Vector | None = key(
         "limit on the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
         "down",
-        "a positive number, or three positive numbers",
         None,
+        values="a positive number, or three positive numbers",
     )
 
-    @model_validator(mode="after")
-    def _physical(self) -> "BodyPart":
+    def _faults(self) -> Iterator[str]:
         try:
             inertia_matrix(self.inertia)
         except ValueError as error:
             raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
         if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            raise ValueError(f"the key 'max_torque' has the value {self.max_torque!r}, but must be positive [N m]")
-        return self
+            yield f"the key 'max_torque' has the value {self.max_torque!r}, but must be positive [N m]"
 
 
 class SlewPart(Part):
     """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
 
-    start: KnownAttitudePart = key("the first attitude", "a table [start] with an attitude")
+    start: KnownAttitudePart = key("the first attitude", values="a table [start] with an attitude")
     via: list[KnownAttitudePart] = key(
-        "intermediate attitudes, at which the body comes to rest", "tables [[via]] with one attitude each", []
+        "intermediate attitudes, at which the body comes to rest", [], values="tables [[via]] with one attitude each"
     )
-    end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
-    law: SlewLawPart = key("the motion profile", "a table [law]")
-    body: BodyPart | None = key("the body, for torques and a limit on the torque", "a table [body]", None)
+    end: KnownAttitudePart = key("the last attitude", values="a table [end] with an attitude")
+    law: SlewLawPart = key("the motion profile")
+    body: BodyPart | None = key("the body, for torques and a limit on the torque", None)
 
-    @model_validator(mode="after")
-    def _at_rest(self) -> "SlewPart":
+    def _faults(self) -> Iterator[str]:
         if self.via and (extra := self.law.given(*END_RATES)):
-            raise ValueError(
-                f"'law.{extra[0]}' cannot be used with a sequence of slews, which comes to rest at each attitude"
-            )
-        return self
+            yield f"'law.{extra[0]}' cannot be used with a sequence of slews, which comes to rest at each attitude"
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
         """Return all attitudes in order of time, by the names of their tables."""
@@ -192,7 +181,7 @@ class SlewPart(Part):
 class SlewScenario(NamedPart, SlewPart):
     """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
 
-    angles: Angles = key("the unit of angles", ANGLES)
+    angles: Angles = key("the unit of angles", values=ANGLES)
 
 
 def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:

@@ -16,7 +16,7 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
-from qtraj.foundation.units import with_unit
+from qtraj.foundation.units import symbol, with_unit
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
@@ -82,6 +82,11 @@ class Finding(NamedTuple):
     def active(self) -> bool:
         """Whether the limit is satisfied with a relative margin of at most 1e-6."""
         return self.met and self.limit - self.value <= ACTIVE_MARGIN * self.limit
+
+    @property
+    def label(self) -> str:
+        """The name of the quantity and the symbol of its unit, such as "speed [m/s]"."""
+        return f"{self.name} [{symbol(quantity(self.name).unit) or '-'}]"
 
     @property
     def text(self) -> str:

@@ -22,9 +22,10 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
-from qtraj.path.frame_axes import MINIMIZING
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, trihedral
+from qtraj.path.thrust_aligned import ThrustAligned
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
 GAUSS = 6
 """Number of Gauss–Legendre points between two nodes of the frame; the order of the quadrature is 12."""
@@ -79,6 +80,17 @@ Frame = TypeAliasType("Frame", AbstractFrame | RotationMinimizing)
 def name_of(frame: Frame) -> str:
     """Return the name of the frame for labelled data."""
     return MINIMIZING if isinstance(frame, RotationMinimizing) else frame.name
+
+
+def frame_named(name: str) -> Frame:
+    """Return the frame "natural", "upright", "rotation-minimizing" or "thrust-aligned", with its default settings.
+
+    **Raises:** ValueError for another name.
+    """
+    frames = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
+    if name not in frames:
+        raise ValueError(f"unknown frame {name!r}: the frames are {', '.join(frames)}")
+    return frames[name]()
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:

@@ -80,6 +80,10 @@ class LoopHistory(AbstractResult):
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
         return Record(summary, variables, {"time": times}, about)
 
+    def at(self, times: ArrayInput) -> LoopHistory:
+        """Return the history at `times` [s], which must be instants of this history."""
+        return self[np.searchsorted(self.times, np.asarray(times))]
+
     def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
         """Return the history at the selected instants."""
         code = self.solution.code

@@ -1,0 +1,60 @@
+"""Facts about a fitted route, as plain data and as text, for the terminal and JSON."""
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.fitting.facts import facts
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.foundation.plain import plain
+
+TITLE = "Route against the recording"
+
+
+def route_facts(fitted: FittedRoute) -> dict[str, Any]:
+    """Return the record of a fitted route as JSON types, with three more items.
+
+    `length` [m] is the length of the route, `segments` the number of its segments, and `time_standing` [s] the total
+    duration of its stops.
+    """
+    standing = np.diff(np.asarray(fitted.stops), axis=1).sum() if len(fitted.stops) else 0.0
+    more = {"length": float(fitted.path.length()), "segments": fitted.path.segments, "time_standing": float(standing)}
+    return plain(fitted.record()) | more
+
+
+def facts_of(fitted: Fitted | FittedRoute | None) -> dict[str, Any] | None:
+    """Return the `facts` of a fitted spiral-helix or the `route_facts` of a fitted route; None for None."""
+    if fitted is None:
+        return None
+    return facts(fitted) if isinstance(fitted, Fitted) else route_facts(fitted)
+
+
+def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
+    """Return the facts as pairs of a name and a text."""
+    numbers, residual, duration = route_facts(fitted), fitted.residual, float(fitted.path.duration)
+    rows = [
+        ("length", f"{numbers['length'] / 1000:.3f} km in {duration:.2f} s"),
+        ("segments", f"{numbers['segments']}, {duration / numbers['segments']:.3g} s each on average"),
+        ("stops", f"{len(fitted.stops)}, {numbers['time_standing']:.1f} s in total"),
+        ("distance", f"{_millimetres(residual.distance_rms)} RMS, {_millimetres(residual.maximum)} maximum"),
+        ("prediction error", f"{_millimetres(fitted.prediction_error)} RMS at held-out samples"),
+    ]
+    if residual.velocity_rms is not None:
+        rows.append(("velocity", f"differs by {float(residual.velocity_rms):.3g} m/s RMS"))
+    if len(fitted.outliers):
+        rows.append(("outliers", f"{len(fitted.outliers)} samples, excluded from the fit"))
+    if len(fitted.gaps):
+        rows.append(("gaps", f"{len(fitted.gaps)}, bridged with minimum jerk"))
+    if fitted.attitude is not None:
+        rows.append(("recorded attitude", f"differs by {np.degrees(float(fitted.attitude.rms)):.2f}° RMS"))
+    if fitted.rates is not None:
+        values = zip(np.atleast_1d(fitted.rates.rms), np.atleast_1d(fitted.rates.correlation), strict=True)
+        texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
+        axes = "x, y, z" if len(texts) == 3 else "yaw"
+        rows.append(("recorded rates", f"differ by {', '.join(texts)} rad/s RMS (correlation), {axes}"))
+    return rows
+
+
+def _millimetres(length: Any) -> str:
+    return f"{1000 * float(length):.3g} mm" if float(length) < 1 else f"{float(length):.3g} m"

@@ -1,0 +1,20 @@
+"""Facts about a retimed path as text, for the terminal."""
+
+import numpy as np
+
+from qtraj.design.speed_profile import SpeedProfile
+from qtraj.design.timing.outcome import Retimed
+from qtraj.foundation.number_text import intervals
+
+
+def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, str]]:
+    """Return duration, length, speeds at the ends and stops as pairs of a name and a text."""
+    length, (before, after) = float(profile.distance[-1]), np.asarray(profile.durations).tolist()
+    start, end = np.asarray(timed.speeds).tolist()
+    rows = [
+        ("duration", f"{after:.4f} s instead of {before:.4f} s"),
+        ("length", f"{length:.2f} m, at {length / after:.2f} m/s on average"),
+        ("speed", f"{start:.3f} m/s at the start, {end:.3f} m/s at the end"),
+    ]
+    stops = [(a, b) for a, b in np.asarray(profile.stops).tolist() if b > a]
+    return [*rows, ("stops", f"{len(stops)}, at t [s] = {intervals(stops)}")] if stops else rows

@@ -1,0 +1,45 @@
+"""Create labelled datasets of a fitted route and, after a tuning, of the tuned route (extra `io`)."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray
+
+from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.design.limits import Limits
+from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.io.dataset import path_dataset
+from qtraj.path.track import Track
+
+SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
+"""Number of instants of the dataset for each segment, and bounds on the total number of instants."""
+
+
+def route_dataset(
+    fitted: FittedRoute,
+    limits: Limits | None = None,
+    certificate: RouteCertificate | None = None,
+    tuned: TunedRoute | None = None,
+    track: Track | None = None,
+    attributes: Mapping[str, str] | None = None,
+) -> xarray.Dataset:
+    """Create a `path_dataset` of the route, named "route".
+
+    With a tuned route, the dataset contains the fitted route, named "before", and the tuned route, named "after".
+    `certificate` contains the findings on the fitted route.
+    """
+    path, about = fitted.path, {"route_result": fitted.result}
+    paths, findings = {"route": path}, {} if certificate is None else {"route": certificate.whole}
+    if tuned is not None:
+        paths, about = {"before": path, "after": tuned.path}, about | {"tuning_result": tuned.result}
+        findings = {"after": tuned.certificate.whole}
+        findings |= {} if certificate is None else {"before": certificate.whole}
+    return path_dataset(
+        paths,
+        limits,
+        track,
+        samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
+        attributes={**(attributes or {}), **about},
+        findings=findings,
+    )

@@ -1,0 +1,50 @@
+"""A closed loop simulated at dense instants and assessed, and the facts about it as text."""
+
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.motion.simulation.loop_facts import gains_of, gains_text, loop_fact_rows, stability_text
+
+PROGRAM = qt.EulerTurn([1.0, 0.0, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0], qt.TimeOptimal(0.2, 0.1))
+LAW = qt.AccelerationLaw(2.0, 1.0)
+START = np.array([0.995, 0.0, 0.0998, 0.0])
+TIMES = np.linspace(0.0, 12.0, 5)
+STILL = np.zeros(4)
+
+
+@pytest.fixture(scope="module")
+def assessed():
+    return qt.assess_loop(PROGRAM, LAW, START, STILL, TIMES, without_feedback=True)
+
+
+def test_the_instants_are_dense_and_contain_those_of_the_user(assessed):
+    history, verdict = assessed
+    assert np.isin(TIMES, history.times).all()
+    assert int(verdict.instants) == len(history.times) > 1200
+    switch = float(PROGRAM.switches[1])
+    assert np.abs(history.times - switch).min() == 0.0  # a jump of the acceleration is an instant
+    assert history.at(TIMES).times.tolist() == TIMES.tolist()
+
+
+def test_the_motion_is_that_of_simulate(assessed):
+    history, verdict = assessed
+    solution = qt.simulate(PROGRAM, LAW, START, STILL, TIMES, jumps=PROGRAM.switches)
+    assert np.asarray(history.at(TIMES).solution.quaternion) == pytest.approx(np.asarray(solution.quaternion), abs=1e-9)
+    assert verdict.agrees
+    assert float(history.open_loop_angle[-1]) > 10 * float(verdict.final_angle)
+
+
+def test_a_far_sign_is_changed_unless_it_is_wanted():
+    for sign, scalar in (("nearer", 1.0), ("as given", -1.0)):
+        history, _ = qt.assess_loop(PROGRAM, LAW, -START, STILL, TIMES, sign=sign)
+        assert np.sign(float(history.solution.error[0, 0])) == scalar
+
+
+def test_facts_as_text(assessed):
+    rows = dict(loop_fact_rows(assessed[1], qt.Actuator(0.5)))
+    assert rows["closed form"].startswith("agrees within ")
+    assert rows["limit of command"] == "28.6479 °/s², on the magnitude"
+    assert rows["evaluated at"] == f"{len(assessed[0].times)} instants, more than in the table"
+    assert stability_text(assessed[1]) is None
+    assert gains_text(gains_of(qt.AccelerationLaw([1.0, 2.0, 3.0, 4.0], np.eye(4)))) == "k1 = (1, 2, 3, 4), k2 = matrix"
