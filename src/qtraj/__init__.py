@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     )
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
-    from qtraj.design.certify_retimed import certify_retimed as certify_retimed
     from qtraj.design.fitting.fit import fit as fit
     from qtraj.design.fitting.fit_route import fit_route as fit_route
     from qtraj.design.fitting.fitted import Fitted as Fitted
@@ -136,7 +135,6 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
 _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
-    "qtraj.design.certify_retimed": ("certify_retimed",),
     "qtraj.design.fitting.fit": ("fit",),
     "qtraj.design.fitting.fit_route": ("fit_route",),
     "qtraj.design.fitting.fitted": ("Fitted",),

@@ -7,6 +7,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.retimed_facts import retimed_fact_rows
+from qtraj.design.whole_certificate import whole_certificate
 from qtraj.viz import figures
 
 RADIUS, CELLS = 20.0, 4
@@ -141,8 +142,8 @@ def test_facts_as_text(timed, profile):
 
 
 def test_limits_on_the_shape_are_added_to_the_certificate(timed):
-    assert qt.certify_retimed(timed, qt.Limits(speed=9.0)) is timed.certificate
-    whole = qt.certify_retimed(timed, qt.Limits(speed=9.0, curvature=0.06, slope=0.1))
+    assert whole_certificate(timed, qt.Limits(speed=9.0)) is timed.certificate
+    whole = whole_certificate(timed, qt.Limits(speed=9.0, curvature=0.06, slope=0.1))
     assert whole.names == (*NAMES, "curvature", "slope")
     assert whole.status["curvature"] == "proved"
-    assert qt.certify_retimed(timed, qt.Limits(curvature=0.04)).status["curvature"] == "broken"
+    assert whole_certificate(timed, qt.Limits(curvature=0.04)).status["curvature"] == "broken"

@@ -123,9 +123,9 @@ class Found(NamedTuple):
 
 
 def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
-    from qtraj.design.certify_retimed import certify_retimed
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
+    from qtraj.design.whole_certificate import whole_certificate
     from qtraj.scenario.route import retiming
 
     recorded = getattr(loaded.scenario, "track", None) is not None
@@ -138,7 +138,7 @@ def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")
-        return Found(task, tuned, timed, certify_retimed(timed, task.limits), speed_profile(timed))
+        return Found(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
 
 
 def _show(console: Console, content: dict[str, Any], found: Found) -> None:

@@ -174,6 +174,12 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
     return jnp.stack([*upper, *(jnp.sqrt(jnp.maximum(x, 0.0)) for x in squares), *on_road])
 
 
+def ratios(found: Float[Array, "limits *nodes"], rows: tuple[str, ...]) -> Float[Array, "limits *nodes"]:
+    """Return the result of `used` with each quantity divided by its limit; `rows` are the names of the rows."""
+    linear = [name in UPPER and POWERS[name] < 1 for name in rows]
+    return jnp.stack([jnp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
+
+
 def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
     squares = [_form(form, v) for form in c.forms] + ([] if c.jerk is None else [v[0] * _quadratic(c.jerk, v)])

@@ -16,7 +16,7 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, C
 from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.route import certify_route
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import NAMES, parts, used
+from qtraj.design.timing.constraints import NAMES, listed, parts, ratios, used
 from qtraj.design.timing.grid import Grid, Shape, derivatives, uniform
 from qtraj.design.timing.parts import known_segments, standing_ends
 from qtraj.design.timing.proof import Source, prove
@@ -153,7 +153,7 @@ def certify_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certifica
     At the time of the largest value, the value is that of the path, so it confirms a violation.
     """
     names, dtype = tuple(limits.given()), path.duration.dtype
-    bounds = {name: jnp.asarray(limits.given().get(name, np.inf), dtype) for name in NAMES}
+    bounds = {name: jnp.asarray(value, dtype) for name, value in limits.given().items()}
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(jnp.asarray(x, dtype) for x in limits.road(dtype)))
@@ -165,7 +165,7 @@ def certify_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certifica
         polynomials,
         cells.grid,
         (path.timing.coefficients[cells.columns], rest),
-        {name: bounds[name] for name in names},
+        bounds,
         vehicle,
     ).codes
     found = _certificate(path, polynomials, cells, codes, bounds, vehicle, names)
@@ -195,7 +195,7 @@ def _certificate(
         codes = jnp.where(_match(path, cells), codes, SAMPLED)
     count, moving = timing.coefficients.shape[0], columns.size
     place = jnp.broadcast_to(jnp.linspace(0.0, 1.0, PLACES), (moving, PLACES))
-    of = _usage(path, cells, jnp.repeat(jnp.arange(moving), PLACES), place.ravel(), bounds, vehicle)[own]
+    of = _usage(path, cells, jnp.repeat(jnp.arange(moving), PLACES), place.ravel(), bounds, vehicle, names)
     of = jnp.where(jnp.isnan(of), 0.0, of).reshape(own.size, moving, PLACES)
     all_codes = jnp.full((own.size, count), PROVED, jnp.int32).at[:, columns].set(codes[own])
     all_codes = findings.with_straight(path.path, timing.knots, all_codes, names)
@@ -203,7 +203,7 @@ def _certificate(
     cell = findings.worst_cell(all_codes, usage)
     k = jnp.searchsorted(jnp.asarray(columns), cell)  # a cell without motion is never the worst one
     best = jnp.argmax(jnp.take_along_axis(of, k[:, None, None], axis=1)[:, 0], axis=-1) / (PLACES - 1)
-    found, values = _zoomed(path, cells, k, best, bounds, vehicle, own)
+    found, values = _zoomed(path, cells, k, best, bounds, vehicle, names)
     knots = timing.knots[cell], timing.knots[cell + 1]
     times = jax.vmap(timing.time)(knots[0] + found * (knots[1] - knots[0]))
     limits = jnp.stack([bounds[name] for name in names])
@@ -217,7 +217,7 @@ def _zoomed(
     best: Float[Array, " limits"],
     bounds: dict[str, Scalar],
     vehicle: RoadParameters | None,
-    own: np.ndarray,
+    names: tuple[str, ...],
 ) -> tuple[Float[Array, " limits"], Float[Array, " limits"]]:
     """Return the place of the maximum in a cell near `best`, and the ratio to the limit there.
 
@@ -227,15 +227,16 @@ def _zoomed(
     before, after = (jnp.asarray(stops)[cell] for stops in cells.stops)
     lowest = jnp.where(before, jnp.minimum(best, width), INSIDE)
     highest = jnp.where(after, jnp.maximum(best, 1 - width), 1 - INSIDE)
-    rows, around = jnp.arange(own.size), jnp.linspace(-1.0, 1.0, PLACES)[None]
+    count = len(names)
+    rows, around = jnp.arange(count), jnp.linspace(-1.0, 1.0, PLACES)[None]
 
     def zoom(k: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         reach = width * (2.0 * width) ** k
         near = jnp.clip(found[0][:, None] + reach * around, lowest[:, None], highest[:, None])
-        ratios = _usage(path, cells, jnp.repeat(cell, PLACES), near.ravel(), bounds, vehicle)[own]
-        ratios = ratios.reshape(own.size, own.size, PLACES)[rows, rows]
-        at = jnp.argmax(jnp.where(jnp.isnan(ratios), -jnp.inf, ratios), axis=1)
-        return near[rows, at], ratios[rows, at]
+        usage = _usage(path, cells, jnp.repeat(cell, PLACES), near.ravel(), bounds, vehicle, names)
+        usage = usage.reshape(count, count, PLACES)[rows, rows]
+        at = jnp.argmax(jnp.where(jnp.isnan(usage), -jnp.inf, usage), axis=1)
+        return near[rows, at], usage[rows, at]
 
     return jax.lax.fori_loop(0, ZOOMS, zoom, (best, jnp.zeros_like(best)))
 
@@ -247,8 +248,9 @@ def _usage(
     place: Float[Array, " m"],
     bounds: dict[str, Scalar],
     vehicle: RoadParameters | None,
+    names: tuple[str, ...],
 ) -> Float[Array, "limits m"]:
-    """Return the ratio of each quantity to its limit at the fraction `place` of each moving `cell`."""
+    """Return the ratio of each quantity in `names` to its limit at the fraction `place` of each moving `cell`."""
     timing, dtype = path.timing, path.duration.dtype
     at = jnp.asarray(cells.columns)[cell]
     grid = cells.grid if isinstance(path.path, Route) else cells.grid._replace(knots=timing.knots)
@@ -257,7 +259,9 @@ def _usage(
     c = jnp.moveaxis(timing.coefficients[at], -1, 0)
     a = c[0] + place * (c[1] + place * (c[2] + place * c[3]))
     slope, second = c[1] + place * (2 * c[2] + 3 * place * c[3]), 2 * c[2] + 6 * place * c[3]
-    return used(parts(r, one, bounds, vehicle), jnp.stack([a, slope / length, second / length**2]))
+    found = used(parts(r, one, bounds, vehicle), jnp.stack([a, slope / length, second / length**2]))
+    rows = listed(bounds, vehicle is not None)
+    return ratios(found, rows)[np.array([rows.index(name) for name in names])]
 
 
 def at_new_times(path: RetimedPath, shape: Certificate) -> Certificate:

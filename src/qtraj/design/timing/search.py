@@ -20,6 +20,7 @@ from qtraj.design.timing.constraints import (
     Parts,
     listed,
     parts,
+    ratios,
     tightened,
     used,
     values,
@@ -187,19 +188,19 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
     def attempt(r: _Round) -> _Round:
         own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
         state = solve(own, continued(own, r.state), gaps[jnp.minimum(r.searches, 1)])
-        usage = _between_nodes(between, within, state.coefficients)
-        excess = _grouped(between, usage)
+        found = _between_nodes(between, within, state.coefficients)
+        excess = _grouped(between, found)
         over = OVER * 2.0 ** jnp.maximum(r.searches - 2, 0).astype(dtype)
         factors = r.factors * jnp.where(excess > 1, 1 + over * (excess - 1), 1.0)
-        return _Round(state, r.factors, factors, usage, r.searches + 1)
+        return _Round(state, r.factors, factors, found, r.searches + 1)
 
     def goes_on(r: _Round) -> Array:
         unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.state.error)
         return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
 
     count = program.constraints.per_node
-    ones, usage = jnp.ones((count, cells), dtype), jnp.zeros((between.upper.shape[0] + count - 1, cells), dtype)
-    start = _Round(begun(program, _initial(program)), ones, ones, usage, jnp.zeros((), jnp.int32))
+    ones, nothing = jnp.ones((count, cells), dtype), jnp.zeros((between.upper.shape[0] + count - 1, cells), dtype)
+    start = _Round(begun(program, _initial(program)), ones, ones, nothing, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)
 
 
@@ -225,8 +226,7 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
         usage = r.usage * jnp.stack(factors)[:, None]
     else:  # friction and power change by no known factor
         usage = _between_nodes(between, t.within, slowed)
-    roots = [jnp.sqrt(x) if name in UPPER and POWERS[name] < 1 else x for x, name in zip(usage, rows, strict=True)]
-    return powers, jnp.stack(roots), error
+    return powers, ratios(usage, rows), error
 
 
 def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "limits cells"]:
@@ -234,18 +234,18 @@ def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Ar
     orders = 2 if between.jerk is None else ORDERS
     own, table = local(coefficients), jnp.asarray(within, coefficients.dtype)
     v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(orders)]
-    usage = used(between, jnp.stack(v))
-    before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]
+    rows = used(between, jnp.stack(v))
+    before, at, after = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
     bend, change = 2 * at - before - after, after - before
     peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # the vertex is between the three samples
     rise = jnp.where(peak, change**2 / (8 * jnp.where(peak, bend, 1.0)), 0.0)
-    return jnp.maximum(jnp.max(usage, axis=1), jnp.max(at + rise, axis=1))
+    return jnp.maximum(jnp.max(rows, axis=1), jnp.max(at + rise, axis=1))
 
 
-def _grouped(between: Parts, usage: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
+def _grouped(between: Parts, rows: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
     """Return the usage of each constraint; the upper bounds on a are one constraint."""
     count = between.upper.shape[0]
-    return jnp.concatenate([jnp.max(usage[:count], axis=0, initial=0.0)[None], usage[count:]])
+    return jnp.concatenate([jnp.max(rows[:count], axis=0, initial=0.0)[None], rows[count:]])
 
 
 def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cells+1"]:

@@ -1,4 +1,4 @@
-"""Certify a retimed path for all limits: limits on the timing, and limits on the shape of the path."""
+"""Add limits on the shape of a path to the certificate of its retiming, which avoids a second proof of the timing."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -11,7 +11,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.timing.outcome import Retimed
 
 
-def certify_retimed(timed: Retimed, limits: Limits) -> Certificate:
+def whole_certificate(timed: Retimed, limits: Limits) -> Certificate:
     """Return the certificate of a result of `retime` with the limits on the shape in `limits` added.
 
     `retime` proves only limits that depend on the timing. Limits on the shape, such as curvature, are checked on the
