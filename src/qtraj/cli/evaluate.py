@@ -94,12 +94,13 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
 
     For a saved path, there is no scenario, fit or vehicle.
     """
-    from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.reader import read_scenario, saved_file
+    from qtraj.io.saved import saved_path
+    from qtraj.scenario.reader import read_input
 
-    if is_saved(file):
-        return saved_file(file), saved_path(file), None, None
-    loaded = read_scenario(file, "path")
+    given = read_input(file)
+    if given.is_saved:
+        return given.without_scenario(), saved_path(file), None, None
+    loaded = given.scenario("path")
     task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted, task.limits.vehicle
 

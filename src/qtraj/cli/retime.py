@@ -66,9 +66,9 @@ def retime(
     from qtraj.viz import result_files
     from qtraj.viz.figures import speed_profile_figure
 
-    more = _limits(limit or [])
-    loaded = read_retiming(scenario)
-    found = _found(loaded, more, chosen, watch)
+    limits = _limits(limit or [])
+    loaded = read_retiming(scenario, limits)
+    found = _found(loaded, limits, chosen, watch)
     task, tuned, timed, certificate, profile = found
     watch.say("sampling")
     spiral = task.fitted if isinstance(task.fitted, Fitted) else None
@@ -102,13 +102,15 @@ def _limits(texts: list[str]) -> dict[str, float]:
 
     limits = {}
     for text in texts:
-        name, _, number = text.partition("=")
-        try:
-            limits[name] = float(number)
-        except ValueError:
-            raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given") from None
+        name, _, value = text.partition("=")
+        if name in limits:
+            raise ValueError(f"--limit {name} was given more than once")
         if name not in QUANTITIES:
             raise ValueError(f"--limit: unknown limit {name!r}; the limits are {', '.join(QUANTITIES)}")
+        try:
+            limits[name] = float(value)
+        except ValueError:
+            raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given") from None
     return limits
 
 
@@ -122,7 +124,7 @@ class Found(NamedTuple):
     profile: "SpeedProfile"
 
 
-def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
+def _found(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
@@ -130,11 +132,13 @@ def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str
 
     recorded = getattr(loaded.scenario, "track", None) is not None
     watch.say("fitting the recording" if recorded else "constructing the path")
-    task = retiming(loaded, more)
+    task = retiming(loaded, limits)
     own = {} if loaded.scenario is None else loaded.scenario.retime.model_dump(exclude={"shape"}, exclude_none=True)
     with naming(f"{loaded.file}: "):
-        watch.say("tuning")
-        tuned = None if task.tuning is None else task.tuning(watch.tuning)
+        tuned = None
+        if task.tuning is not None:
+            watch.say("tuning")
+            tuned = task.tuning(watch.tuning)
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")

@@ -69,17 +69,11 @@ def tune(
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import finite, plain
     from qtraj.io.dataset import path_dataset
-    from qtraj.io.saved import is_saved
     from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
     from qtraj.viz import result_files
     from qtraj.viz.figures import tuning_figure
 
-    if scenario is not None and is_saved(scenario):
-        raise ValueError(
-            f"{scenario}: this is a saved path, which has no limits: write a scenario with path = '{scenario.name}' "
-            "and [limits]"
-        )
     loaded = read_scenario(scenario, "path")
     task, before, best = _tuned(loaded, chosen, watch)
     change = compare_paths(task.path, best.path, (task.start, task.end))
