@@ -4,7 +4,10 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import qtraj as qt
 
 DATA = Path(__file__).parents[1] / "data"
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -357,3 +360,14 @@ def test_bad_arguments(qtraj, tmp_path, monkeypatch, arguments):
     assert result.stdout == ""
     assert "Usage" in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(qtraj, tmp_path):
+    """Not a traceback after the files are written."""
+    (tmp_path / "path.toml").write_text((EXAMPLES / "helix.toml").read_text())
+    path = qt.load(tmp_path / "path.toml")
+    huge = qt.SpiralHelix(path.radius, [0.0, 1e308], path.height, path.duration, path.placement)
+    huge.save(tmp_path / "path.toml")
+    result = qtraj("evaluate", tmp_path / "path.toml", "--samples", 3, "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert None in np.asarray(json.loads(result.stdout)["columns"]["position"]).ravel().tolist()

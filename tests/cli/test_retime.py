@@ -108,6 +108,7 @@ def test_a_saved_path_is_retimed_and_its_shape_is_checked(qtraj, default, tmp_pa
         (["--limit", "friction=0.5"], "limits.friction needs a vehicle: add a table [vehicle] with the mass"),
         (["--limit", "angular_acceleration=1"], "does not support a limit on angular_acceleration"),
         (["--knots", 100], "power of two"),
+        (["--knots", 2**40], "knots must be a power of two from 16 to 16384"),
         (["--start-speed", -1], "at least 0"),
     ],
 )
@@ -124,7 +125,10 @@ RECORDING = '[track]\nfile = "drive.csv"\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[limits]\nspeed = 9\n[retime]\nknots = 100\n", "but must be a power of two, at least 16"),
+        (
+            "[limits]\nspeed = 9\n[retime]\nknots = 100\n",
+            "[retime]: knots must be a power of two from 16 to 16384, such as 512, but 100 was given",
+        ),
         ("[limits]\nspeed = 9\n[retime]\nstart_speed = -1\n", "expected a finite number, 0 or more [m/s]"),
         ("[limits]\nspeed = 9\n[retime]\nshape = 'line'\n", "expected 'route' or 'spiral-helix'"),
         ("[limits]\nspeed = 9\n[retime]\nshape = 'route'\n[fit]\nmotion = 'hermite'\n", "unknown key 'fit.motion'"),

@@ -70,7 +70,7 @@ EXAMPLES = {
 OLD_NAMES = {"slew": "turn", "simulate": "track"}
 """The old names of renamed commands."""
 
-NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
+NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib", "plotly")
 """Packages that the command line needs in addition to the core of qtraj."""
 
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")

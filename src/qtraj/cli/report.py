@@ -48,8 +48,6 @@ def report(
         watch.say("drawing")
         summary = report_of(source.dataset, source.tuned)
         page = html(summary)
-    except ModuleNotFoundError as error:
-        raise ValueError(str(error)) from error
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(result) in text else f"{result}: {text}") from error

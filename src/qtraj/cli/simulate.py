@@ -85,7 +85,7 @@ def simulate(
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-    from qtraj.foundation.plain import finite, plain, tabular
+    from qtraj.foundation.plain import plain, tabular
     from qtraj.foundation.record import to_dataset
     from qtraj.motion.simulation.actuator import Actuator
     from qtraj.motion.simulation.assess_loop import assess_loop
@@ -119,7 +119,7 @@ def simulate(
         "command_limit": limit,
         "saturation": None if limit is None else actuator.saturation,
         "verdict": plain(verdict.record()),
-        **({} if ends is None else {"open_loop": finite(ends)}),
+        **({} if ends is None else {"open_loop": ends}),
         "finished": bool(history.solution.successful),
         "result": _result(history, verdict, loaded.scenario.error.sign),
         **tabular(table.record()),
@@ -171,7 +171,9 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict", act
     alone = []
     if "open_loop" in content:
         final = content["open_loop"]["final_angle"]
-        alone = [("without feedback", "-" if final is None else f"{degrees(final)}° from the program at the end")]
+        alone = [
+            ("without feedback", "-" if not np.isfinite(final) else f"{degrees(final)}° from the program at the end")
+        ]
     layout.print_facts(console, "Motion", loop_fact_rows(verdict, actuator) + alone)
     if verdict.agrees is False:
         text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest value that the "

@@ -16,6 +16,7 @@ from rich.console import Console
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED
 from qtraj.foundation.folder import Writer, check_folder, write_all
+from qtraj.foundation.plain import finite
 from qtraj.foundation.progress_bar import watching
 from qtraj.scenario import KINDS
 
@@ -78,8 +79,9 @@ def scenario_argument(kind: str) -> Any:
 class Outcome(NamedTuple):
     """The result of a command.
 
-    `content`: the result as JSON types. `show`: a function that prints the result. `failed`: whether the exit code is
-    1. `renamed`: warnings about renamed keys. `folder` and `writers`: the files to write, by name; None for no files.
+    `content`: the result as JSON types; numbers that are not finite are printed as null. `show`: a function that prints
+    the result. `failed`: whether the exit code is 1. `renamed`: warnings about renamed keys. `folder` and `writers`:
+    the files to write, by name; None for no files.
     """
 
     content: dict[str, Any]
@@ -108,13 +110,16 @@ def command(run: Callable[..., Outcome]) -> Callable[..., None]:
             if out is not None:
                 check_folder(out)
             outcome = run(watch, out=out, as_json=as_json, **options)
+            folder, content = outcome.folder, outcome.content
+            content["files"] = [] if folder is None else [str(folder / name) for name in outcome.writers]
+            text = json.dumps(finite(content), indent=2, allow_nan=False) if as_json else ""
             watch.say("writing")
-            files = [] if outcome.folder is None else write_all(outcome.folder, outcome.writers)
-            outcome.content["files"] = [str(file) for file in files]
-        for text in outcome.renamed:
-            warn(f"{text}; {UNTIL}")
+            if folder is not None:
+                write_all(folder, outcome.writers)
+        for warning in outcome.renamed:
+            warn(f"{warning}; {UNTIL}")
         if as_json:
-            typer.echo(json.dumps(outcome.content, indent=2, allow_nan=False))
+            typer.echo(text)
         else:
             outcome.show(stdout())
         raise typer.Exit(FAILED if outcome.failed else 0)
@@ -149,7 +154,7 @@ def guarded() -> Iterator[None]:
         raise
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
-    except ValueError as error:
+    except (ValueError, ModuleNotFoundError) as error:  # messages about missing packages say how to install them
         _fail(str(error))
     except OverflowError as error:
         _fail(f"a number is too large for the computation ({error})")

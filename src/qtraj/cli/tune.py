@@ -67,7 +67,7 @@ def tune(
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
     from qtraj.design.fitting.route_facts import facts_of
-    from qtraj.foundation.plain import finite, plain
+    from qtraj.foundation.plain import plain
     from qtraj.io.dataset import path_dataset
     from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
@@ -92,7 +92,7 @@ def tune(
         findings={"before": before, "after": best.certificate},
     )
     options = {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
-    bounds = finite({name: list(bounds) for name, bounds in task.part.ranges.items()})
+    bounds = {name: list(bounds) for name, bounds in task.part.ranges.items()}
     content = terminal.header("tune", loaded) | {
         "fit": facts_of(task.fitted),
         "frame": dataset.attrs["frame"],
