@@ -188,15 +188,19 @@ def _count_unknown(data: Mapping[str, Any], model: type[BaseModel]) -> int:
 
 
 class Place(NamedTuple):
-    """The place of a fault: the keys, the model of the table with the last key, and the valid values of this key."""
+    """The place of a fault: the keys, the model of the table with the last key, and the valid values of this key.
 
-    keys: Sequence[int | str]
+    `entry`: the indices of a faulty entry in the value of the last key.
+    """
+
+    keys: tuple[int | str, ...]
     table: type[BaseModel]
     expected: str
+    entry: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         text = ""
-        for step in self.keys:
+        for step in self.keys + self.entry:
             text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
         return text
 
@@ -205,7 +209,7 @@ def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """Return the message for a validation error of a `root` model: the first error and a count of other faulty keys."""
     faults = error.errors(include_url=False)
     first = min(faults, key=lambda fault: fault["type"] == "missing")  # report a misspelt key before a missing key
-    keys = {str(_place(fault["loc"], root)) for fault in faults}
+    keys = {_place(fault["loc"], root).keys for fault in faults}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     return f"{_fault(dict(first), root)}{more}"
 
@@ -233,7 +237,9 @@ def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
     """Return the place at a location, without the steps added by pydantic, such as the member of a union or '[key]'."""
     place, model = Place((), root, "another value"), root
     for step in location:
-        if isinstance(step, int):
+        if isinstance(step, int) and model is None:
+            place = place._replace(entry=(*place.entry, step))
+        elif isinstance(step, int):
             place = place._replace(keys=(*place.keys, step))
         elif model is not None:
             field = model.model_fields.get(step)
