@@ -1,5 +1,6 @@
 """`certify` of retimed paths: agreement with the certificate of `retime`, violations that `evaluate` confirms."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -233,9 +234,12 @@ def test_a_batch_of_paths_with_one_vehicle(count):
         jnp.linspace(1.0, 1.2, count)
     )
     timed = jax.vmap(lambda path: qt.retime(path, limits, start_speed=0.0, knots=64).path)(paths)
-    together = qt.certify(timed, limits)
+    friction = jnp.linspace(0.7, 0.9, count)  # one limit for each path
+    of_each = eqx.tree_at(lambda own: own.friction, limits, friction)
+    together = qt.certify(timed, of_each)
     for k in range(count):
-        alone = qt.certify(jax.tree.map(lambda x, k=k: x[k], timed), limits)
+        own = qt.Limits(friction=friction[k], power=1e5, vehicle=car)
+        alone = qt.certify(jax.tree.map(lambda x, k=k: x[k], timed), own)
         np.testing.assert_array_equal(together.codes[k], alone.codes)
         np.testing.assert_allclose(together.values[k], alone.values, rtol=1e-9)
 

@@ -37,12 +37,17 @@ def vehicle_from(variables: Mapping[Any, Any]) -> Vehicle | None:
     return Vehicle(**values) if "mass" in values else None
 
 
+def axes_of(parameter: str) -> int:
+    """Return the number of axes of a parameter of a single vehicle."""
+    return len(_FIELDS[parameter][2])
+
+
 def batch_of(vehicle: Vehicle | None) -> tuple[int, ...]:
     """Return the batch shape of a vehicle; () for a single vehicle or None."""
     if vehicle is None:
         return ()
     values = {name: getattr(vehicle, name) for name in _FIELDS}
-    shapes = [np.shape(x)[: np.ndim(x) - len(_FIELDS[name][2])] for name, x in values.items() if x is not None]
+    shapes = [np.shape(x)[: np.ndim(x) - axes_of(name)] for name, x in values.items() if x is not None]
     return max(shapes, key=len)
 
 
@@ -52,6 +57,6 @@ def with_batch(vehicle: Vehicle | None, count: int) -> Vehicle | None:
         return None
     names = [name for name in _FIELDS if getattr(vehicle, name) is not None]
     values = [getattr(vehicle, name) for name in names]
-    core = [len(_FIELDS[name][2]) for name in names]
+    core = [axes_of(name) for name in names]
     new = [jnp.broadcast_to(x, (count, *x.shape[x.ndim - n :])) for x, n in zip(values, core, strict=True)]
     return eqx.tree_at(lambda v: [getattr(v, name) for name in names], vehicle, new)

@@ -11,7 +11,8 @@ from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import QUANTITIES
 
 MIN_KNOTS, MAX_KNOTS = 16, 2**14
-"""Smallest and largest number of cells between two stops; with more cells, rounding errors prevent convergence."""
+"""Smallest and largest number of cells between two stops; with 2**15 cells, a search with a limit on the jerk did not
+converge."""
 
 
 def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:

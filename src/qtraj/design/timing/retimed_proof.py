@@ -29,6 +29,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle_data import axes_of
 
 SHAPE = tuple(name for name, entry in QUANTITIES.items() if entry.per_time == 0 and not entry.needs)
 """Quantities that depend only on the shape of a path, not on its timing."""
@@ -41,9 +42,6 @@ PLACES, ZOOMS = 17, 3
 
 INSIDE = 1e-9
 """Smallest distance of a reported maximum from the ends of its cell, relative to the cell."""
-
-RANKS = {"friction": 1, "inertia": 2}
-"""Number of axes of the fields of a vehicle that are not scalars."""
 
 
 Certify = Callable[[AbstractHodograph, Limits], Certificate]
@@ -152,8 +150,8 @@ def _provable(path: RetimedPath) -> Cells | None:
 
 
 def _batch_axis(batched: int, place: Any, x: Any) -> int | None:
-    """Return the batch axis of a field of limits or of their vehicle, or None without a batch."""
-    own = RANKS.get(place[-1].name, 0)
+    """Return the batch axis of a limit, or of a parameter of the vehicle; None without a batch."""
+    own = axes_of(place[-1].name) if place[0].name == "vehicle" else 0
     return 0 if batched and jnp.ndim(x) - own >= batched else None
 
 
