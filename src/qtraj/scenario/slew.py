@@ -1,12 +1,11 @@
 """Define the scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`, and build the slew."""
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.profiles.profile import AbstractProfile
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
@@ -16,14 +15,16 @@ from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.scenario.part import (
     ANGLES,
     Angles,
+    Inertia,
     KnownAttitudePart,
     NamedPart,
     Number,
     Part,
     Positive,
+    PositiveVector,
     Seconds,
-    Vector,
     key,
+    one_of,
     radians,
 )
 from qtraj.scenario.reader import ScenarioFile
@@ -45,25 +46,19 @@ class SlewLawPart(Part):
     the limits.
     """
 
-    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the motion profile", "time_optimal")
-    max_rate: Positive | None = key("limit on the rate", None, values="a positive finite number, angle per s")
-    max_acceleration: Positive | None = key(
-        "limit on the acceleration", None, values="a positive finite number, angle per s²"
-    )
+    kind: Annotated[str, one_of(LAWS)] = key("the motion profile", "time_optimal")
+    max_rate: Positive | None = key("limit on the rate", None, unit="angle/s")
+    max_acceleration: Positive | None = key("limit on the acceleration", None, unit="angle/s²")
     max_jerk: Positive | None = key(
         "limit on the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
         None,
-        values="a positive finite number, angle per s³",
+        unit="angle/s³",
     )
     duration: Seconds | None = key(
         "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
-    start_rate: Number | None = key(
-        "initial rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
-    )
-    end_rate: Number | None = key(
-        "final rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
-    )
+    start_rate: Number | None = key("initial rate along a time_optimal slew; default: 0", None, unit="angle/s")
+    end_rate: Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
 
     def _faults(self) -> Iterator[str]:
         needed = NEEDED.get(self.kind)
@@ -113,24 +108,12 @@ class SlewLawPart(Part):
 class BodyPart(Part):
     """The inertia and the torque limit of the body."""
 
-    inertia: Positive | Vector | list[Vector] = key(
-        "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
-        values="a positive number, three positive numbers, or three rows of three numbers",
-    )
-    max_torque: Positive | Vector | None = key(
-        "limit on the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
-        "down",
+    inertia: Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
+    max_torque: Positive | PositiveVector | None = key(
+        "limit on the torque, for the norm or for each component in body axes; to satisfy it, the slew is slowed down",
         None,
-        values="a positive number, or three positive numbers",
+        values="one or three positive finite numbers [N m]",
     )
-
-    def _faults(self) -> Iterator[str]:
-        try:
-            inertia_matrix(self.inertia)
-        except ValueError as error:
-            raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
-        if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            yield f"the key 'max_torque' has the value {self.max_torque!r}, but must be positive [N m]"
 
 
 class SlewPart(Part):
