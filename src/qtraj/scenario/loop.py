@@ -225,7 +225,7 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
         )
     if part.slew is not None:
         with naming("in [program.slew], "):
-            return part.slew.program(angles, strict=True)
+            return part.slew.program_within_limits(angles)
     if part.path is None:
         return saved_program(loaded.beside(str(part.file)))
     given = read_input(loaded.beside(part.path))
