@@ -149,7 +149,7 @@ BAD = {
     ),
     "an impossible inertia": (
         STATES + "[vehicle]\nmass = 1e3\ninertia = [1, 1, 100]\n",
-        ["scenario.toml: vehicle: no body has a principal moment of inertia that exceeds the sum of the other two"],
+        ["the key 'vehicle.inertia': no body has a principal moment of inertia that exceeds the sum of the other two"],
     ),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),

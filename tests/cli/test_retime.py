@@ -127,7 +127,7 @@ RECORDING = '[track]\nfile = "drive.csv"\n'
     [
         (
             "[limits]\nspeed = 9\n[retime]\nknots = 100\n",
-            "[retime]: knots must be a power of two from 16 to 16384, such as 512, but 100 was given",
+            "the key 'retime.knots': knots must be a power of two from 16 to 16384, such as 512, but 100 was given",
         ),
         ("[limits]\nspeed = 9\n[retime]\nstart_speed = -1\n", "expected a finite number, 0 or more [m/s]"),
         ("[limits]\nspeed = 9\n[retime]\nshape = 'line'\n", "expected 'route' or 'spiral-helix'"),

@@ -63,7 +63,7 @@ BAD = {
         REST + "[[via]]\ngibbs = [0, 'x', 1]\n" + LAW,
         ["'via[0].gibbs[1]' has the value 'x'", "three finite numbers"],
     ),
-    "a negative limit": (REST + LAW.replace("= 1", "= -1"), ["'law.max_rate' has the value -1", "angle per s"]),
+    "a negative limit": (REST + LAW.replace("= 1", "= -1"), ["'law.max_rate' has the value -1", "[angle/s]"]),
     "another law": (
         REST + LAW + "kind = 'linear'\n",
         ["'law.kind' has the value 'linear'", "'time_optimal', 's_curve'"],

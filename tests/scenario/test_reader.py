@@ -1,11 +1,13 @@
 """Scenario files: the embedded one, what is optional, and what messages name."""
 
 import hashlib
+import inspect
 import tomllib
 from pathlib import Path
 
 import pytest
 
+import qtraj as qt
 from qtraj.scenario import KINDS
 from qtraj.scenario.part import Part
 from qtraj.scenario.path import LimitsPart
@@ -141,6 +143,12 @@ def test_a_faulty_entry_is_named_and_its_key_counts_once(read):
     text = STATES.replace("[12, 0.0, 0.0]", "[12, 'x', 'y']") + "[limits]\nspeed = -1\n"
     with pytest.raises(ValueError, match=r"'start\.position\[1\]' has the value 'x': .* \(and 1 more\)$"):
         read(text)
+
+
+def test_defaults_in_prose_are_those_of_the_search():
+    defaults = inspect.signature(qt.tune).parameters
+    for name in ("max_steps", "inner_steps"):
+        assert str(TunePart.model_fields[name].title).endswith(f"default: {defaults[name].default}")
 
 
 def test_a_long_value_is_cut(read):

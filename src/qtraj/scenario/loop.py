@@ -1,14 +1,14 @@
 """Define the scenario keys of `qtraj simulate`, and build the closed loop."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from qtraj.foundation.naming import naming
+from qtraj.foundation.number_text import degrees
 from qtraj.foundation.types import Quat
 from qtraj.io.saved import saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
@@ -29,7 +29,6 @@ from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.part import (
     ANGLES,
-    THREE,
     Angles,
     NamedPart,
     Number,
@@ -39,12 +38,15 @@ from qtraj.scenario.part import (
     Text,
     Vector,
     key,
+    one_of,
     radians,
+    with_hyphens,
 )
 from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, read_input
 from qtraj.scenario.slew import SlewPart
 
+FRAMES = (UPRIGHT, NATURAL, MINIMIZING, THRUST_ALIGNED)
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
@@ -60,21 +62,17 @@ class ProgramPart(Part):
         None,
         values="the name of a path scenario or a saved path, relative to the scenario",
     )
-    frame: (
-        Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing", "thrust-aligned", "thrust_aligned"]
-        | None
-    ) = key(
+    frame: Annotated[str, one_of(FRAMES), AfterValidator(with_hyphens)] | None = key(
         "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
         "binormal, which flips at inflections of the path; 'rotation-minimizing', zero rate about the tangent; "
         "or 'thrust-aligned', z along the thrust, for multirotors",
         None,
-        values="'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
     )
-    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None, values=THREE)
+    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
     heading: Number | None = key(
         "heading of the thrust-aligned frame, from world x towards world y; default: along the velocity",
         None,
-        values="a finite angle",
+        unit="angle",
     )
     file: Text | None = key(
         "a saved program, such as program.toml from `qtraj slew`",
@@ -89,9 +87,9 @@ class ProgramPart(Part):
             yield f"{problem}: specify one of {SOURCES}"
         if self.path is None and (extra := self.given("frame", "up", "heading")):
             yield f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
-        if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
+        if self.up is not None and ((self.frame or UPRIGHT) != UPRIGHT or not any(self.up)):
             yield "the key 'up' is valid only with frame = 'upright', and must not be zero"
-        if self.heading is not None and (self.frame or "").replace("_", "-") != "thrust-aligned":
+        if self.heading is not None and self.frame != THRUST_ALIGNED:
             yield "the key 'heading' is valid only with frame = 'thrust-aligned'"
 
     def describe(self, program: AbstractProgram) -> str:
@@ -104,7 +102,7 @@ class ProgramPart(Part):
 
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
-        name = (chosen or self.frame or UPRIGHT).replace("_", "-")
+        name = chosen or self.frame or UPRIGHT
         frame = frame_named(name)
         if name == THRUST_ALIGNED and self.heading is not None:
             frame = ThrustAligned(radians(angles) * self.heading)
@@ -131,7 +129,7 @@ class SimulationPart(Part):
         values=f"an integer from 2 to {MAX_SAMPLES}, the number of instants",
     )
     settled: Positive | None = key(
-        "error angle below which the loop counts as settled; default: 1°", None, values="a positive finite angle"
+        f"error angle below which the loop counts as settled; default: {degrees(SETTLED)}°", None, unit="angle"
     )
     rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = key(
         "relative tolerance of a step", 1e-10, values="a number from 1e-14 to 1e-2"
@@ -175,8 +173,7 @@ class LoopScenario(NamedPart):
             yield "sensor.sampling and actuator.sampling differ: use the same period for both, or remove one of them"
 
 
-@dataclass(frozen=True)
-class LoopTask:
+class LoopTask(NamedTuple):
     """The closed loop of a scenario; the fields are arguments of `qtraj.assess_loop`."""
 
     program: AbstractProgram
@@ -193,7 +190,7 @@ class LoopTask:
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `qtraj.assess_loop`."""
-        return {field.name: getattr(self, field.name) for field in fields(self)} | {"sign": "as given"}
+        return self._asdict() | {"sign": "as given"}
 
 
 def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
@@ -215,8 +212,8 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
     with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # too many commands are an error
         renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
     settled = SETTLED if simulation.settled is None else scale * simulation.settled
-    parts = (program, law, quaternion, rate, times, disturbance, sensor, actuator)
-    return LoopTask(*parts, simulation.rtol, simulation.atol, settled)
+    around = disturbance, sensor, actuator
+    return LoopTask(program, law, quaternion, rate, times, *around, simulation.rtol, simulation.atol, settled)
 
 
 def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
@@ -228,7 +225,7 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
         )
     if part.slew is not None:
         with naming("in [program.slew], "):
-            return part.slew.program(angles, strict=True)
+            return part.slew.program_within_limits(angles)
     if part.path is None:
         return saved_program(loaded.beside(str(part.file)))
     given = read_input(loaded.beside(part.path))

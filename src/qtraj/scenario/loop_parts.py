@@ -6,14 +6,14 @@ from typing import Annotated, Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pydantic import Field, PlainValidator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from qtraj.foundation.naming import naming
+from qtraj.foundation.toml_fault import quoted
 from qtraj.foundation.types import Quat
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control import gains
 from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
+from qtraj.motion.control.errors import KINDS as LINEAR
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.quaternion_sign import HALF_TURN, place
 from qtraj.motion.simulation.actuator import Actuator
@@ -25,74 +25,32 @@ from qtraj.motion.simulation.disturbance import (
 )
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
 from qtraj.scenario.part import (
-    THREE,
     AttitudePart,
+    Inertia,
     NotNegative,
     Number,
     Part,
     Positive,
+    PositiveVector,
     Seconds,
     Vector,
-    is_number,
     key,
+    one_of,
     radians,
 )
 
-LINEAR = ("body", "inertial", "additive")
-"""Acceleration laws whose error equation is exactly linear."""
 BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
 """Established feedback laws whose error equation is not linear."""
 GAINS = ("k1", "k", "settling_time", "damping", "weights")
-WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
 GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of finite numbers"
-INERTIA = "one or three positive finite numbers, or three rows of three finite numbers [kg m²]"
+WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
 SEEDS = 2**63
 """Exclusive upper bound of the seeds of `jax.random`."""
 AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis', angle per s² (angle per s for a rate law)"
 
 
-def _gain(value: Any) -> Any:
-    """Return `value` if it is a positive number, a list of numbers for a diagonal, or a square matrix of numbers.
-
-    Lists and matrices may contain negative numbers, because gains of unstable loops are allowed. For other values, the
-    function raises a PydanticCustomError.
-    """
-    rows = value if isinstance(value, list) else [value]
-    square = all(isinstance(row, list) and len(row) == len(rows) for row in rows)
-    entries = [entry for row in rows for entry in row] if square else rows
-    positive = isinstance(value, list) or (is_number(value) and value > 0)
-    if not entries or not all(map(is_number, entries)) or not positive:
-        raise PydanticCustomError("gain", "not a gain")
-    return value
-
-
-def _numbers(value: Any, *sizes: int) -> list[Any]:
-    """Return a number, a list of numbers, or rows of three numbers, as a flat list.
-
-    `sizes` contains the allowed numbers of elements of a list or of all rows together.
-
-    **Raises:** PydanticCustomError for other values.
-    """
-    flat = value if isinstance(value, list) else [value]
-    if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
-        flat = [entry for row in flat for entry in row]
-    if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) not in sizes):
-        raise PydanticCustomError("numbers", "not a valid list of numbers")
-    return flat
-
-
-def _inertia(value: Any) -> Any:
-    _numbers(value, 3, 9)
-    return value
-
-
-def _limit(value: Any) -> Any:
-    if min(_numbers(value, 3)) <= 0 or (isinstance(value, list) and isinstance(value[0], list)):
-        raise PydanticCustomError("numbers", "not positive")
-    return value
-
-
-Gain = Annotated[Any, PlainValidator(_gain)]
+Gain = Annotated[Positive | list[Number] | list[list[Number]], Field(description=GAIN)]
+"""Lists and matrices may contain negative numbers, because gains of unstable loops are allowed."""
 
 
 class WeightsPart(Part):
@@ -101,9 +59,9 @@ class WeightsPart(Part):
     The keys error, rate and command are the weights w_e, w_r and w_c.
     """
 
-    error: Positive = key("weight of the error", values="a positive finite number [1/s⁴]")
-    rate: NotNegative = key("weight of the rate of the error", 0.0, values="a non-negative finite number [1/s²]")
-    command: Positive = key("weight of the command", 1.0, values="a positive finite number")
+    error: Positive = key("weight of the error", unit="1/s⁴")
+    rate: NotNegative = key("weight of the rate of the error", 0.0, unit="1/s²")
+    command: Positive = key("weight of the command", 1.0)
 
 
 class FeedbackPart(Part):
@@ -115,20 +73,18 @@ class FeedbackPart(Part):
     'rate' needs k or settling_time.
     """
 
-    kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
-        "the feedback law", "body"
-    )
-    k1: Gain | None = key("gain of the rate of the error", None, values=f"{GAIN} [1/s]")
-    k2: Gain | None = key("gain of the error", None, values=f"{GAIN} [1/s²]")
-    k: Gain | None = key("gain of the rate law", None, values=f"{GAIN} [1/s]")
+    kind: Annotated[str, one_of((*LINEAR, "rate", *BASELINES))] = key("the feedback law", "body")
+    k1: Gain | None = key("gain of the rate of the error", None, unit="1/s")
+    k2: Gain | None = key("gain of the error", None, unit="1/s²")
+    k: Gain | None = key("gain of the rate law", None, unit="1/s")
     settling_time: Seconds | None = key(
         "time in which the critically damped error decays to the fraction 'residual'", None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
         "fraction of the initial error at settling_time", 0.02, values="a number between 0 and 1"
     )
-    damping: Positive | None = key("damping ratio", None, values="a positive finite number, the damping ratio")
-    frequency: Positive | None = key("undamped natural frequency", None, values="a positive finite number [rad/s]")
+    damping: Positive | None = key("damping ratio", None)
+    frequency: Positive | None = key("undamped natural frequency", None, unit="rad/s")
     weights: WeightsPart | None = key("weights of a linear-quadratic regulator", None, values="a table [law.weights]")
 
     def _faults(self) -> Iterator[str]:
@@ -150,9 +106,10 @@ class FeedbackPart(Part):
         size = 4 if self.kind in (*LINEAR, "rate") else 3
         for name in self.given("k1", "k2", "k"):
             value = getattr(self, name)
-            if isinstance(value, list) and len(value) != size:
+            lists = [value, *value] if isinstance(value, list) else []  # the rows of a matrix are lists too
+            if any(isinstance(part, list) and len(part) != size for part in lists):
                 yield (
-                    f"the key '{name}' has a gain of size {len(value)}, but must be a number, {size} numbers for a "
+                    f"the key '{name}' has the value {quoted(value)}, but must be a number, {size} numbers for a "
                     f"diagonal, or a {size} × {size} matrix for a law of kind '{self.kind}'"
                 )
 
@@ -178,7 +135,7 @@ class FeedbackPart(Part):
 class ErrorPart(AttitudePart):
     """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], values=f"{THREE}, angle per s")
+    rate: Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
         "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
         "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
@@ -206,11 +163,11 @@ class ErrorPart(AttitudePart):
 class DisturbancePart(Part):
     """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
-    acceleration: Vector | None = key("angular acceleration", None, values=f"{THREE}, angle per s²")
-    torque: Vector | None = key("torque, with inertia", None, values=f"{THREE} [N m]")
-    inertia: Annotated[Any, PlainValidator(_inertia)] | None = key("inertia of the body", None, values=INERTIA)
+    acceleration: Vector | None = key("angular acceleration", None, unit="angle/s²")
+    torque: Vector | None = key("torque, with inertia", None, unit="N m")
+    inertia: Inertia | None = key("inertia of the body", None)
     period: Seconds | None = key("period of a sinusoid", None)
-    phase: Number = key("phase of a sinusoid", 0.0, values="a finite angle")
+    phase: Number = key("phase of a sinusoid", 0.0, unit="angle")
 
     def _faults(self) -> Iterator[str]:
         if len(self.given("acceleration", "torque")) != 1:
@@ -228,8 +185,7 @@ class DisturbancePart(Part):
             function = Sinusoid(function, self.period, scale * self.phase)
         if self.acceleration is not None:
             return DisturbanceAcceleration(function)
-        with naming("the key 'disturbance.inertia': "):
-            return DisturbanceTorque(function, jnp.asarray(self.inertia, float))
+        return DisturbanceTorque(function, jnp.asarray(self.inertia, float))
 
 
 class SensorPart(Part):
@@ -237,15 +193,13 @@ class SensorPart(Part):
 
     kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
     sampling: Seconds | None = key("sampling period; default: continuous", None)
-    rate_bias: Vector = key("bias of the rate", [0.0, 0.0, 0.0], values=f"{THREE}, angle per s")
-    rate_noise: NotNegative = key(
-        "standard deviation of each sample of the rate", 0.0, values="a non-negative finite number, angle per s"
-    )
+    rate_bias: Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
+    rate_noise: NotNegative = key("standard deviation of each sample of the rate", 0.0, unit="angle/s")
     attitude_bias: Vector = key(
-        "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], values=f"{THREE}, angles"
+        "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], unit="angle"
     )
     attitude_noise: NotNegative = key(
-        "standard deviation of each sample of the attitude; not for gyros", 0.0, values="a non-negative finite angle"
+        "standard deviation of each sample of the attitude; not for gyros", 0.0, unit="angle"
     )
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", 0, values="an integer from 0 to 2⁶³ − 1")
 
@@ -268,7 +222,7 @@ class SensorPart(Part):
 class ActuatorPart(Part):
     """The limit and the sampling of the command; the limit applies to the vector part of the command."""
 
-    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit on the command", None, values=AXIS_LIMIT)
+    limit: Positive | PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
         "whether the limit applies to the norm of the command or to each component", "norm"
     )

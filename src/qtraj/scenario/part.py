@@ -5,16 +5,16 @@ The `title` of a key says what the key means. The `description` of a key says wh
 """
 
 import math
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic.fields import FieldInfo
 
 from qtraj.algebra import rotation
+from qtraj.algebra.inertia import inertia_matrix
 from qtraj.design.tuning.choices import either
 from qtraj.foundation.types import Quat
 
@@ -24,25 +24,55 @@ def _form(value: Any) -> str:
     return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
 
 
+def checked_by(check: Callable[[Any], object]) -> AfterValidator:
+    """Return a validator that rejects a value if `check` raises a ValueError for this value."""
+
+    def checked(value: Any) -> Any:
+        check(value)
+        return value
+
+    return AfterValidator(checked)
+
+
+def one_of(names: Iterable[str]) -> Any:
+    """Return the constraint of a string type whose values are `names`; a hyphen in a name may be an underscore."""
+    names = tuple(names)
+    return Field(pattern=f"^({'|'.join(names).replace('-', '[-_]')})$", description=either(names))
+
+
+def with_hyphens(name: str) -> str:
+    """Replace the underscores in a name by hyphens."""
+    return name.replace("_", "-")
+
+
+THREE = "three finite numbers [x, y, z]"
+
 Number = Annotated[float, Field(allow_inf_nan=False, description="a finite number")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a positive finite number")]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, description="a finite number, 0 or more")]
 Seconds = Annotated[Positive, Field(description="a positive finite number [s]")]
 Metres = Annotated[Positive, Field(description="a positive finite number [m]")]
 Speed = Annotated[NotNegative, Field(description="a finite number, 0 or more [m/s]")]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+PositivePair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 OpenPair = Annotated[dict[Literal["min", "max"], Number], Field(min_length=1)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3, description=THREE)]
+PositiveVector = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+Rows = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Wholes = Annotated[int, Field(ge=0, description="an integer, 0 or more")]
 Counts = Annotated[int, Field(ge=1, description="an integer, 1 or more")]
+Inertia = Annotated[
+    Positive | PositiveVector | Rows,
+    checked_by(inertia_matrix),
+    Field(description="one or three positive finite numbers, or three rows of three finite numbers [kg m²]"),
+]
 Text = Annotated[str, Field(min_length=1, description="a string")]
 Angles = Literal["deg", "rad"]
 
 RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
 """Ranges by name, each of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
 
-THREE = "three finite numbers [x, y, z]"
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
 SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', with different successive axes"
@@ -50,12 +80,13 @@ LONGER = 1e-9
 """Relative tolerance by which a rotation vector may exceed half a turn."""
 
 
-def key(title: str, *default: Any, values: str | None = None) -> Any:
+def key(title: str, *default: Any, values: str | None = None, unit: str = "") -> Any:
     """Return a key of a table with the meaning `title`, a `default`, and the description `values` of valid values.
 
-    A key without a default is required. By default, the description is that of the type.
+    A key without a default is required. By default, the description is that of the type, followed by the `unit`.
     """
-    return Field(*default, title=title, **({} if values is None else {"description": values}))
+    more: dict[str, Any] = {} if values is None else {"description": values}
+    return Field(*default, title=title, json_schema_extra={"unit": f" [{unit}]" if unit else ""}, **more)
 
 
 def described(annotation: Any, name: str) -> str | None:
@@ -71,11 +102,6 @@ def described(annotation: Any, name: str) -> str | None:
     return next((text for part in reversed(outer) if (text := described(part, name))), None)
 
 
-def is_number(x: Any) -> bool:
-    """Return whether a value of a TOML file is a finite number within the range of a float."""
-    return isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
-
-
 class Part(BaseModel):
     """A table of a scenario file; unknown keys and values of the wrong type are rejected."""
 
@@ -83,9 +109,11 @@ class Part(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Describe the keys whose types have a description."""
+        """Describe the keys by their types and units, unless they have a description."""
         for name, field in cls.model_fields.items():
-            field.description = field.description or described(field.annotation, name)
+            extra: Any = field.json_schema_extra
+            text = field.description or described(field.annotation, name) or ""
+            field.description = text.removesuffix(extra["unit"]) + extra["unit"]  # inherited keys already have a unit
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -22,11 +22,12 @@ from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
 from qtraj.scenario.part import (
-    THREE,
+    Inertia,
     NamedPart,
     NotNegative,
     Part,
     Positive,
+    PositivePair,
     Quaternion,
     Seconds,
     Text,
@@ -41,19 +42,17 @@ from qtraj.scenario.reader import ScenarioFile
 class StatePart(Part):
     """A boundary state in world axes."""
 
-    position: Vector = key("position", values=f"{THREE} [m]")
-    velocity: Vector = key("velocity", values=f"{THREE} [m/s]")
+    position: Vector = key("position", unit="m")
+    velocity: Vector = key("velocity", unit="m/s")
     acceleration: Vector | None = key(
-        "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics",
-        None,
-        values=f"{THREE} [m/s²]",
+        "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics", None, unit="m/s²"
     )
 
 
 class PlacementPart(Part):
     """The axis of a path between two boundary states."""
 
-    origin: Vector = key("a point on the axis", values=f"{THREE} [m]")
+    origin: Vector = key("a point on the axis", unit="m")
     orientation: Quaternion | None = key(
         "the direction of the axis; default: vertical",
         None,
@@ -81,21 +80,15 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 class VehiclePart(Part):
     """The vehicle, for limits on friction, power, forces and moments: a point mass with tyres, on a banked road."""
 
-    mass: Positive = key("mass", values="a positive finite number [kg]")
-    inertia: (
-        Annotated[list[Positive], Field(min_length=3, max_length=3)]
-        | Annotated[list[Vector], Field(min_length=3, max_length=3)]
-        | None
-    ) = key(
-        "principal moments of inertia about the vehicle's axes, or the whole tensor; used only for moments",
+    mass: Positive = key("mass", unit="kg")
+    inertia: Inertia | None = key(
+        "moments of inertia about the vehicle's axes (one number if they are equal), or the tensor; used only for "
+        "moments",
         None,
-        values="three positive numbers, or three rows of three numbers [kg m²]",
     )
-    drag_area: NotNegative = key("drag coefficient times frontal area", 0.0, values="a finite number, 0 or more [m²]")
-    rolling_resistance: NotNegative = key(
-        "rolling resistance divided by the load on the road", 0.0, values="a finite number, 0 or more [-]"
-    )
-    friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
+    drag_area: NotNegative = key("drag coefficient times frontal area", 0.0, unit="m²")
+    rolling_resistance: NotNegative = key("rolling resistance divided by the load on the road", 0.0, unit="-")
+    friction: Positive | PositivePair = key(
         "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
         "quantity `friction` is the coefficient of friction that the path requires of the road",
         1.0,
@@ -106,8 +99,8 @@ class VehiclePart(Part):
         0.0,
         values="a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
     )
-    air_density: NotNegative = key("density of the air", AIR_DENSITY, values="a finite number, 0 or more [kg/m³]")
-    gravity: NotNegative = key("gravity, downwards", GRAVITY, values="a finite number, 0 or more [m/s²]")
+    air_density: NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
+    gravity: NotNegative = key("gravity, downwards", GRAVITY, unit="m/s²")
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle of this table."""

@@ -3,12 +3,13 @@
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
 from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.timing.parts import SLOW, STOP_DISTANCE, STOP_SPEED
 from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.io.attitude_angles import AttitudeAngles
@@ -23,22 +24,21 @@ from qtraj.scenario.part import (
     Pair,
     Part,
     Positive,
+    PositivePair,
     RangeMap,
     Seconds,
     Speed,
     Text,
     Vector,
     Wholes,
+    checked_by,
     key,
+    one_of,
+    with_hyphens,
 )
 
-if TYPE_CHECKING:  # type checkers cannot read names from a registry
-    Motion = str
-    Objective = str
-else:
-    Motion = Literal[tuple(MOTIONS)]
-    Objective = Literal[tuple(OBJECTIVES)]
-Method = Literal["sqp", "lbfgs", "adam"]
+Motion = Annotated[str, one_of(MOTIONS)]
+Objective = Annotated[str, one_of(OBJECTIVES)]
 
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
@@ -81,7 +81,7 @@ class TrackPart(Part):
     angles: AnglesPart | None = key(
         "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
     )
-    projection: Literal["tangent-plane", "tangent_plane"] | None = key(
+    projection: Annotated[str, one_of(["tangent-plane"]), AfterValidator(with_hyphens)] | None = key(
         "conversion of latitude, longitude and height to metres; default: positions are in metres",
         None,
         values="'tangent-plane': east, north and up on the tangent plane of WGS 84",
@@ -121,11 +121,9 @@ class FitPart(Part):
     )
     position_sigma: Metres | None = key(f"standard deviation of a recorded position; default: {POSITION_SIGMA}", None)
     velocity_sigma: Positive | None = key(
-        f"standard deviation of a recorded velocity; default: {VELOCITY_SIGMA}",
-        None,
-        values="a positive finite number [m/s]",
+        f"standard deviation of a recorded velocity; default: {VELOCITY_SIGMA}", None, unit="m/s"
     )
-    radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = key(
+    radius_bounds: PositivePair | None = key(
         f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} times the mean radius",
         None,
         values="two positive finite radii [low, high] [m]",
@@ -175,7 +173,7 @@ class TunePart(Part):
     starts: Counts = key(
         "number of starting points of the search: the specified states, and perturbations of these states", 8
     )
-    method: Method = key(
+    method: Literal["sqp", "lbfgs", "adam"] = key(
         "search method: sequential quadratic programming, which is by far the fastest, or for comparison an augmented "
         "Lagrangian with an optax optimiser",
         "sqp",
@@ -185,9 +183,7 @@ class TunePart(Part):
     )
     inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", None)
     learning_rate: Positive | None = key(
-        "learning rate of 'adam', in units of the reference speed; default: 0.01",
-        None,
-        values="a positive finite number",
+        f"learning rate of 'adam', in units of the reference speed; default: {LEARNING_RATE}", None
     )
 
     def _faults(self) -> Iterator[str]:
@@ -230,7 +226,7 @@ class RetimePart(Part):
     )
     start_speed: Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
     end_speed: Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
-    knots: Counts = key(
+    knots: Annotated[int, checked_by(require_knots)] = key(
         "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
         "minimum",
         512,
@@ -238,18 +234,12 @@ class RetimePart(Part):
     )
     stop_speed: Speed | None = key(
         "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
-        "default: 0.2 m/s, at most 2 % of the highest speed",
+        f"default: {STOP_SPEED} m/s, at most {100 * SLOW:g} % of the highest speed",
         None,
     )
     stop_distance: NotNegative | None = key(
-        "largest distance within which slow motion counts as a stop; default: 0.2 m",
-        None,
-        values="a finite number, 0 or more [m]",
+        f"largest distance within which slow motion counts as a stop; default: {STOP_DISTANCE} m", None, unit="m"
     )
-
-    def _faults(self) -> Iterator[str]:
-        require_knots(self.knots)
-        yield from ()
 
 
 @lru_cache(maxsize=8)

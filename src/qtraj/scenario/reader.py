@@ -220,6 +220,8 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
         return f"unknown key '{place}'; {_hint(str(place.keys[-1]), list(place.table.model_fields))}"
     if fault["type"] == "value_error":
         text = str(fault["ctx"]["error"])
+        if not isinstance(fault["input"], dict):
+            return f"the key '{place}': {text}"
         return f"[{place}]: {text}" if place.keys else text
     if fault["type"] == "missing":
         return f"the key '{place}' is missing: expected {place.expected}"

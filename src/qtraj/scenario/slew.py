@@ -1,29 +1,31 @@
 """Define the scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`, and build the slew."""
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Annotated
 
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.profiles.profile import AbstractProfile
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
+from qtraj.motion.programs.slew_verdict import judge_slew
 from qtraj.scenario.part import (
     ANGLES,
     Angles,
+    Inertia,
     KnownAttitudePart,
     NamedPart,
     Number,
     Part,
     Positive,
+    PositiveVector,
     Seconds,
-    Vector,
     key,
+    one_of,
     radians,
 )
 from qtraj.scenario.reader import ScenarioFile
@@ -31,6 +33,8 @@ from qtraj.scenario.reader import ScenarioFile
 LAWS = {"time_optimal": TimeOptimal, "s_curve": SCurve, "cubic": Cubic, "quintic": Quintic, "septic": Septic}
 LIMITS = ("max_rate", "max_acceleration", "max_jerk")
 END_RATES = ("start_rate", "end_rate")
+FIXED = ("duration", *END_RATES)
+"""Keys of slews that cannot be slowed down."""
 NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
 """The limits that are required even if a duration is specified."""
 JERKY = ("time_optimal", "cubic")
@@ -45,25 +49,19 @@ class SlewLawPart(Part):
     the limits.
     """
 
-    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the motion profile", "time_optimal")
-    max_rate: Positive | None = key("limit on the rate", None, values="a positive finite number, angle per s")
-    max_acceleration: Positive | None = key(
-        "limit on the acceleration", None, values="a positive finite number, angle per s²"
-    )
+    kind: Annotated[str, one_of(LAWS)] = key("the motion profile", "time_optimal")
+    max_rate: Positive | None = key("limit on the rate", None, unit="angle/s")
+    max_acceleration: Positive | None = key("limit on the acceleration", None, unit="angle/s²")
     max_jerk: Positive | None = key(
         "limit on the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
         None,
-        values="a positive finite number, angle per s³",
+        unit="angle/s³",
     )
     duration: Seconds | None = key(
         "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
-    start_rate: Number | None = key(
-        "initial rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
-    )
-    end_rate: Number | None = key(
-        "final rate of a time_optimal slew; default: 0", None, values="a finite number, angle per s along the slew"
-    )
+    start_rate: Number | None = key("initial rate along a time_optimal slew; default: 0", None, unit="angle/s")
+    end_rate: Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
 
     def _faults(self) -> Iterator[str]:
         needed = NEEDED.get(self.kind)
@@ -95,42 +93,22 @@ class SlewLawPart(Part):
         """Return the limits that are set, by name, with angles in radians; `angles` is "deg" or "rad"."""
         return {name: radians(angles) * getattr(self, name) for name in self.given(*LIMITS)}
 
-    def law(self, angles: str, limited: bool = False) -> AbstractProfile:
-        """Return the motion profile.
-
-        For a polynomial with a fixed duration, the profile has limits only if `limited` is true; otherwise the limits
-        are checked later.
-        """
-        more: dict[str, Any] = {} if self.duration is None else {"duration": self.duration}
-        if limited or self.duration is None or self.kind in NEEDED:
-            more |= self.limits(angles)
+    def law(self, angles: str) -> AbstractProfile:
+        """Return the motion profile; the limits of a polynomial with a duration are checked later."""
+        limits = self.limits(angles) if self.duration is None or self.kind in NEEDED else {}
         ends = {name: radians(angles) * getattr(self, name) for name in self.given(*END_RATES)}
-        if self.kind in NEEDED:
-            more.setdefault("max_rate", None)
-        return LAWS[self.kind](**more, **ends)
+        return LAWS[self.kind](**{"max_rate": None} | limits | ends, duration=self.duration)
 
 
 class BodyPart(Part):
     """The inertia and the torque limit of the body."""
 
-    inertia: Positive | Vector | list[Vector] = key(
-        "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
-        values="a positive number, three positive numbers, or three rows of three numbers",
-    )
-    max_torque: Positive | Vector | None = key(
-        "limit on the torque [N m], for the norm or for each component in body axes; to satisfy it, the slew is slowed "
-        "down",
+    inertia: Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
+    max_torque: Positive | PositiveVector | None = key(
+        "limit on the torque, for the norm or for each component in body axes; to satisfy it, the slew is slowed down",
         None,
-        values="a positive number, or three positive numbers",
+        values="one or three positive finite numbers [N m]",
     )
-
-    def _faults(self) -> Iterator[str]:
-        try:
-            inertia_matrix(self.inertia)
-        except ValueError as error:
-            raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
-        if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            yield f"the key 'max_torque' has the value {self.max_torque!r}, but must be positive [N m]"
 
 
 class SlewPart(Part):
@@ -152,30 +130,29 @@ class SlewPart(Part):
         """Return all attitudes in order of time, by the names of their tables."""
         return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
 
-    def program(self, angles: str, strict: bool = False) -> EulerTurn | SlewSequence:
+    def program(self, angles: str) -> EulerTurn | SlewSequence:
         """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
 
-        If the slew has a duration or end rates, its limits are checked here only if `strict` is true; otherwise the
-        caller checks them.
+        A slew with a duration or end rates is not slowed down, and may violate its limits.
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """
-        attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
-        program, law = self._within(attitudes, angles), self.law
-        with naming("" if strict else "[law]: "):
-            if strict and law.limits(angles) and law.duration is not None:
-                limited = law.law(angles, limited=True)
-                for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
-                    limited.profile(angle)  # raises an error that names the limits
-            body = self.body
-            if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
+        attitudes, body = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()]), self.body
+        with naming("[law]: "):
+            law = self.law.law(angles)
+            program = SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
+            if body is None or body.max_torque is None or self.law.given(*FIXED):
                 return program
             return within_torque(program, body.inertia, body.max_torque)
 
-    def _within(self, attitudes: np.ndarray, angles: str) -> EulerTurn | SlewSequence:
-        with naming("[law]: "):
-            law = self.law.law(angles)
-            return SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
+    def program_within_limits(self, angles: str) -> EulerTurn | SlewSequence:
+        """Return the program, or raise a ValueError if it violates its limits."""
+        program, body = self.program(angles), self.body
+        if self.law.given(*FIXED):
+            verdict = judge_slew(program, self.law.limits(angles), body and body.inertia, body and body.max_torque)
+            if not verdict.met:
+                raise ValueError(verdict.result)
+        return program
 
 
 class SlewScenario(NamedPart, SlewPart):
