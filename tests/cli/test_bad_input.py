@@ -1,11 +1,16 @@
 """Bad input: one message, exit code 2, nothing written, no traceback."""
 
+import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import qtraj as qt
+
 DATA = Path(__file__).parents[1] / "data"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 STATES = """
 [start]
@@ -265,7 +270,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     [
         ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
         ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
-        ("slew", "to use it with `qtraj tune`, `qtraj evaluate` and `qtraj retime`, write a .toml file"),
+        ("slew", "`qtraj route` and `qtraj retime` read recordings; for other commands, write a .toml file"),
     ],
 )
 def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
@@ -286,7 +291,8 @@ def test_a_recording_is_known_by_what_it_holds(qtraj, tmp_path, text, name):
     (tmp_path / name).write_text(text)
     result = qtraj("tune", tmp_path / name, "--out", tmp_path / "out")
     assert result.exit_code == 2
-    assert f'{name}: this is a recording, not a scenario: write a .toml file with file = "{name}"' in result.stderr
+    assert f"{name}: this is a recording, not a scenario" in result.stderr
+    assert f'write a .toml file with file = "{name}" under [track]' in result.stderr
 
 
 def test_a_scenario_with_a_fault_among_numbers_is_no_recording(qtraj, tmp_path):
@@ -299,7 +305,33 @@ def test_a_saved_path_has_nothing_to_tune_for(qtraj, folder):
     file.write_text('format = "qtraj/1"\ntype = "SpiralHelix"\n')
     result = qtraj("tune", file, "--out", folder / "out")
     assert result.exit_code == 2
-    assert "this is a saved path, which has no limits" in result.stderr
+    assert "this is a saved SpiralHelix, not a scenario" in result.stderr
+    assert "to tune a path, write a scenario with path = 'path.toml' and [limits]" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["tune", "evaluate", "retime"])
+def test_a_missing_json_file_is_named(qtraj, tmp_path, command):
+    result = qtraj(command, tmp_path / "missing.json", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "missing.json: No such file or directory" in result.stderr
+
+
+def test_a_description_does_not_make_a_scenario_a_saved_object(qtraj, tmp_path):
+    (tmp_path / "s.toml").write_text(f"description = '''\nformat = old\n'''\n{STATES}")
+    assert qtraj("evaluate", tmp_path / "s.toml", "--samples", 3).exit_code == 0
+
+
+def test_a_recording_without_a_known_suffix_is_a_drive(qtraj, tmp_path):
+    (tmp_path / "drive.txt").write_bytes((EXAMPLES / "drive.csv").read_bytes())
+    result = qtraj("route", tmp_path / "drive.txt", "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["certificate"] is None
+
+
+def test_a_route_for_another_command_is_recognised(qtraj, tmp_path):
+    result = qtraj("tune", EXAMPLES / "bus_route.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "this is a scenario for `qtraj route` and `qtraj retime`" in result.stderr
 
 
 def test_a_stored_document_that_is_no_path(qtraj, folder):
@@ -328,3 +360,14 @@ def test_bad_arguments(qtraj, tmp_path, monkeypatch, arguments):
     assert result.stdout == ""
     assert "Usage" in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(qtraj, tmp_path):
+    """Not a traceback after the files are written."""
+    (tmp_path / "path.toml").write_text((EXAMPLES / "helix.toml").read_text())
+    path = qt.load(tmp_path / "path.toml")
+    huge = qt.SpiralHelix(path.radius, [0.0, 1e308], path.height, path.duration, path.placement)
+    huge.save(tmp_path / "path.toml")
+    result = qtraj("evaluate", tmp_path / "path.toml", "--samples", 3, "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert None in np.asarray(json.loads(result.stdout)["columns"]["position"]).ravel().tolist()

@@ -165,6 +165,14 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_missing_plotly_is_told(qtraj, results, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "plotly.offline", None)
+    result = qtraj("report", results, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "pip install 'qtraj[viz]'" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def axes_of_page(file):
     return [arrow["symbol"] for arrow in data(file)["arrows"]]
 

@@ -102,11 +102,13 @@ def test_a_saved_path_is_retimed_and_its_shape_is_checked(qtraj, default, tmp_pa
     ("options", "message"),
     [
         (["--limit", "speed"], "--limit needs NAME=VALUE, such as speed=13.9, but 'speed' was given"),
+        (["--limit", "speed=3", "--limit", "speed=4"], "--limit speed was given more than once"),
         (["--limit", "spead=3"], "unknown limit 'spead'; the limits are curvature"),
-        (["--limit", "speed=-3"], "the limit speed must be"),
-        (["--limit", "friction=0.5"], "vehicle"),
+        (["--limit", "speed=-3"], "the key 'limits.speed' has the value -3.0: expected a positive finite number [m/s]"),
+        (["--limit", "friction=0.5"], "limits.friction needs a vehicle: add a table [vehicle] with the mass"),
         (["--limit", "angular_acceleration=1"], "does not support a limit on angular_acceleration"),
         (["--knots", 100], "power of two"),
+        (["--knots", 2**40], "knots must be a power of two from 16 to 16384"),
         (["--start-speed", -1], "at least 0"),
     ],
 )
@@ -123,7 +125,10 @@ RECORDING = '[track]\nfile = "drive.csv"\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[limits]\nspeed = 9\n[retime]\nknots = 100\n", "but must be a power of two, at least 16"),
+        (
+            "[limits]\nspeed = 9\n[retime]\nknots = 100\n",
+            "[retime]: knots must be a power of two from 16 to 16384, such as 512, but 100 was given",
+        ),
         ("[limits]\nspeed = 9\n[retime]\nstart_speed = -1\n", "expected a finite number, 0 or more [m/s]"),
         ("[limits]\nspeed = 9\n[retime]\nshape = 'line'\n", "expected 'route' or 'spiral-helix'"),
         ("[limits]\nspeed = 9\n[retime]\nshape = 'route'\n[fit]\nmotion = 'hermite'\n", "unknown key 'fit.motion'"),
@@ -151,17 +156,17 @@ def test_the_keys_decide_on_the_shape_fitted_to_a_recording(tmp_path):
     }
     for text, kind in kinds.items():
         (tmp_path / "s.toml").write_text(RECORDING + limits + text)
-        task = retiming(read_retiming(tmp_path / "s.toml"), {"jerk": 2.0})
+        task = retiming(read_retiming(tmp_path / "s.toml", {"jerk": 2.0}), {})
         assert isinstance(task.path, kind)
         assert task.tuning is None
         assert set(task.limits.given()) == {"speed", "jerk"}
-    task = retiming(read_retiming(tmp_path / "drive.csv"), {"speed": 5.0})
+    task = retiming(read_retiming(tmp_path / "drive.csv", {"speed": 5.0}), {})
     assert isinstance(task.path, qt.Route)
     (tmp_path / "s.toml").write_text(RECORDING + limits + "[retime]\nstop_speed = 0\nstop_distance = 0.1\n")
-    own = read_retiming(tmp_path / "s.toml").scenario.retime
+    own = read_retiming(tmp_path / "s.toml", {}).scenario.retime
     assert (own.stop_speed, own.stop_distance) == (0.0, 0.1)
     (tmp_path / "s.toml").write_text(RECORDING + limits + "[tune]\ntube = 0.3\n")
-    assert retiming(read_retiming(tmp_path / "s.toml"), {}).tuning is not None
+    assert retiming(read_retiming(tmp_path / "s.toml", {}), {}).tuning is not None
 
 
 @pytest.mark.slow

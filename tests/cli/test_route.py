@@ -170,7 +170,7 @@ def test_a_damaged_compressed_recording_is_refused(qtraj, tmp_path):
 def test_other_commands_name_it_for_recordings(qtraj, tmp_path):
     result = qtraj("tune", recording(tmp_path / "drive.csv"))
     assert result.exit_code == 2
-    assert "`qtraj route` reads a whole recording" in result.stderr
+    assert "`qtraj route` and `qtraj retime` read recordings" in result.stderr
 
 
 @pytest.mark.slow

@@ -96,7 +96,10 @@ BAD = {
     ),
     "a saved program": (
         "format = 'qtraj/1'\ntype = 'EulerTurn'\n",
-        ["this is a saved EulerTurn, not a scenario", "for a saved program, use `qtraj simulate`"],
+        [
+            "this is a saved EulerTurn, not a scenario",
+            "to simulate a program, write a scenario with file = 'scenario.toml' in [program]",
+        ],
     ),
     "a scenario of simulate": (
         KINDS["loop"].embedded.read_text(encoding="utf-8"),

@@ -128,6 +128,21 @@ def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):
         read(STATES.replace("position = [12", "positon = [12") + "[limits]\nspeed = -1\n")
 
 
+@pytest.mark.parametrize(
+    "line", ["friction = [1.0, -1.0]", 'inertia = [1.0, 2.0, "x"]', "inertia = [1.0, 2.0]", "inertia = 'x'"]
+)
+def test_a_key_with_several_forms_counts_once(read, line):
+    with pytest.raises(ValueError, match=f"the key 'vehicle.{line[:7]}.*numbers") as error:
+        read(f"{STATES}[vehicle]\nmass = 1.0\n{line}\n")
+    assert " more)" not in str(error.value)
+
+
+def test_a_faulty_entry_is_named_and_its_key_counts_once(read):
+    text = STATES.replace("[12, 0.0, 0.0]", "[12, 'x', 'y']") + "[limits]\nspeed = -1\n"
+    with pytest.raises(ValueError, match=r"'start\.position\[1\]' has the value 'x': .* \(and 1 more\)$"):
+        read(text)
+
+
 def test_a_long_value_is_cut(read):
     with pytest.raises(ValueError, match="…: expected three finite") as error:
         read(STATES.replace("[12, 0.0, 0.0]", str(list(range(100)))))

@@ -59,16 +59,10 @@ def evaluate(
     from qtraj.foundation.plain import tabular
     from qtraj.io.dataset import table_dataset
     from qtraj.io.instants_csv import path_headers
-    from qtraj.path.channel import CHANNELS, provided
-    from qtraj.path.quantity import QUANTITIES
-    from qtraj.scenario.path import require_vehicle
     from qtraj.viz import result_files
 
     loaded, path, fitted, vehicle = _path(scenario)
-    for name in also:
-        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
-    available = provided(vehicle)
-    also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+    also = _additional_outputs(also, vehicle)
     times = instants(float(path.duration), samples, step)
     watch.say("evaluating")
     table = evaluated(
@@ -88,17 +82,33 @@ def evaluate(
     return Outcome(content, partial(_show, fitted=fitted), loaded, failed, writers)
 
 
+def _additional_outputs(also: list[str], vehicle: "Vehicle | None") -> list[str]:
+    """Return the outputs of the option --also, and the quantities of the vehicle.
+
+    **Raises:** ValueError if the vehicle lacks the data for an output.
+    """
+    from qtraj.path.channel import CHANNELS, provided
+    from qtraj.path.quantity import QUANTITIES
+    from qtraj.scenario.path import require_vehicle
+
+    for name in also:
+        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
+    available = provided(vehicle)
+    return [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+
+
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
     """Return the scenario of a file, its path, the fit of the path and the vehicle, or None for missing values.
 
     For a saved path, there is no scenario, fit or vehicle.
     """
-    from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.reader import read_scenario, saved_file
+    from qtraj.io.saved import saved_path
+    from qtraj.scenario.reader import read_input
 
-    if is_saved(file):
-        return saved_file(file), saved_path(file), None, None
-    loaded = read_scenario(file, "path")
+    given = read_input(file)
+    if given.is_saved:
+        return given.without_scenario(), saved_path(file), None, None
+    loaded = given.scenario("path")
     task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted, task.limits.vehicle
 

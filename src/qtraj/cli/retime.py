@@ -53,30 +53,17 @@ def retime(
     limit is not satisfied, the path does not fit its recording, the tuning fails, or an end speed cannot be reached.
     """
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic and xarray.
-    from qtraj.design.fitting.route_facts import facts_of
-    from qtraj.foundation.plain import plain
-    from qtraj.scenario.route import read_retiming
+    from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic
 
     limits = _limits(limit or [])
-    loaded = read_retiming(scenario)
+    loaded = read_retiming(scenario, limits)
     options = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
     options = {name: value for name, value in options.items() if value is not None}
     result = _found(loaded, limits, options, watch)
-    task, tuned, timed, certificate, profile = result
     watch.say("sampling")
-    content = {
-        "fit": facts_of(task.fitted),
-        "purpose": getattr(loaded.scenario, "purpose", {}),
-        "tuned": None if tuned is None else plain(tuned.record()),
-        "retimed": plain(timed.record()),
-        "certificate": plain(certificate.record()),
-        "profile": plain(profile.record()),
-        "result": timed.result,
-    }
-    solved = [x for x in (timed, certificate, tuned, task.fitted) if x is not None]
+    solved = [x for x in (result.timed, result.certificate, result.tuned, result.task.fitted) if x is not None]
     failed = not all(bool(x.successful) for x in solved)
-    return Outcome(content, partial(_show, result=result), loaded, failed, _files(loaded, result))
+    return Outcome(_content(loaded, result), partial(_show, result=result), loaded, failed, _files(loaded, result))
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -85,13 +72,15 @@ def _limits(texts: list[str]) -> dict[str, float]:
 
     limits = {}
     for text in texts:
-        name, _, number = text.partition("=")
-        try:
-            limits[name] = float(number)
-        except ValueError:
-            raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given") from None
+        name, _, value = text.partition("=")
+        if name in limits:
+            raise ValueError(f"--limit {name} was given more than once")
         if name not in QUANTITIES:
             raise ValueError(f"--limit: unknown limit {name!r}; the limits are {', '.join(QUANTITIES)}")
+        try:
+            limits[name] = float(value)
+        except ValueError:
+            raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given") from None
     return limits
 
 
@@ -105,7 +94,7 @@ class Found(NamedTuple):
     profile: "SpeedProfile"
 
 
-def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
+def _found(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
@@ -113,15 +102,34 @@ def _found(loaded: "ScenarioFile[Any]", more: dict[str, float], chosen: dict[str
 
     recorded = getattr(loaded.scenario, "track", None) is not None
     watch.say("fitting the recording" if recorded else "constructing the path")
-    task = retiming(loaded, more)
+    task = retiming(loaded, limits)
     own = {} if loaded.scenario is None else loaded.scenario.retime.model_dump(exclude={"shape"}, exclude_none=True)
     with naming(f"{loaded.file}: "):
-        watch.say("tuning")
-        tuned = None if task.tuning is None else task.tuning(watch.tuning)
+        tuned = None
+        if task.tuning is not None:
+            watch.say("tuning")
+            tuned = task.tuning(watch.tuning)
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")
         return Found(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
+
+
+def _content(loaded: "ScenarioFile[Any]", result: Found) -> dict[str, Any]:
+    """Return the result as JSON types."""
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import plain
+
+    task, tuned, timed, certificate, profile = result
+    return {
+        "fit": facts_of(task.fitted),
+        "purpose": getattr(loaded.scenario, "purpose", {}),
+        "tuned": None if tuned is None else plain(tuned.record()),
+        "retimed": plain(timed.record()),
+        "certificate": plain(certificate.record()),
+        "profile": plain(profile.record()),
+        "result": timed.result,
+    }
 
 
 def _files(loaded: "ScenarioFile[Any]", result: Found) -> "dict[str, Writer]":

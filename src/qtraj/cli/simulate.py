@@ -104,11 +104,7 @@ def simulate(
             "duration": float(task.program.duration),
         },
         "law": {"kind": loaded.scenario.law.kind} | gains_of(task.law),
-        "start": {
-            "quaternion": np.asarray(task.quaternion).tolist(),
-            "rate": np.asarray(task.rate).tolist(),
-            "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
-        },
+        "start": _start(task, history),
         "duration": float(task.times[-1]),
         **_actuator_limit(task.actuator),
         "verdict": plain(verdict.record()),
@@ -119,6 +115,15 @@ def simulate(
     }
     show = partial(_show, verdict=verdict, actuator=task.actuator)
     return Outcome(content, show, loaded, not content["finished"], _files(loaded, content, table, verdict))
+
+
+def _start(task: "LoopTask", history: "LoopHistory") -> dict[str, Any]:
+    """Return the initial attitude and rate, and whether the sign of the quaternion is the nearer one."""
+    return {
+        "quaternion": np.asarray(task.quaternion).tolist(),
+        "rate": np.asarray(task.rate).tolist(),
+        "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
+    }
 
 
 def _actuator_limit(actuator: "Actuator | None") -> dict[str, Any]:

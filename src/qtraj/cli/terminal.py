@@ -185,7 +185,7 @@ def guarded() -> Iterator[None]:
         raise
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
-    except ValueError as error:
+    except (ValueError, ModuleNotFoundError) as error:  # messages about missing packages say how to install them
         _fail(str(error))
     except OverflowError as error:
         _fail(f"a number is too large for the computation ({error})")

@@ -68,15 +68,9 @@ def tune(
     # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import plain
-    from qtraj.io.saved import is_saved
     from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
 
-    if scenario is not None and is_saved(scenario):
-        raise ValueError(
-            f"{scenario}: this is a saved path, which has no limits: write a scenario with path = '{scenario.name}' "
-            "and [limits]"
-        )
     loaded = read_scenario(scenario, "path")
     task, before, best = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
     change = compare_paths(task.path, best.path, (task.start, task.end))
@@ -89,16 +83,7 @@ def tune(
         "before": plain(before.record()),
         "tuned": plain(best.record()),
         "change": plain(change.record()),
-        "tuning": {
-            "objective": task.objective,
-            "motion": task.motion,
-            "method": task.part.method,
-            "options": task.part.options,
-            "fixed": list(task.part.fixed),
-            "bounds": {name: list(bounds) for name, bounds in task.part.ranges.items()},
-            "status": best.status,
-            "result": best.result,
-        },
+        "tuning": _tuning(task, best),
         "warning": warning,
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
@@ -128,6 +113,20 @@ def _tuned(
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
         return task, before, task.tuned(watch.tuning)
+
+
+def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
+    """Return the settings and the result of the tuning as JSON types."""
+    return {
+        "objective": task.objective,
+        "motion": task.motion,
+        "method": task.part.method,
+        "options": task.part.options,
+        "fixed": list(task.part.fixed),
+        "bounds": {name: list(bounds) for name, bounds in task.part.ranges.items()},
+        "status": best.status,
+        "result": best.result,
+    }
 
 
 def _dataset(

@@ -12,15 +12,6 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
 
 
-def is_saved(file: Path) -> bool:
-    """Return whether a file is a stored document of any class, and not a scenario."""
-    if file.suffix == ".json":
-        return True
-    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    first = next((k for k, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
-    return any(line.split("=")[0].strip() == "format" for line in lines[:first])  # keys before the first table
-
-
 def saved_path(file: Path) -> SpiralHelix:
     """Load a saved path, or the path in a saved result of `tune` or `fit`.
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
-from qtraj.io.saved import is_saved, saved_path, saved_program
+from qtraj.io.saved import saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
@@ -42,7 +42,7 @@ from qtraj.scenario.part import (
     radians,
 )
 from qtraj.scenario.path import lay
-from qtraj.scenario.reader import ScenarioFile, read_scenario
+from qtraj.scenario.reader import ScenarioFile, read_input
 from qtraj.scenario.slew import SlewPart
 
 MAX_SAMPLES = 100_000
@@ -231,8 +231,9 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
             return part.slew.program(angles, strict=True)
     if part.path is None:
         return saved_program(loaded.beside(str(part.file)))
-    file = loaded.beside(part.path)
-    return part.along(saved_path(file) if is_saved(file) else lay(read_scenario(file, "path")).path, frame, angles)
+    given = read_input(loaded.beside(part.path))
+    path = saved_path(given.file) if given.is_saved else lay(given.scenario("path")).path
+    return part.along(path, frame, angles)
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:

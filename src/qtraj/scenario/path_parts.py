@@ -9,6 +9,7 @@ from pydantic import Field
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
 from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
@@ -233,7 +234,7 @@ class RetimePart(Part):
         "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
         "minimum",
         512,
-        values="a power of two, at least 16",
+        values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
     stop_speed: Speed | None = key(
         "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
@@ -247,8 +248,8 @@ class RetimePart(Part):
     )
 
     def _faults(self) -> Iterator[str]:
-        if self.knots < 16 or self.knots & (self.knots - 1):
-            yield f"the key 'knots' has the value {self.knots}, but must be a power of two, at least 16"
+        require_knots(self.knots)
+        yield from ()
 
 
 @lru_cache(maxsize=8)

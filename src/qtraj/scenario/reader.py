@@ -1,26 +1,28 @@
 """Read scenario files; an error is one message with the file, the key, its value, and the expected value."""
 
+import copy
 import difflib
 import hashlib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from qtraj.foundation.toml_fault import quoted, syntax_fault
-from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
+from qtraj.foundation.untrusted import decoded, parse_json, parse_toml, read_bytes
 from qtraj.io.recording import is_recording
-from qtraj.scenario import KINDS, Kind
+from qtraj.scenario import KINDS
 
 HASH_DIGITS = 16
 LIKE = 0.7
 """Minimum similarity, from 0 to 1, of a suggested key; 'duration' and 'acceleration' have a similarity of 0.6."""
 
-PATHS = ("track", "start", "path")
-"""Keys of which a path scenario contains at least one, although each of them is optional."""
+RECORDING_START = 2**16
+"""Number of bytes at the start of a file by which a recording is recognised."""
 
 S = TypeVar("S", bound=BaseModel)
 
@@ -54,41 +56,95 @@ class ScenarioFile(Generic[S]):
         return {name: text for name, text in facts.items() if text} | {"scenario_file": self.file.name}
 
 
-def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
-    """Read the scenario in a TOML file, or the built-in scenario if `file` is None.
+@dataclass(frozen=True)
+class InputFile:
+    """The content of a file, which is a scenario, a saved object or a recording.
 
-    `kind`: the name of a kind in `qtraj.scenario.KINDS`.
-
-    **Raises:** OSError if the file cannot be read. ValueError if the file is not a valid scenario of this kind: the
-    message names the file and either the line and column of a syntax error, or the key with its value and the expected
-    value, or the command that reads such a file.
+    `data`: the parsed document; for a recording, a scenario with this recording. `hash`: as in `ScenarioFile`.
     """
-    entry = KINDS[kind]
-    path = entry.embedded if file is None else Path(file)
-    content = read_bytes(path)
-    if is_recording(path):
-        raise ValueError(f"{path}: {_recorded(path, entry)}")
-    data = _parse(path, content, entry)
-    renamed = {old: new for old, new in entry.renamed.items() if _rename(data, old.split("."), new)}
-    try:
-        scenario = entry.model.model_validate(data)
-    except ValidationError as error:
-        text = _misplaced(data, entry) or explain(error, entry.model)
-        for old, new in renamed.items():
-            text = text.replace(new, old)  # show the names in the user's file
-        raise ValueError(f"{path}: {text}") from None
-    warnings = (f"{path}: '{old}' is now '{new}'" for old, new in renamed.items())
-    return ScenarioFile(path, scenario, content_hash(content), tuple(warnings))
+
+    file: Path
+    hash: str
+    data: dict[str, Any]
+    is_recording: bool = False
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file contains a saved object."""
+        return "format" in self.data and "type" in self.data
+
+    def without_scenario(self) -> ScenarioFile[Any]:
+        """Return the file of a saved object."""
+        return ScenarioFile(self.file, None, self.hash)
+
+    def scenario(
+        self,
+        kind: str,
+        limits: Mapping[str, float] = MappingProxyType({}),
+        recording: bool = False,
+        others: Iterable[str] = KINDS,
+    ) -> ScenarioFile[Any]:
+        """Return the file with its scenario; `limits` replace limits of the scenario, or are added to them.
+
+        `kind`: the name of a kind in `qtraj.scenario.KINDS`. `recording`: whether a recording is allowed. `others`:
+        other kinds, which an error message mentions if they have more of the keys.
+
+        **Raises:** ValueError if the file is not a valid scenario of this kind: the message names the file and either
+        the key with its value and the expected value, or the command that reads such a file.
+        """
+        entry = KINDS[kind]
+        if self.is_saved or self.is_recording > recording:
+            raise ValueError(f"{self.file}: {self._described()}")
+        data = copy.deepcopy(self.data)
+        renamed = {old: new for old, new in entry.renamed.items() if _rename(data, old.split("."), new)}
+        if limits and isinstance(own := data.setdefault("limits", {}), dict):
+            own |= limits
+        try:
+            scenario = entry.model.model_validate(data)
+        except ValidationError as error:
+            nearest = nearest_kind(data, (kind, *others))
+            if nearest != kind:
+                raise ValueError(f"{self.file}: this is a scenario for {KINDS[nearest].title}") from None
+            text = explain(error, entry.model)
+            for old, new in renamed.items():
+                text = text.replace(new, old)  # show the names in the user's file
+            raise ValueError(f"{self.file}: {text}") from None
+        warnings = (f"{self.file}: '{old}' is now '{new}'" for old, new in renamed.items())
+        return ScenarioFile(self.file, scenario, self.hash, tuple(warnings))
+
+    def _described(self) -> str:
+        """Return the message for a recording or a saved object that was passed instead of a scenario."""
+        name = self.file.name
+        if self.is_recording:
+            return (
+                "this is a recording, not a scenario: `qtraj route` and `qtraj retime` read recordings; for other "
+                f'commands, write a .toml file with file = "{name}" under [track], and with [limits]'
+            )
+        return (
+            f"this is a saved {self.data['type']}, not a scenario: `qtraj evaluate` and `qtraj retime` read saved "
+            f"paths; to tune a path, write a scenario with path = '{name}' and [limits]; to simulate a program, write "
+            f"a scenario with file = '{name}' in [program]"
+        )
 
 
-def saved_file(file: Path) -> ScenarioFile[Any]:
-    """Return a saved document as a file without a scenario."""
-    return ScenarioFile(file, None, content_hash(read_bytes(file)))
+def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
+    """Read the scenario in a file, or the built-in scenario of its kind if `file` is None.
+
+    **Raises:** The errors of `read_input` and `InputFile.scenario`.
+    """
+    return read_input(KINDS[kind].embedded if file is None else Path(file)).scenario(kind)
 
 
-def content_hash(content: bytes) -> str:
-    """Return the first 16 hexadecimal digits of the SHA-256 of a file's bytes."""
-    return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]
+def read_input(file: Path) -> InputFile:
+    """Read a file and determine whether it is a recording; otherwise, parse its TOML or JSON.
+
+    **Raises:** OSError if the file cannot be read; ValueError, which names the file, for a syntax error.
+    """
+    content = read_bytes(file)
+    start = content[:RECORDING_START].decode(errors="replace")
+    recording = is_recording(file, start)
+    data = {"track": {"file": file.name}} if recording else _parsed(file, decoded(file, content))
+    return InputFile(file, hashlib.sha256(content).hexdigest()[:HASH_DIGITS], data, recording)
 
 
 def _rename(data: Any, old: Sequence[str], new: str) -> bool:
@@ -103,54 +159,48 @@ def _rename(data: Any, old: Sequence[str], new: str) -> bool:
     return True
 
 
-def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
-    text = decoded(path, content)
+def _parsed(file: Path, text: str) -> dict[str, Any]:
+    is_json = file.suffix == ".json"
     try:
-        return parse_toml(text)
+        data = parse_json(text) if is_json else parse_toml(text)
     except tomllib.TOMLDecodeError as error:
-        if is_recording(path, text):
-            raise ValueError(f"{path}: {_recorded(path, kind)}") from None
-        raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None
+        raise ValueError(f"{file}: not valid TOML: {syntax_fault(text, error)}") from None
     except ValueError as error:
-        raise ValueError(f"{path}: not a scenario: {error}") from None
-
-
-def _misplaced(data: Mapping[str, Any], kind: Kind) -> str | None:
-    """Return the message for a file that is a saved object or a scenario of another kind, otherwise None."""
-    if "format" in data and "type" in data:
-        return (
-            f"this is a saved {data['type']}, not a scenario: for a saved program, use `qtraj simulate` with file = "
-            "'its name' in [program]; for a saved path, use `qtraj evaluate`"
+        raise ValueError(f"{file}: not {'valid JSON' if is_json else 'a scenario'}: {error}") from None
+    if is_json and not (isinstance(data, dict) and "format" in data):
+        raise ValueError(
+            f"{file}: not a saved object, which has the keys 'format' and 'type'; scenarios are TOML files"
         )
-    fitting = [other for other in KINDS.values() if _fits(data, other)]
-    return None if kind in fitting or not fitting else f"this is a scenario for {fitting[0].title}"
+    return data
 
 
-def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
-    fields = kind.model.model_fields
-    needed = {name for name, field in fields.items() if field.is_required()}
-    whole = kind is not KINDS["path"] or any(name in data for name in PATHS)
-    return whole and needed <= data.keys() <= fields.keys()
+def nearest_kind(data: Mapping[str, Any], kinds: Iterable[str]) -> str:
+    """Return the kind of scenario with the fewest unknown keys in `data`; the first such kind if there are several."""
+    return min(kinds, key=lambda kind: _count_unknown(data, KINDS[kind].model))
 
 
-def _recorded(file: Path, kind: Kind) -> str:
-    """Return the message for a recording that was passed instead of a scenario of this kind."""
-    what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
-    if kind is KINDS["path"]:
-        return f"{what}: write a .toml file with {table}, and with [limits]; `qtraj route` reads a whole recording"
-    return f"{what}: to use it with {KINDS['path'].title}, write a .toml file with {table}"
+def _count_unknown(data: Mapping[str, Any], model: type[BaseModel]) -> int:
+    try:
+        model.model_validate(data)
+    except ValidationError as error:
+        return sum(fault["type"] == "extra_forbidden" for fault in error.errors(include_url=False))
+    return 0
 
 
 class Place(NamedTuple):
-    """The place of a fault: the keys, the model of the table with the last key, and the valid values of this key."""
+    """The place of a fault: the keys, the model of the table with the last key, and the valid values of this key.
 
-    keys: Sequence[int | str]
+    `entry`: the indices of a faulty entry in the value of the last key.
+    """
+
+    keys: tuple[int | str, ...]
     table: type[BaseModel]
     expected: str
+    entry: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         text = ""
-        for step in self.keys:
+        for step in self.keys + self.entry:
             text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
         return text
 
@@ -159,7 +209,7 @@ def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """Return the message for a validation error of a `root` model: the first error and a count of other faulty keys."""
     faults = error.errors(include_url=False)
     first = min(faults, key=lambda fault: fault["type"] == "missing")  # report a misspelt key before a missing key
-    keys = {str(_place(fault["loc"], root)) for fault in faults}
+    keys = {_place(fault["loc"], root).keys for fault in faults}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     return f"{_fault(dict(first), root)}{more}"
 
@@ -187,7 +237,9 @@ def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
     """Return the place at a location, without the steps added by pydantic, such as the member of a union or '[key]'."""
     place, model = Place((), root, "another value"), root
     for step in location:
-        if isinstance(step, int):
+        if isinstance(step, int) and model is None:
+            place = place._replace(entry=(*place.entry, step))
+        elif isinstance(step, int):
             place = place._replace(keys=(*place.keys, step))
         elif model is not None:
             field = model.model_fields.get(step)

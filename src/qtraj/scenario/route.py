@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,17 +16,16 @@ from qtraj.design.tuning_route.tune_route import require_suitable
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
-from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
-from qtraj.io.recording import is_recording
-from qtraj.io.saved import is_saved, saved_hodograph
+from qtraj.io.saved import saved_hodograph
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.track import Track
-from qtraj.scenario import DATA
+from qtraj.scenario import DATA, KINDS
 from qtraj.scenario.part import Counts, Metres, NamedPart, Part, Positive, Seconds, Text, key
 from qtraj.scenario.path import LimitsPart, VehiclePart, lay, limits_with, require_limits
 from qtraj.scenario.path_parts import RetimePart, TrackPart
-from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario, saved_file
+from qtraj.scenario.reader import ScenarioFile, nearest_kind, read_input
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""
@@ -130,10 +129,7 @@ def read_route(file: Path | None) -> ScenarioFile[Any]:
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not a valid
     scenario or recording.
     """
-    if file is None or not is_recording(file):
-        return read_scenario(file, "route")
-    scenario = RouteScenario(track=TrackPart(file=file.name))
-    return ScenarioFile(file, scenario, content_hash(read_bytes(file)))
+    return read_input(KINDS["route"].embedded if file is None else file).scenario("route", recording=True)
 
 
 def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
@@ -165,67 +161,42 @@ class RetimeTask:
     tuning: Callable[[Report], Any] | None = None
 
 
-def read_retiming(file: Path | None) -> ScenarioFile[Any]:
+def read_retiming(file: Path | None, limits: Mapping[str, float]) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
 
-    For a saved path, the field `scenario` of the result is None.
+    `limits` replace limits of the scenario, or are added to them. For a saved path, the field `scenario` of the result
+    is None.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not valid.
     """
-    if file is None:
-        return read_scenario(EMBEDDED, "path")
-    if is_recording(file):
-        return read_route(file)
-    if is_saved(file):
-        return saved_file(file)
-    first, *others = _kinds(file)
-    try:
-        return read_scenario(file, first)
-    except ValueError:
-        for kind in others:
-            try:
-                return read_scenario(file, kind)
-            except ValueError:
-                continue
-        raise
+    given = read_input(EMBEDDED if file is None else file)
+    if given.is_saved:
+        return given.without_scenario()
+    part = given.data.get("retime")
+    shape = str(part.get("shape")) if isinstance(part, dict) else ""
+    kinds = SHAPES.get(shape, ("route", "path")) if "track" in given.data else ("path",)
+    return given.scenario(nearest_kind(given.data, kinds), limits, recording=True, others=("slew", "loop"))
 
 
-def _kinds(file: Path) -> tuple[str, ...]:
-    """Return the possible kinds of a scenario: two if it has a [track] but no valid `retime.shape`, otherwise one."""
-    try:
-        data = parse_toml(decoded(file, read_bytes(file)))
-    except ValueError:  # `read_scenario` describes the fault
-        return ("path",)
-    if "track" not in data:
-        return ("path",)
-    part = data.get("retime")
-    return SHAPES.get(str(part.get("shape")) if isinstance(part, dict) else "", ("route", "path"))
-
-
-def with_limits(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> ScenarioFile[Any]:
-    """Return the scenario with the additional limits `more`, which replace its own limits with the same names.
-
-    **Raises:** ValueError for a limit that is not positive, or that needs a vehicle that the scenario does not have.
-    """
-    if not more or loaded.scenario is None:
-        return loaded
-    vehicle = loaded.scenario.vehicle
-    Limits(**more, vehicle=None if vehicle is None else vehicle.vehicle())
-    limits = LimitsPart(**loaded.scenario.limits.limits() | dict(more))
-    return replace(loaded, scenario=loaded.scenario.model_copy(update={"limits": limits}))
-
-
-def retiming(loaded: ScenarioFile[Any], more: Mapping[str, float]) -> RetimeTask:
+def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RetimeTask:
     """Return the task of a scenario; it includes the tuning of the path if the scenario has a table [tune].
 
-    The limits `more` are added to the limits of the scenario, and replace its limits with the same names.
+    `limits`: the limits for a saved path, which has no scenario.
 
     **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if the data do not define a
     path.
     """
     if loaded.scenario is None:
-        return RetimeTask(saved_hodograph(loaded.file), Limits(**more, vehicle=None))
-    loaded = with_limits(loaded, more)
+        return RetimeTask(saved_hodograph(loaded.file), _without_vehicle(limits, loaded.file.name))
     task = fit_recording(loaded) if isinstance(loaded.scenario, RouteScenario) else lay(loaded)
     tuned = task.tuned if "tune" in loaded.scenario.model_fields_set and task.limits else None
     return RetimeTask(task.path, task.limits or Limits(), task.track, task.fitted, tuned)
+
+
+def _without_vehicle(limits: Mapping[str, float], name: str) -> Limits:
+    if needs := [limit for limit in limits if QUANTITIES[limit].needs_vehicle]:
+        raise ValueError(
+            f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "
+            f"'{name}', [vehicle] and [limits]"
+        )
+    return Limits(**limits, vehicle=None)

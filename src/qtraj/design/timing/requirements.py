@@ -10,6 +10,9 @@ from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import QUANTITIES
 
+MIN_KNOTS, MAX_KNOTS = 16, 2**14
+"""Smallest and largest number of cells between two stops; with more cells, rounding errors prevent convergence."""
+
 
 def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     """Return the names of the limits, or raise an error if they cannot be used or cannot bound the speed.
@@ -34,8 +37,10 @@ def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 
 def require_knots(knots: int) -> None:
     """Raise an error if `knots` is not a possible number of cells."""
-    if not isinstance(knots, int) or knots < 16 or knots & (knots - 1):
-        raise ValueError(f"knots must be a power of two and at least 16, such as 512, but {knots!r} was given")
+    if not isinstance(knots, int) or not MIN_KNOTS <= knots <= MAX_KNOTS or knots & (knots - 1):
+        raise ValueError(
+            f"knots must be a power of two from {MIN_KNOTS} to {MAX_KNOTS}, such as 512, but {knots!r} was given"
+        )
 
 
 def require_stop(speed: float | None, distance: float) -> tuple[float | None, float]:

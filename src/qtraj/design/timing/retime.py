@@ -82,7 +82,7 @@ def retime(
     and accelerations bound it only if a speed is given at one end, and power only if `start_speed` is given.
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
-    a negative speed, `knots` that is not a power of two or less than 16, float32, a path whose velocity is zero at an
+    a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path whose velocity is zero at an
     instant, and a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming
     fails.
     """

@@ -268,7 +268,7 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
     if c.jerk is not None:
         # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
         steepest = jnp.max(c.jerk[5])
-        typical = jnp.where(steepest > 0, jnp.cbrt(count**4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
+        typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
         highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
         highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
