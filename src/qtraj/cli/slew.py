@@ -70,25 +70,21 @@ def slew(
         "notes": _notes(part, verdict),
         **tabular(table),
     }
-    writers = _files(loaded, program, limits, table, drawn.record(), verdict.result)
+    writers = _files(loaded, program, verdict, table, drawn.record())
     return Outcome(content, partial(_show, verdict=verdict), loaded, not verdict.met, writers)
 
 
 def _files(
-    loaded: "ScenarioFile[SlewScenario]",
-    program: Any,
-    limits: dict[str, float],
-    table: "Record",
-    drawn: "Record",
-    result: str,
+    loaded: "ScenarioFile[SlewScenario]", program: Any, verdict: "SlewVerdict", table: "Record", drawn: "Record"
 ) -> "dict[str, Writer]":
     """Return the writers of the files: the program, its `table`, and a figure of the finer table `drawn`."""
     from qtraj.foundation.record import to_dataset
     from qtraj.viz import result_files
     from qtraj.viz.figures import slew_figure  # imported after the computation, because matplotlib is slow to import
 
-    about = loaded.provenance() | {"law": loaded.scenario.law.kind, "result": result}
-    dataset, body = to_dataset(table, about), loaded.scenario.body
+    law, body, angles = loaded.scenario.law, loaded.scenario.body, loaded.scenario.angles
+    about = loaded.provenance() | {"law": law.kind, "result": verdict.result}
+    dataset, limits = to_dataset(table, about), law.limits(angles)
     bounds = {**limits, "max_torque": None if body is None else body.max_torque}
     for name, column in BOUNDED.items():
         if bounds.get(name) is not None:

@@ -18,8 +18,6 @@ from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
-    from xarray import Dataset
-
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.tuning.outcome import Tuned
     from qtraj.foundation.folder import Writer
@@ -74,22 +72,20 @@ def tune(
     loaded = read_scenario(scenario, "path")
     task, before, best = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
     change = compare_paths(task.path, best.path, (task.start, task.end))
-    warning = change.warning and f"{change.warning} {CAUSES}"
-    dataset = _dataset(loaded, task, before, best, warning, frame or FrameName.upright)
     content = {
         "fit": facts_of(task.fitted),
-        "frame": dataset.attrs["frame"],
+        "frame": (frame or FrameName.upright).value,
         "purpose": loaded.scenario.purpose,
         "before": plain(before.record()),
         "tuned": plain(best.record()),
         "change": plain(change.record()),
         "tuning": _tuning(task, best),
-        "warning": warning,
+        "warning": change.warning and f"{change.warning} {CAUSES}",
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
     show = partial(_show, task=task, before=before, best=best, change=change)
-    return Outcome(content, show, loaded, not met, _files(dataset, best))
+    return Outcome(content, show, loaded, not met, _files(loaded, content, task, before, best))
 
 
 def _tuned(
@@ -129,35 +125,25 @@ def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
     }
 
 
-def _dataset(
-    loaded: "ScenarioFile[Any]",
-    task: "PathTask",
-    before: "Certificate",
-    best: "Tuned",
-    warning: str | None,
-    frame: FrameName,
-) -> "Dataset":
-    """Return the dataset of the original and the tuned path."""
-    from qtraj.io.dataset import path_dataset
-
-    tuning = {"objective": task.objective, "motion": task.motion, "status": best.status, "result": best.result}
-    tuning |= {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-    return path_dataset(
-        {"before": task.path, "after": best.path},
-        task.limits,
-        task.track,
-        attributes=loaded.provenance() | {f"tuning_{name}": text for name, text in tuning.items() if text},
-        fitted=task.fitted,
-        frame=frame.frame(),
-        findings={"before": before, "after": best.certificate},
-    )
-
-
-def _files(dataset: "Dataset", best: "Tuned") -> "dict[str, Writer]":
+def _files(
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], task: "PathTask", before: "Certificate", best: "Tuned"
+) -> "dict[str, Writer]":
     """Return the writers of the files."""
+    from qtraj.io.dataset import path_dataset
     from qtraj.viz import result_files
     from qtraj.viz.figures import tuning_figure  # imported after the computation, because matplotlib is slow to import
 
+    about = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
+    about |= {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": content["warning"]}
+    dataset = path_dataset(
+        {"before": task.path, "after": best.path},
+        task.limits,
+        task.track,
+        attributes=loaded.provenance() | {f"tuning_{name}": text for name, text in about.items() if text},
+        fitted=task.fitted,
+        frame=FrameName(content["frame"]).frame(),
+        findings={"before": before, "after": best.certificate},
+    )
     return {
         **result_files.netcdf("paths.nc", dataset),
         **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
