@@ -220,3 +220,35 @@ def test_traced_cells_of_different_lengths_are_not_proved():
     assert status(np.linspace(0.0, 20.0, 17)) == {"curvature": "proved", "speed": "proved"}
     assert status(np.append(np.linspace(0.0, 18.0, 16), 20.0)) == {"curvature": "proved", "speed": "sampled"}
     assert status(np.linspace(0.0, 19.0, 17)) == {"curvature": "undecided", "speed": "sampled"}
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_batch_of_paths_with_one_vehicle(count):
+    corner = qt.SpiralHelix.hermite(
+        qt.BoundaryState([30.0, 0, 0], [0, 10.0, 1]), qt.BoundaryState([0, 45.0, 8], [-12.0, 2, 0]), 6.0
+    )
+    car = qt.Vehicle(1500.0, drag_area=0.7, rolling_resistance=0.012, friction=(1.0, 0.4), bank=0.05)
+    limits = qt.Limits(friction=0.9, power=1e5, vehicle=car)
+    paths = jax.vmap(lambda k: qt.SpiralHelix(corner.radius * k, corner.angle, corner.height, corner.duration))(
+        jnp.linspace(1.0, 1.2, count)
+    )
+    timed = jax.vmap(lambda path: qt.retime(path, limits, start_speed=0.0, knots=64).path)(paths)
+    together = qt.certify(timed, limits)
+    for k in range(count):
+        alone = qt.certify(jax.tree.map(lambda x, k=k: x[k], timed), limits)
+        np.testing.assert_array_equal(together.codes[k], alone.codes)
+        np.testing.assert_allclose(together.values[k], alone.values, rtol=1e-9)
+
+
+def test_traced_limits_of_a_retimed_route():
+    t, speed = np.array([0.0, 2, 4, 6]), 8.0
+    sine, cosine, zero = np.sin(0.3 * t), np.cos(0.3 * t), 0 * t
+    route = qt.Route(
+        t,
+        np.stack([speed * t, 3 * sine, zero], 1),
+        np.stack([speed + zero, 0.9 * cosine, zero], 1),
+        np.stack([zero, -0.27 * sine, zero], 1),
+    )
+    timed = qt.retime(route, qt.Limits(speed=10.0, lateral_acceleration=2.0), knots=64)
+    codes = jax.jit(lambda speed: qt.certify(timed.path, qt.Limits(speed=speed)).codes)(10.1)
+    np.testing.assert_array_equal(codes, qt.certify(timed.path, qt.Limits(speed=10.1)).codes)

@@ -107,3 +107,21 @@ def test_a_hill_that_is_too_steep_for_the_tyres_is_reported():
     assert not timed.converged
     assert timed.certificate.unmet == ["speed", "friction"]
     assert "too steep" in timed.result
+
+
+def test_an_allowed_power_is_not_slowed_down():
+    """The vehicle brakes uphill, so a slower timing needs more power."""
+    path = qt.SpiralHelix(
+        [158.79335026771994, -3.8055770043342525, 0.30513911640229435, -0.0051013976383950535],
+        [0.0, 0.04995980379798592, 0.00022001746453334355, -3.2343619013662055e-06],
+        [0.0, 0.2635514475016157, -0.006196227524822687, -4.334406668184203e-05],
+        29.289869239160026,
+    )
+    friction = (0.667770463229527, 0.8801657043906912)
+    truck = qt.Vehicle(
+        18208.13245228006, drag_area=0.294, rolling_resistance=0.0011049365132776566, friction=friction, bank=-0.0815200
+    )
+    limits = qt.Limits(speed=12.913592046655996, friction=0.5220001008331523, power=5927.955765836861, vehicle=truck)
+    timed = qt.retime(path, limits, knots=64)
+    assert timed.successful
+    assert timed.certificate.holds

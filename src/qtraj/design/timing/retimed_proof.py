@@ -1,6 +1,7 @@
 """Certify limits on a retimed path, with the proof of `retime` and with the proof for the original path."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -41,6 +42,9 @@ PLACES, ZOOMS = 17, 3
 INSIDE = 1e-9
 """Smallest distance of a reported maximum from the ends of its cell, relative to the cell."""
 
+RANKS = {"friction": 1, "inertia": 2}
+"""Number of axes of the fields of a vehicle that are not scalars."""
+
 
 Certify = Callable[[AbstractHodograph, Limits], Certificate]
 
@@ -60,7 +64,7 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     found: list[Certificate] = []
     if of_timing and cells is not None:
         chosen = _only(limits, of_timing)
-        axes = jax.tree.map(lambda x: 0 if batch and jnp.ndim(x) >= len(batch) else None, chosen)
+        axes = jax.tree_util.tree_map_with_path(partial(_batch_axis, len(batch)), chosen)
         found.append(_batched(lambda x, y: certify_timing(x, y, cells), (0, axes), len(batch))(path, chosen))
     if of_shape:
         chosen = _only(limits, of_shape)
@@ -147,6 +151,12 @@ def _provable(path: RetimedPath) -> Cells | None:
     return None if polynomials is None else cells
 
 
+def _batch_axis(batched: int, place: Any, x: Any) -> int | None:
+    """Return the batch axis of a field of limits or of their vehicle, or None without a batch."""
+    own = RANKS.get(place[-1].name, 0)
+    return 0 if batched and jnp.ndim(x) - own >= batched else None
+
+
 def certify_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     """Return the certificate of one path for limits that are in `NAMES`.
 
@@ -158,8 +168,9 @@ def certify_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certifica
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(jnp.asarray(x, dtype) for x in limits.road(dtype)))
     (arrays, static), traced = eqx.partition(path, eqx.is_array), _is_traced((path, limits))
-    path, bounds, vehicle, of_vehicle = *stop_gradient((path, bounds, vehicle)), vehicle
-    polynomials: Any = source(path.path)
+    polynomials: Any = source(path.path)  # before `stop_gradient`, which makes the numbers of a route unknown
+    of_vehicle = vehicle
+    path, polynomials, bounds, vehicle = stop_gradient((path, polynomials, bounds, vehicle))
     rest = np.array(path.timing.rest)
     codes = prove(
         polynomials,

@@ -120,14 +120,19 @@ def used(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
     return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
 
 
-def slowing(usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"]) -> Float[Array, "2 *cells"]:
+def slowing(
+    usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"], allowed: float
+) -> Float[Array, "2 *cells"]:
     """Return the factors on a with which friction and power satisfy their limits approximately, or 1.
+
+    A relative violation of at most `allowed` needs no factor: where the vehicle brakes uphill, a slower timing may need
+    more power.
 
     `at_rest` is the usage for a = 0. On a slope or a banked road, the tyres carry a part of the weight at every speed,
     so only the rest of the friction decreases. If the factor would be less than `SLOWEST`, it is 1. Then the violation
     remains, because a much slower timing would be useless.
     """
-    over = usage > 1
+    over = usage > 1 + allowed
     friction = (1 - at_rest[0]) / jnp.where(over[0], usage[0] - at_rest[0], 1.0)
     power = 1 / jnp.where(over[1], usage[1], 1.0) ** 2
     factors = jnp.stack([friction, power])

@@ -216,7 +216,7 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
     else:
         at_rest = _between_nodes(between, t.within, jnp.zeros_like(r.state.coefficients))
         slower = 1 / jnp.maximum(jnp.max(_grouped(between, r.usage)[: -len(ROAD)]), 1.0)
-        slower = jnp.minimum(slower, jnp.min(slowing(r.usage[on_road], at_rest[on_road])))
+        slower = jnp.minimum(slower, jnp.min(slowing(r.usage[on_road], at_rest[on_road], ALLOWED)))
     slower = jnp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.state.coefficients
     powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slowed)[None], axis=1).T
