@@ -1,9 +1,11 @@
 """How the command line behaves: whole files, quiet streams, help, missing packages, a process of its own."""
 
+import importlib
 import io
 import itertools
 import json
 import os
+import pkgutil
 import re
 import signal
 import subprocess
@@ -15,17 +17,21 @@ import pytest
 from rich.console import Console
 
 import qtraj as qt
+from qtraj import cli
 from qtraj.cli import terminal
 from qtraj.cli.layout import plain_table
-from qtraj.cli.main import application
+from qtraj.cli.main import COMMANDS, application
 from qtraj.foundation import folder
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
 from qtraj.foundation.progress_bar import watching
 from qtraj.io import instants_csv
+from qtraj.scenario import KINDS
+from qtraj.viz.result_files import obsolete_files
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
+DATA = KINDS["route"].embedded.parent
 
 
 def writes(text):
@@ -91,6 +97,68 @@ def test_a_run_after_a_killed_one_leaves_only_results(tmp_path, there):
         assert list(tmp_path.rglob(".qtraj-*/a"))
     folder.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
     assert sorted(str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*")) == ["out", "out/a", "out/b"]
+
+
+def test_obsolete_files_are_removed_after_the_new_ones_are_complete(tmp_path):
+    def fail(file):
+        raise ValueError
+
+    for name in ("a", "old", "mine"):
+        (tmp_path / name).write_text("old")
+    with pytest.raises(ValueError):
+        folder.write_all(tmp_path, {"a": fail}, [tmp_path / "old"])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "mine", "old"]
+    folder.write_all(tmp_path, {"a": writes("new")}, [tmp_path / "old", tmp_path / "gone"])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "mine"]
+
+
+def test_files_of_an_earlier_run_are_removed_and_listed(qtraj, tmp_path):
+    """The route has a certificate only with limits; the report shows the dataset that is replaced."""
+    recording = DATA / "boreas_right_angle.csv"
+    kept = ["tuning.toml", "fit.json.bak"]
+    for name in ("certificate.json", "tuning.json", *kept):
+        (tmp_path / name).write_text("mine")
+    result = qtraj("route", recording, "--out", tmp_path, "--json")
+    assert result.exit_code == 0, result.output
+    content = json.loads(result.stdout)
+    removed = [str(tmp_path / name) for name in ("certificate.json", "tuning.json")]
+    assert list(content)[-2:] == ["files", "removed"]
+    assert content["removed"] == removed
+    assert {file.name for file in tmp_path.iterdir()} == {Path(name).name for name in content["files"]} | set(kept)
+    assert json.loads(qtraj("route", recording, "--out", tmp_path, "--json").stdout)["removed"] == []
+
+
+def test_a_report_of_a_replaced_dataset_is_removed(qtraj, tmp_path):
+    (tmp_path / "report.html").write_text("of another result")
+    evaluate = ("evaluate", HELIX, "--samples", 3, "--out", tmp_path)
+    assert "Files removed" not in qtraj(*evaluate).stdout  # no dataset was replaced
+    text = qtraj(*evaluate).stdout
+    _, title, removed = text.partition("Files removed")
+    assert title
+    assert "report.html" in removed
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["table.csv", "table.nc"]
+
+
+def test_folders_and_links_are_not_obsolete(tmp_path):
+    (tmp_path / "paths.nc").write_text("")
+    (tmp_path / "report.html").symlink_to(tmp_path / "paths.nc")
+    (tmp_path / "tuning.json").mkdir()
+    assert obsolete_files(tmp_path, {"paths.nc": writes("")}, ["tuning.json"]) == []
+
+
+def test_numbers_that_are_not_finite_become_null(qtraj, tmp_path):
+    """The path turns by 1e309 rad, which is infinite in float64."""
+    qt.SpiralHelix([10.0], [0.0, 1e308], [0.0, 0.5], 10.0).save(tmp_path / "path.json")
+    result = qtraj("evaluate", tmp_path / "path.json", "--samples", 3, "--json")
+    assert (result.exit_code, result.exception) == (0, None)
+    assert json.loads(result.stdout)["path"]["turn"] is None
+
+
+def test_no_file_is_written_if_the_json_fails(qtraj, tmp_path, monkeypatch):
+    monkeypatch.setattr(terminal, "finite", lambda content: {"x": float("nan")})
+    result = qtraj("evaluate", HELIX, "--samples", 3, "--json", "--out", tmp_path / "out")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path):
@@ -189,10 +257,18 @@ def test_help_has_examples_within_80_columns(qtraj, monkeypatch, arguments, frag
     assert short == []  # paragraphs are filled
 
 
-def test_every_command_has_help_with_examples():
-    for command in application().registered_commands:
+def test_every_module_with_a_command_is_registered_with_examples():
+    registered = {command.callback.__name__: command for command in application().registered_commands}
+    names = [name for _, name, _ in pkgutil.iter_modules(cli.__path__)]
+    functions = {name: getattr(importlib.import_module(f"qtraj.cli.{name}"), name, None) for name in names}
+    commands = {name for name, function in functions.items() if function and hasattr(function, "__wrapped__")}
+    assert len(commands) >= 7
+    assert commands == set(registered) == set(COMMANDS)
+    for name, command in registered.items():
         assert command.help
-        assert command.epilog.startswith("Examples:")
+        title, *examples = filter(None, command.epilog.splitlines())
+        assert title == "Examples:"
+        assert any(f"{example} ".startswith(f"qtraj {name} ") for example in examples)
 
 
 def complete(runner, shell, line, **more):
@@ -321,13 +397,12 @@ def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_
 
 
 def test_missing_packages_are_named():
-    code = (
-        "import sys; sys.modules['typer'] = sys.modules['matplotlib'] = None; from qtraj.cli.main import main; main()"
-    )
+    missing = "import sys; sys.modules.update(typer=None, matplotlib=None, plotly=None)"
+    code = f"{missing}; from qtraj.cli.main import main; main()"
     done = process(["-c", code])
     assert done.returncode == 2
     assert done.stdout == ""
-    assert "typer, matplotlib" in done.stderr
+    assert "typer, matplotlib, plotly" in done.stderr
     assert "pip install 'qtraj[all]'" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -26,10 +26,11 @@ SAMPLES = 25
 MAX_INSTANTS = 1_000_000
 """Maximum number of instants; a larger number is probably a mistake."""
 
-MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
+MOTION = {"position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
+QUATERNION = ["λ0", "λ1", "λ2", "λ3"]
 
 
-@terminal.command
+@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."))
 def evaluate(
     watch: Watch,
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
@@ -43,8 +44,6 @@ def evaluate(
         [], metavar="NAME", help="Additional output of qtraj.evaluate, such as yaw_rate. May be repeated."
     ),
     frame: FrameName | None = terminal.frame_option(),
-    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
-    as_json: bool = terminal.json_option(),
 ) -> Outcome:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
@@ -60,23 +59,17 @@ def evaluate(
     from qtraj.foundation.plain import tabular
     from qtraj.io.dataset import table_dataset
     from qtraj.io.instants_csv import path_headers
-    from qtraj.path.channel import CHANNELS, provided
-    from qtraj.path.quantity import QUANTITIES
-    from qtraj.scenario.path import require_vehicle
     from qtraj.viz import result_files
 
     loaded, path, fitted, vehicle = _path(scenario)
-    for name in also:
-        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
-    available = provided(vehicle)
-    also = [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+    also = _additional_outputs(also, vehicle)
     times = instants(float(path.duration), samples, step)
     watch.say("evaluating")
     table = evaluated(
         path, times, (*OUTPUTS, *also), (frame or FrameName.upright).frame(), continuous=True, vehicle=vehicle
     )
     bends = np.asarray(evaluated(path, times, ("defined",)).defined)
-    content = terminal.header("evaluate", loaded) | {
+    content = {
         "fit": facts_of(fitted),
         "frame": table.frame,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
@@ -85,8 +78,23 @@ def evaluate(
     }
     dataset = table_dataset(table, fitted, loaded.provenance())
     writers = result_files.table(dataset, headers=path_headers(dataset, also))
-    loose = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, partial(_show, content=content, fitted=fitted), loose, (), out, writers)
+    failed = fitted is not None and not bool(fitted.successful)
+    return Outcome(content, partial(_show, fitted=fitted), loaded, failed, writers)
+
+
+def _additional_outputs(also: list[str], vehicle: "Vehicle | None") -> list[str]:
+    """Return the outputs of the option --also, and the quantities of the vehicle.
+
+    **Raises:** ValueError if the vehicle lacks the data for an output.
+    """
+    from qtraj.path.channel import CHANNELS, provided
+    from qtraj.path.quantity import QUANTITIES
+    from qtraj.scenario.path import require_vehicle
+
+    for name in also:
+        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
+    available = provided(vehicle)
+    return [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
@@ -128,11 +136,7 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
 def _show(console: Console, content: dict[str, Any], fitted: "Fitted | None") -> None:
     """Print the path, and two or more tables, because one table would be wider than 80 columns."""
     from qtraj.path.existence import MISSING
-    from qtraj.path.frame_axes import axes_of
-    from qtraj.path.moment_quantities import MOMENT_QUANTITIES, MOMENTS
-    from qtraj.path.road_quantities import FORCES, ROAD_QUANTITIES
 
-    layout.print_scenario(console, content["scenario"])
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
     console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
@@ -140,24 +144,30 @@ def _show(console: Console, content: dict[str, Any], fitted: "Fitted | None") ->
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
     defined = columns["defined"].astype(bool)
     exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}
-    rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
-    symbols = {x.name: [x.name if x.unit == "1" else x.symbol] for x in ROAD_QUANTITIES}
-    forces = {"time": ["t"], **symbols}
-    of_forces = "t [s], forces F of the road [N], friction utilisation, power P of the drive [W]"
-    moments = {"time": ["t"], **{x.name: [x.symbol] for x in MOMENT_QUANTITIES}}
-    of_moments = "t [s], moments M that rotate the vehicle with the natural trihedral [N·m]"
-    attitude = {"time": ["t"], "quaternion": ["λ0", "λ1", "λ2", "λ3"], "rate": rates}
-    for title, block in (
-        ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
-        (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
-        *([(of_forces, forces)] if set(FORCES) <= set(columns) else []),
-        *([(of_moments, moments)] if set(MOMENTS) <= set(columns) else []),
-    ):
-        layout.heading(console, title)
-        console.print(layout.numbers_table(columns, block, exists))
+    for title, headers in _tables(frame).items():
+        if set(headers) <= set(columns):
+            layout.heading(console, title)
+            console.print(layout.numbers_table(columns, headers, exists))
     if len(defined) > layout.MAX_ROWS:
         hidden = len(defined) - layout.MAX_ROWS
         console.print(Text(f"… : {hidden} instants are not printed; use --out DIR or --json for all instants"))
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))
-    layout.print_files(console, content["files"])
+
+
+def _tables(frame: str) -> dict[str, dict[str, list[str]]]:
+    """Return the headers of the columns of each table by its title; a table is printed if all its columns exist."""
+    from qtraj.path.frame_axes import axes_of
+    from qtraj.path.moment_quantities import MOMENT_QUANTITIES
+    from qtraj.path.road_quantities import ROAD_QUANTITIES
+
+    rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
+    forces = {x.name: [x.name if x.unit == "1" else x.symbol] for x in ROAD_QUANTITIES}
+    moments = {x.name: [x.symbol] for x in MOMENT_QUANTITIES}
+    tables = {
+        "t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]": MOTION,
+        f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame": {"quaternion": QUATERNION, "rate": rates},
+        "t [s], forces F of the road [N], friction utilisation, power P of the drive [W]": forces,
+        "t [s], moments M that rotate the vehicle with the natural trihedral [N·m]": moments,
+    }
+    return {title: {"time": ["t"]} | headers for title, headers in tables.items()}

@@ -43,10 +43,10 @@ def print_purposes(console: Console, purposes: Mapping[str, str]) -> None:
         console.print(Text(f"{name}: {text}"))
 
 
-def print_files(console: Console, files: Sequence[str]) -> None:
-    """Print the names of the files that were written, one per line."""
+def print_files(console: Console, title: str, files: Sequence[str]) -> None:
+    """Print a title and the names of files, one per line; print nothing if there are none."""
     if files:
-        heading(console, "Files written")
+        heading(console, title)
     for file in files:
         console.print(Text(file), soft_wrap=True)
 

@@ -26,49 +26,58 @@ The exit code is 0 for success, 1 for violated limits or no convergence, and 2 f
 Results are also written if the exit code is 1.
 """
 
-EXAMPLES = {
-    "": (
-        "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
-        "qtraj report  (writes an HTML report of the results in qtraj-out)",
-        "qtraj --install-completion  (installs tab completion)",
-    ),
-    "tune": (
+EXAMPLES = (
+    "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
+    "qtraj report  (writes an HTML report of the results in qtraj-out)",
+    "qtraj --install-completion  (installs tab completion)",
+)
+"""Examples in the help of the application."""
+
+
+class Entry:
+    """The examples in the help of a command, and its old name or None."""
+
+    def __init__(self, *examples: str, old_name: str | None = None):
+        self.examples, self.old_name = examples, old_name
+
+
+COMMANDS = {
+    "tune": Entry(
         "qtraj tune  (the built-in scenario)",
         "qtraj tune turn.toml --out results",
         "qtraj tune turn.toml --objective fastest --motion hermite",
     ),
-    "evaluate": (
+    "evaluate": Entry(
         "qtraj evaluate turn.toml --samples 11",
         "qtraj evaluate results/path.toml --step 0.1 --out table",
     ),
-    "route": (
+    "route": Entry(
         "qtraj route  (the built-in scenario)",
         "qtraj route drive.csv --out drive",
         "qtraj route bus.toml --out results",
     ),
-    "retime": (
+    "retime": Entry(
         "qtraj retime  (the built-in scenario)",
         "qtraj retime bus.toml --out results",
         "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
     ),
-    "slew": (
+    "slew": Entry(
         "qtraj slew  (the built-in scenario)",
         "qtraj slew camera.toml --out results --samples 401",
+        old_name="turn",
     ),
-    "simulate": (
+    "simulate": Entry(
         "qtraj simulate  (the built-in scenario)",
         "qtraj simulate loop.toml --out results --json",
+        old_name="track",
     ),
-    "report": (
+    "report": Entry(
         "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
         "qtraj report results",
         "qtraj report helix.parquet --out pages",
     ),
 }
-"""The examples of each command, which is a function in the module with its name; those of the application are first."""
-
-OLD_NAMES = {"slew": "turn", "simulate": "track"}
-"""The old names of renamed commands."""
+"""The commands by name; each command is a function in the module with its name."""
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib", "plotly")
 """Packages that the command line needs in addition to the core of qtraj."""
@@ -122,15 +131,15 @@ def application() -> "typer.Typer":
 
     shown = typer.Option(False, "--version", callback=print_version, is_eager=True, help="Print the version.")
 
-    @app.callback(help=_prose(ABOUT), epilog=_examples(EXAMPLES[""]))
+    @app.callback(help=_prose(ABOUT), epilog=_examples(EXAMPLES))
     def root(version: bool = shown) -> None: ...
 
-    for name in filter(None, EXAMPLES):
+    for name, entry in COMMANDS.items():
         command = getattr(importlib.import_module(f"qtraj.cli.{name}"), name)
-        options: Any = {"help": _prose(command.__doc__), "epilog": _examples(EXAMPLES[name])}
+        options: Any = {"help": _prose(command.__doc__), "epilog": _examples(entry.examples)}
         app.command(name, **options)(command)
-        if name in OLD_NAMES:
-            app.command(OLD_NAMES[name], hidden=True, **options)(_renamed(command, OLD_NAMES[name]))
+        if entry.old_name:
+            app.command(entry.old_name, hidden=True, **options)(_renamed(command, entry.old_name))
     return app
 
 

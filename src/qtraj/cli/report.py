@@ -1,6 +1,5 @@
 """Implement `qtraj report`, which writes an HTML report of a result."""
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,20 +7,18 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from qtraj.cli import layout, terminal
+from qtraj.cli import terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import Watch
 
 
-@terminal.command
+@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."))
 def report(
     watch: Watch,
     result: Path = typer.Argument(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
-    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."),
     frame: FrameName | None = terminal.frame_option("the frame of the dataset; upright for a saved path"),
-    as_json: bool = terminal.json_option(),
 ) -> Outcome:
     """Write a report of a result as one HTML file, which does not need a network connection.
 
@@ -34,32 +31,29 @@ def report(
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for xarray.
-    from qtraj._version import __version__
-    from qtraj.foundation.folder import check_folder
+    from qtraj.viz.report.page import html, report_of
     from qtraj.viz.report.source import DATASETS, find, is_folder
     from qtraj.viz.result_files import REPORT
 
-    folder = out or (result if is_folder(result) else result.parent)
-    check_folder(folder)
     try:
         source = find(result, None if frame is None else frame.frame())
-        from qtraj.viz.report.page import html, report_of
-
         watch.say("drawing")
         summary = report_of(source.dataset, source.tuned)
         page = html(summary)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(result) in text else f"{result}: {text}") from error
-    content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
+    content = {"result": str(source.file)} | summary.summary()
     whole = is_folder(result) or result.name in DATASETS
     name = REPORT if whole else f"{result.stem}.html"  # several files in one folder need separate reports
     writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
-    return Outcome(content, partial(_show, content=content), folder=folder, writers=writers)
+    folder = result if is_folder(result) else result.parent
+    hint = "Open this file in a browser; it does not need a network connection."
+    return Outcome(content, _show, writers=writers, folder=folder, hint=hint)
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """Print a summary of the report, and the file to open."""
+    """Print a summary of the report."""
     console.print(Text(content["title"], style="bold"))
     for fact in (*content["findings"], *content["notes"]):
         console.print(Text(fact))
@@ -67,5 +61,3 @@ def _show(console: Console, content: dict[str, Any]) -> None:
         console.print(Text(f"Warning: {warning}", style="bold red"))
     for body in content["bodies"]:
         console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
-    layout.print_files(console, content["files"])
-    console.print(Text("Open this file in a browser; it does not need a network connection."))

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.speed_profile import SpeedProfile
     from qtraj.design.timing.outcome import Retimed
+    from qtraj.foundation.folder import Writer
     from qtraj.scenario.reader import ScenarioFile
     from qtraj.scenario.route import RetimeTask
 
 
-@terminal.command
+@terminal.command()
 def retime(
     watch: Watch,
     scenario: Path | None = typer.Argument(
@@ -30,8 +31,6 @@ def retime(
         help="A scenario (TOML) of a path or a recorded drive, a recording (CSV or TUM), or a saved path (default: the "
         "built-in scenario).",
     ),
-    out: Path = terminal.out_option(),
-    as_json: bool = terminal.json_option(),
     limit: list[str] | None = typer.Option(
         None, metavar="NAME=VALUE", help="A limit, such as speed=13.9, in SI units. Overrides the scenario; repeatable."
     ),
@@ -51,49 +50,20 @@ def retime(
     With a table [tune], the path is tuned first. Stops of a drive keep their durations. The command writes a dataset
     (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over time and distance
     (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
-    limit is not satisfied, the tuning fails, or an end speed cannot be reached.
+    limit is not satisfied, the path does not fit its recording, the tuning fails, or an end speed cannot be reached.
     """
-    chosen = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
-    chosen = {name: value for name, value in chosen.items() if value is not None}
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
-    from qtraj.design.fitting.fitted import Fitted
-    from qtraj.design.fitting.route_facts import facts_of
-    from qtraj.foundation.plain import plain
-    from qtraj.io.retimed_dataset import retimed_dataset
-    from qtraj.path.trihedral import Upright
-    from qtraj.scenario.route import read_retiming
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import speed_profile_figure
+    from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic
 
     limits = _limits(limit or [])
     loaded = read_retiming(scenario, limits)
-    found = _found(loaded, limits, chosen, watch)
-    task, tuned, timed, certificate, profile = found
+    options = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
+    options = {name: value for name, value in options.items() if value is not None}
+    result = _found(loaded, limits, options, watch)
     watch.say("sampling")
-    spiral = task.fitted if isinstance(task.fitted, Fitted) else None
-    about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
-    dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, spiral, Upright(), about)
-    content = terminal.header("retime", loaded) | {
-        "fit": facts_of(task.fitted),
-        "purpose": getattr(loaded.scenario, "purpose", {}),
-        "tuned": None if tuned is None else plain(tuned.record()),
-        "retimed": plain(timed.record()),
-        "certificate": plain(certificate.record()),
-        "profile": plain(profile.record()),
-        "result": timed.result,
-    }
-    timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
-    writers = {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
-        **result_files.table(timing, "timing"),
-        **result_files.figure("retime", speed_profile_figure(timing)),
-        **result_files.report(dataset),
-    }
-    solved = [result for result in (timed, certificate, tuned, task.fitted) if result is not None]
-    failed = not all(bool(result.successful) for result in solved)
-    return Outcome(content, partial(_show, content=content, found=found), failed, loaded.warnings, out, writers)
+    solved = [x for x in (result.timed, result.certificate, result.tuned, result.task.fitted) if x is not None]
+    failed = not all(bool(x.successful) for x in solved)
+    return Outcome(_content(loaded, result), partial(_show, result=result), loaded, failed, _files(loaded, result))
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -145,20 +115,57 @@ def _found(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[s
         return Found(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
 
 
-def _show(console: Console, content: dict[str, Any], found: Found) -> None:
-    """Print the results, readable at 80 columns."""
+def _content(loaded: "ScenarioFile[Any]", result: Found) -> dict[str, Any]:
+    """Return the result as JSON types."""
+    from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.foundation.plain import plain
+
+    task, tuned, timed, certificate, profile = result
+    return {
+        "fit": facts_of(task.fitted),
+        "purpose": getattr(loaded.scenario, "purpose", {}),
+        "tuned": None if tuned is None else plain(tuned.record()),
+        "retimed": plain(timed.record()),
+        "certificate": plain(certificate.record()),
+        "profile": plain(profile.record()),
+        "result": timed.result,
+    }
+
+
+def _files(loaded: "ScenarioFile[Any]", result: Found) -> "dict[str, Writer]":
+    """Return the writers of the files."""
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.io.retimed_dataset import retimed_dataset
+    from qtraj.path.trihedral import Upright
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import speed_profile_figure  # imported here, because matplotlib is slow to import
+
+    task, tuned, timed, certificate, profile = result
+    fitted = task.fitted if isinstance(task.fitted, Fitted) else None
+    about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
+    dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, fitted, Upright(), about)
+    timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
+    return {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
+        **result_files.table(timing, "timing"),
+        **result_files.figure("retime", speed_profile_figure(timing)),
+        **result_files.report(dataset),
+    }
+
+
+def _show(console: Console, content: dict[str, Any], result: Found) -> None:
+    """Print the fit, the tuning, the limits and the result."""
     from qtraj.design.retimed_facts import retimed_fact_rows
 
-    profile = found.profile
-    layout.print_scenario(console, content["scenario"])
-    layout.print_fit(console, found.task.fitted)
-    if found.tuned is not None:
+    profile = result.profile
+    layout.print_fit(console, result.task.fitted)
+    if result.tuned is not None:
         layout.heading(console, "Tuning")
-        console.print(Text(found.tuned.result))
+        console.print(Text(result.tuned.result))
     title = "Limits on the retimed path, and where they bound the speed"
     shares = {name: f"{100 * profile.share(name):.1f} %" for name in profile.names}
-    layout.print_findings(console, title, found.certificate.findings(), "reached on", shares, digits_of_time=4)
+    layout.print_findings(console, title, result.certificate.findings(), "reached on", shares, digits_of_time=4)
     layout.print_purposes(console, content["purpose"])
-    layout.print_facts(console, "Result", retimed_fact_rows(found.timed, profile))
-    console.print(Text(found.timed.result))
-    layout.print_files(console, content["files"])
+    layout.print_facts(console, "Result", retimed_fact_rows(result.timed, profile))
+    console.print(Text(result.timed.result))

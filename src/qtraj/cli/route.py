@@ -18,11 +18,12 @@ from qtraj.foundation.progress_bar import Watch
 if TYPE_CHECKING:
     from qtraj.design.proof.route_certificate import RouteCertificate
     from qtraj.design.tuning_route.tuned_route import TunedRoute
+    from qtraj.foundation.folder import Writer
     from qtraj.scenario.reader import ScenarioFile
     from qtraj.scenario.route import RouteTask
 
 
-@terminal.command
+@terminal.command()
 def route(
     watch: Watch,
     recording: Path | None = typer.Argument(
@@ -30,8 +31,6 @@ def route(
         metavar="RECORDING",
         help="A recording (CSV or TUM), or a scenario (TOML) with a recording (default: the built-in scenario).",
     ),
-    out: Path = terminal.out_option(),
-    as_json: bool = terminal.json_option(),
 ) -> Outcome:
     """Fit a route to a whole recorded drive or flight, check limits, and tune the route so that they are satisfied.
 
@@ -40,45 +39,30 @@ def route(
     `tune`, the route is changed within a tube until every limit is proved to be satisfied on the changed segments. The
     command writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json, certificate.json),
     the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is
-    1 if a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at stops.
+    1 if the fit fails or a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at
+    stops.
     """
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import route_facts
     from qtraj.foundation.plain import plain
-    from qtraj.io.route_dataset import route_dataset
     from qtraj.scenario.route import read_route
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import route_figure
 
     loaded = read_route(recording)
     task, certificate, tuned = _tuned(loaded, watch)
-    fitted = task.fitted
     watch.say("sampling")
-    dataset = route_dataset(fitted, task.limits, certificate, tuned, task.track, loaded.provenance())
-    content = terminal.header("route", loaded) | {
-        "fit": route_facts(fitted),
-        "frame": dataset.attrs["frame"],
+    frame, writers = _files(loaded, task, certificate, tuned)
+    content = {
+        "fit": route_facts(task.fitted),
+        "frame": frame,
         "purpose": loaded.scenario.purpose,
         "certificate": None if certificate is None else plain(certificate.record()),
         "tuned": None if tuned is None else plain(tuned.record()),
     }
-    documents = {
-        "route.json": fitted.path if tuned is None else tuned.path,
-        "fit.json": fitted,
-        "certificate.json": certificate if tuned is None else tuned.certificate,
-        "tuning.json": tuned,
-    }
-    writers = {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents(documents),
-        **result_files.figure("route", route_figure(dataset)),
-        **result_files.report(dataset),
-    }
     checked = certificate if tuned is None else tuned
-    failed = not bool(fitted.successful) or (checked is not None and not bool(checked.successful))
-    show = partial(_show, content=content, task=task, certificate=certificate, tuned=tuned)
-    return Outcome(content, show, failed, loaded.warnings, out, writers)
+    failed = not bool(task.fitted.successful) or (checked is not None and not bool(checked.successful))
+    show = partial(_show, task=task, certificate=certificate, tuned=tuned)
+    return Outcome(content, show, loaded, failed, writers, optional=("certificate.json", "tuning.json"))
 
 
 def _tuned(
@@ -101,6 +85,32 @@ def _tuned(
         return task, certificate, task.tuned()
 
 
+def _files(
+    loaded: "ScenarioFile[Any]",
+    task: "RouteTask",
+    certificate: "RouteCertificate | None",
+    tuned: "TunedRoute | None",
+) -> tuple[str, "dict[str, Writer]"]:
+    """Return the name of the frame of the dataset, and the writers of the files."""
+    from qtraj.io.route_dataset import route_dataset
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import route_figure  # imported after the computation, because matplotlib is slow to import
+
+    dataset = route_dataset(task.fitted, task.limits, certificate, tuned, task.track, loaded.provenance())
+    documents = {
+        "route.json": task.fitted.path if tuned is None else tuned.path,
+        "fit.json": task.fitted,
+        "certificate.json": certificate if tuned is None else tuned.certificate,
+        "tuning.json": tuned,
+    }
+    return dataset.attrs["frame"], {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents(documents),
+        **result_files.figure("route", route_figure(dataset)),
+        **result_files.report(dataset),
+    }
+
+
 def _show(
     console: Console,
     content: dict[str, Any],
@@ -108,8 +118,7 @@ def _show(
     certificate: "RouteCertificate | None",
     tuned: "TunedRoute | None",
 ) -> None:
-    """Print scenario, results and files, for a terminal with 80 columns."""
-    layout.print_scenario(console, content["scenario"])
+    """Print the fit and the limits."""
     layout.print_fit(console, task.fitted)
     if certificate is None:
         console.print(Text("No limits were checked: to check limits, write a scenario with a table [limits]."))
@@ -119,7 +128,6 @@ def _show(
         _show_limits(console, "Limits on the tuned route", tuned.certificate)
         console.print(Text(tuned.result))
     layout.print_purposes(console, content["purpose"])
-    layout.print_files(console, content["files"])
 
 
 def _show_limits(console: Console, title: str, certificate: "RouteCertificate") -> None:

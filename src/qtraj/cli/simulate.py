@@ -18,10 +18,12 @@ from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
+    from qtraj.foundation.folder import Writer
     from qtraj.motion.simulation.actuator import Actuator
     from qtraj.motion.simulation.loop_history import LoopHistory
     from qtraj.motion.simulation.loop_verdict import LoopVerdict
     from qtraj.scenario.loop import LoopTask
+    from qtraj.scenario.reader import ScenarioFile
 
 HEADERS = {
     "time": ["t"],
@@ -63,11 +65,10 @@ NO_SIGN = (
 )
 
 
-@terminal.command
+@terminal.command()
 def simulate(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("loop"),
-    out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
         None, min=2, max=100_000, metavar="N", help="Number of instants, including both ends; overrides the scenario."
     ),
@@ -75,7 +76,6 @@ def simulate(
     open_loop: bool = typer.Option(
         False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
     ),
-    as_json: bool = terminal.json_option(),
 ) -> Outcome:
     """Simulate a body that follows an attitude program under a feedback law.
 
@@ -84,60 +84,75 @@ def simulate(
     table.csv) and a figure (simulation.png, simulation.svg). The exit code is 1 if the integration did not finish.
     """
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.foundation.plain import plain, tabular
-    from qtraj.foundation.record import to_dataset
-    from qtraj.motion.simulation.actuator import Actuator
     from qtraj.motion.simulation.assess_loop import assess_loop
     from qtraj.motion.simulation.loop_facts import gains_of
     from qtraj.scenario.reader import read_scenario
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import simulation_figure
 
     loaded = read_scenario(scenario, "loop")
     with naming(f"{loaded.file}: "):
         watch.say("preparing the program and the law")
         task: LoopTask = KINDS["loop"].build(loaded, samples, frame and frame.value)
-        watch.say("simulating")
+        watch.say("simulating with and without feedback" if open_loop else "simulating")
         history, verdict = assess_loop(**task.arguments(), without_feedback=open_loop)
-    table, actuator = history.at(task.times), task.actuator or Actuator()
-    angles = history.open_loop_angle
-    ends = None if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
-    limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
-    content = terminal.header("simulate", loaded) | {
+    table, angles = history.at(task.times), history.open_loop_angle
+    ends = {} if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
+    content = {
         "program": {
             "description": loaded.scenario.program.describe(task.program),
             "duration": float(task.program.duration),
         },
         "law": {"kind": loaded.scenario.law.kind} | gains_of(task.law),
-        "start": {
-            "quaternion": np.asarray(task.quaternion).tolist(),
-            "rate": np.asarray(task.rate).tolist(),
-            "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
-        },
+        "start": _start(task, history),
         "duration": float(task.times[-1]),
-        "command_limit": limit,
-        "saturation": None if limit is None else actuator.saturation,
+        **_actuator_limit(task.actuator),
         "verdict": plain(verdict.record()),
-        **({} if ends is None else {"open_loop": ends}),
+        **({"open_loop": ends} if ends else {}),
         "finished": bool(history.solution.successful),
         "result": _result(history, verdict, loaded.scenario.error.sign),
         **tabular(table.record()),
     }
+    show = partial(_show, verdict=verdict, actuator=task.actuator)
+    return Outcome(content, show, loaded, not content["finished"], _files(loaded, content, table, verdict))
+
+
+def _start(task: "LoopTask", history: "LoopHistory") -> dict[str, Any]:
+    """Return the initial attitude and rate, and whether the sign of the quaternion is the nearer one."""
+    return {
+        "quaternion": np.asarray(task.quaternion).tolist(),
+        "rate": np.asarray(task.rate).tolist(),
+        "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
+    }
+
+
+def _actuator_limit(actuator: "Actuator | None") -> dict[str, Any]:
+    """Return the limit of the command and how it is applied; the values are None without a limit."""
+    if actuator is None or actuator.limit is None:
+        return {"command_limit": None, "saturation": None}
+    return {"command_limit": np.asarray(actuator.limit).tolist(), "saturation": actuator.saturation}
+
+
+def _files(
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], table: "LoopHistory", verdict: "LoopVerdict"
+) -> "dict[str, Writer]":
+    """Return the writers of the files."""
+    from qtraj.foundation.record import to_dataset
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import simulation_figure  # imported here, because matplotlib is slow to import
+
     about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
     about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
-    about |= {} if limit is None else {"saturation": actuator.saturation}
+    limit = content["command_limit"]
+    about |= {} if limit is None else {"saturation": content["saturation"]}
     dataset = to_dataset(table.record(), about)
     if limit is not None:
         dataset["command"].attrs["limit"] = limit
-    writers = {
+    return {
         **result_files.documents({"solution.toml": table.solution}),
         **result_files.table(dataset),
         **result_files.figure("simulation", simulation_figure(dataset, float(verdict.settled_angle), limit)),
     }
-    failed = not content["finished"]
-    show = partial(_show, content=content, verdict=verdict, actuator=actuator)
-    return Outcome(content, show, failed, loaded.warnings, out, writers)
 
 
 def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
@@ -153,11 +168,10 @@ def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
     return f"{text} {last}"
 
 
-def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator") -> None:
-    """Print scenario, results and files, with angles in degrees, for a terminal with 80 columns."""
+def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator | None") -> None:
+    """Print the loop and its motion, with angles in degrees."""
     from qtraj.motion.simulation.loop_facts import command_unit, gains_text, loop_fact_rows, stability_text
 
-    layout.print_scenario(console, content["scenario"])
     gains = gains_text({name: gain for name, gain in content["law"].items() if name != "kind"})
     loop = [
         ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
@@ -171,9 +185,7 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict", act
     alone = []
     if "open_loop" in content:
         final = content["open_loop"]["final_angle"]
-        alone = [
-            ("without feedback", "-" if not np.isfinite(final) else f"{degrees(final)}° from the program at the end")
-        ]
+        alone = [("without feedback", f"{degrees(final)}° from the program at the end" if np.isfinite(final) else "-")]
     layout.print_facts(console, "Motion", loop_fact_rows(verdict, actuator) + alone)
     if verdict.agrees is False:
         text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest value that the "
@@ -187,4 +199,3 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict", act
     layout.print_instants(console, title, columns, headers, {*SIZES, "rate"}, significant=SIZES)
     layout.heading(console, "Result")
     console.print(Text(content["result"]))
-    layout.print_files(console, content["files"])

@@ -1,6 +1,5 @@
 """Implement `qtraj slew`, which computes slews between attitudes within limits."""
 
-import math
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,15 +11,18 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
-from qtraj.foundation.number_text import degrees, number
+from qtraj.foundation.number_text import degrees
 from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
+    from qtraj.foundation.folder import Writer
+    from qtraj.foundation.record import Record
     from qtraj.motion.programs.slew_verdict import SlewVerdict
+    from qtraj.scenario.reader import ScenarioFile
     from qtraj.scenario.slew import SlewScenario
 
-BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration"}
+BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration", "max_torque": "torque"}
 """The column to which each limit applies."""
 HEADERS = {
     "time": ["t"],
@@ -33,13 +35,11 @@ ANGLES = ("angle", "angle_rate", "angle_acceleration")
 """Columns that are printed in degrees."""
 
 
-@terminal.command
+@terminal.command()
 def slew(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("slew"),
-    out: Path = terminal.out_option(),
     samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, including both ends."),
-    as_json: bool = terminal.json_option(),
 ) -> Outcome:
     """Compute a slew from one attitude to another, or through several attitudes, about fixed axes.
 
@@ -48,14 +48,11 @@ def slew(
     its table (table.nc, table.csv) and a figure (slew.png, slew.svg). The exit code is 1 if a limit is violated.
     """
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.foundation.plain import plain, tabular
-    from qtraj.foundation.record import to_dataset
     from qtraj.motion.programs.slew_history import fine_times, slew_history
     from qtraj.motion.programs.slew_verdict import judge_slew
     from qtraj.scenario.reader import read_scenario
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import slew_figure
 
     loaded = read_scenario(scenario, "slew")
     watch.say("slewing")
@@ -67,28 +64,42 @@ def slew(
     times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
     both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once
     table, drawn = both[: len(times)].record(), both[len(times) :]
-    content = terminal.header("slew", loaded) | {
+    content = {
         "law": part.law.kind,
         "verdict": plain(verdict.record()),
         "notes": _notes(part, verdict),
         **tabular(table),
     }
-    about = loaded.provenance() | {"law": part.law.kind, "result": verdict.result}
-    dataset = to_dataset(table, about)
-    bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
-    for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
-        dataset[name].attrs["limit"] = limit
-    writers = {
+    writers = _files(loaded, program, verdict, table, drawn.record())
+    return Outcome(content, partial(_show, verdict=verdict), loaded, not verdict.met, writers)
+
+
+def _files(
+    loaded: "ScenarioFile[SlewScenario]", program: Any, verdict: "SlewVerdict", table: "Record", drawn: "Record"
+) -> "dict[str, Writer]":
+    """Return the writers of the files: the program, its `table`, and a figure of the finer table `drawn`."""
+    from qtraj.foundation.record import to_dataset
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import slew_figure  # imported after the computation, because matplotlib is slow to import
+
+    law, body, angles = loaded.scenario.law, loaded.scenario.body, loaded.scenario.angles
+    about = loaded.provenance() | {"law": law.kind, "result": verdict.result}
+    dataset, limits = to_dataset(table, about), law.limits(angles)
+    bounds = {**limits, "max_torque": None if body is None else body.max_torque}
+    for name, column in BOUNDED.items():
+        if bounds.get(name) is not None:
+            dataset[column].attrs["limit"] = bounds[name]
+    return {
         **result_files.documents({"program.toml": program}),
         **result_files.table(dataset),
-        **result_files.figure("slew", slew_figure(to_dataset(drawn.record(), about), limits)),
+        **result_files.figure("slew", slew_figure(to_dataset(drawn, about), limits)),
     }
-    show = partial(_show, content=content, verdict=verdict)
-    return Outcome(content, show, not verdict.met, loaded.warnings, out, writers)
 
 
 def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
     """Return notes on effects that a user may not expect."""
+    from qtraj.motion.programs.slew_facts import end_rates_text
+
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
@@ -97,22 +108,16 @@ def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
                 f"The rotation vector of [{name}] has an angle of {degrees(length)}°, more than a half turn. "
                 f"The slew is the shorter rotation to the same attitude{slewed}"
             )
-    scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
-    rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
-    moving = [f"{verb} at {number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
-    if moving:
-        notes.append(
-            f"The slew {' and '.join(moving)}, but the program is at rest before and after the slew, so the commanded "
-            "rate is discontinuous."
-        )
+    law, unit = scenario.law, 1.0 if scenario.angles == "rad" else np.radians(1.0)
+    if text := end_rates_text(unit * (law.start_rate or 0.0), unit * (law.end_rate or 0.0)):
+        notes.append(text)
     return notes
 
 
 def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> None:
-    """Print scenario, results and files, with angles in degrees, for a terminal with 80 columns."""
+    """Print the slews, their limits and the motion, with angles in degrees."""
     from qtraj.motion.programs.slew_facts import slew_fact_rows, slew_limit_rows, vector_text
 
-    layout.print_scenario(console, content["scenario"])
     count = len(verdict.angles)
     for k in range(count):
         layout.print_facts(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew", slew_fact_rows(verdict, k))
@@ -133,4 +138,3 @@ def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> 
     layout.print_instants(console, title, content["columns"], HEADERS, ANGLES)
     layout.heading(console, f"Result: law '{content['law']}'")
     console.print(Text(verdict.result))
-    layout.print_files(console, content["files"])

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
 from qtraj._version import __version__
-from qtraj.cli import BAD_INPUT, INTERRUPTED
+from qtraj.cli import BAD_INPUT, INTERRUPTED, layout
 from qtraj.foundation.folder import Writer, check_folder, write_all
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress_bar import watching
@@ -60,16 +61,6 @@ def frame_option(otherwise: str = "upright") -> Any:
     )
 
 
-def out_option() -> Any:
-    """Return the option `--out` of commands that always write files."""
-    return typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR")
-
-
-def json_option() -> Any:
-    """Return the option `--json`."""
-    return typer.Option(False, "--json", help="Print the results as JSON instead of text.")
-
-
 def scenario_argument(kind: str) -> Any:
     """Return the argument SCENARIO for scenarios of one kind."""
     about = f"A scenario of {KINDS[kind].about} (default: the built-in scenario)."
@@ -79,55 +70,96 @@ def scenario_argument(kind: str) -> Any:
 class Outcome(NamedTuple):
     """The result of a command.
 
-    `content`: the result as JSON types; numbers that are not finite are printed as null. `show`: a function that prints
-    the result. `failed`: whether the exit code is 1. `renamed`: warnings about renamed keys. `folder` and `writers`:
-    the files to write, by name; None for no files.
+    `content`: the result as JSON types; numbers that are not finite become null. `show`: a function that prints the
+    content on a console. `loaded`: the scenario, or None. `failed`: whether the exit code is 1. `writers`: the files to
+    write, by name. `optional`: names of files that the command writes only for some inputs; if an earlier run wrote
+    them and this run does not, they are removed. `folder`: the folder for the files if the option --out is omitted;
+    None for no files. `hint`: the last line of the text.
     """
 
     content: dict[str, Any]
-    show: Callable[[Console], None]
+    show: Callable[[Console, dict[str, Any]], None]
+    loaded: "ScenarioFile[Any] | None" = None
     failed: bool = False
-    renamed: Sequence[str] = ()
-    folder: Path | None = None
     writers: Mapping[str, Writer] = MappingProxyType({})
+    optional: Collection[str] = ()
+    folder: Path | None = None
+    hint: str = ""
 
 
-def header(command: str, loaded: "ScenarioFile[Any]") -> dict[str, Any]:
-    """Return the first keys of a command's JSON output: the version, the command and the scenario."""
-    return {"qtraj": __version__, "command": command, "scenario": loaded.about()}
+OUT = typer.Option(Path("qtraj-out"), metavar="DIR", help="Folder for the results.")
+"""The option `--out` of commands that always write files."""
+
+JSON = typer.Option(False, "--json", help="Print the results as JSON instead of text.")
+"""The option `--json`."""
 
 
-def command(run: Callable[..., Outcome]) -> Callable[..., None]:
-    """Convert a function to a command, which writes the files of its outcome, prints it and exits.
+def command(out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
+    """Return a decorator that converts a function to a command, with the options `out` and `--json`.
 
-    The first argument of the function is a `Watch`. An OSError or ValueError for bad input, which the function raises
-    before files are written, becomes one message and exit code 2. The option `as_json` selects the output format.
+    The command writes the files of the function's outcome, prints it and exits. The parameters of the function are a
+    `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
+    function raises, becomes one message and exit code 2.
     """
 
-    @functools.wraps(run)
-    def command(*, out: Path | None, as_json: bool, **options: Any) -> None:
-        with guarded(), watching() as watch:
-            if out is not None:
-                check_folder(out)
-            outcome = run(watch, out=out, as_json=as_json, **options)
-            folder, content = outcome.folder, outcome.content
-            content["files"] = [] if folder is None else [str(folder / name) for name in outcome.writers]
-            text = json.dumps(finite(content), indent=2, allow_nan=False) if as_json else ""
-            watch.say("writing")
-            if folder is not None:
-                write_all(folder, outcome.writers)
-        for warning in outcome.renamed:
-            warn(f"{warning}; {UNTIL}")
-        if as_json:
-            typer.echo(text)
-        else:
-            outcome.show(stdout())
-        raise typer.Exit(FAILED if outcome.failed else 0)
+    def decorate(run: Callable[..., Outcome]) -> Callable[..., None]:
+        @functools.wraps(run)
+        def command(*, out: Path | None, as_json: bool, **options: Any) -> None:
+            with guarded(), watching() as watch:
+                if out is not None:
+                    check_folder(out)
+                outcome = run(watch, **options)
+                watch.say("writing")
+                content, text = _write(run.__name__, outcome, out or outcome.folder, as_json)
+            for warning in outcome.loaded.warnings if outcome.loaded else ():
+                warn(f"{warning}; {UNTIL}")
+            if as_json:
+                typer.echo(text)
+            else:
+                _show(stdout(), outcome, content)
+            raise typer.Exit(FAILED if outcome.failed else 0)
 
-    signature = inspect.signature(run)
-    _, *parameters = signature.parameters.values()
-    command.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
-    return command
+        signature = inspect.signature(run)
+        _, argument, *options = signature.parameters.values()
+        common = [_option("out", out, Path | None), _option("as_json", JSON, bool)]
+        parameters = [argument, *common, *options]
+        command.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
+        return command
+
+    return decorate
+
+
+def _option(name: str, option: Any, annotation: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=option, annotation=annotation)
+
+
+def _write(command: str, outcome: Outcome, folder: Path | None, as_json: bool) -> tuple[dict[str, Any], str]:
+    """Write the files of an outcome to a folder; return the content of the output, and its text as JSON.
+
+    The text is created before any file is written. It is empty if `as_json` is false.
+    """
+    from qtraj.viz.result_files import obsolete_files  # imported here, because xarray delays --help
+
+    writers = {} if folder is None else outcome.writers
+    obsolete = [] if folder is None else obsolete_files(folder, writers, outcome.optional)
+    scenario = {} if outcome.loaded is None else {"scenario": outcome.loaded.about()}
+    files = {"files": [str(Path(folder or "", name)) for name in writers], "removed": [str(file) for file in obsolete]}
+    content = {"qtraj": __version__, "command": command} | scenario | outcome.content | files
+    text = json.dumps(finite(content), indent=2, allow_nan=False) if as_json else ""
+    if folder is not None:
+        write_all(folder, writers, obsolete)
+    return content, text
+
+
+def _show(console: Console, outcome: Outcome, content: dict[str, Any]) -> None:
+    """Print the scenario, the content and the files of an outcome, for a terminal with 80 columns."""
+    if outcome.loaded is not None:
+        layout.print_scenario(console, content["scenario"])
+    outcome.show(console, content)
+    layout.print_files(console, "Files written", content["files"])
+    layout.print_files(console, "Files removed, because an earlier run wrote them", content["removed"])
+    if outcome.hint:
+        console.print(Text(outcome.hint))
 
 
 def stdout() -> Console:

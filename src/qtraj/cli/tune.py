@@ -20,6 +20,7 @@ from qtraj.scenario import KINDS
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.tuning.outcome import Tuned
+    from qtraj.foundation.folder import Writer
     from qtraj.path.change import PathChange
     from qtraj.scenario.path import PathTask
     from qtraj.scenario.path_parts import TunePart
@@ -37,12 +38,10 @@ CAUSES = (
 )
 
 
-@terminal.command
+@terminal.command()
 def tune(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("path"),
-    out: Path = terminal.out_option(),
-    as_json: bool = terminal.json_option(),
     motion: Motion | None = typer.Option(
         None, metavar="MOTION", help=f"Overrides the scenario: {either(MOTIONS, '')}."
     ),
@@ -63,61 +62,38 @@ def tune(
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     or if a path does not fit its recording.
     """
-    chosen = (motion and motion.value, objective and objective.value, starts)
     watch.say("reading")
-    # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
+    # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import plain
-    from qtraj.io.dataset import path_dataset
     from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import tuning_figure
 
     loaded = read_scenario(scenario, "path")
-    task, before, best = _tuned(loaded, chosen, watch)
+    task, before, best = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
     change = compare_paths(task.path, best.path, (task.start, task.end))
-    warning = change.warning and f"{change.warning} {CAUSES}"
-    search = {"objective": task.objective, "motion": task.motion}
-    settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-    outcome = {"status": best.status, "result": best.result}
-    about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
-    dataset = path_dataset(
-        {"before": task.path, "after": best.path},
-        task.limits,
-        task.track,
-        attributes=loaded.provenance() | about,
-        fitted=task.fitted,
-        frame=(frame or FrameName.upright).frame(),
-        findings={"before": before, "after": best.certificate},
-    )
-    options = {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
-    bounds = {name: list(bounds) for name, bounds in task.part.ranges.items()}
-    content = terminal.header("tune", loaded) | {
+    content = {
         "fit": facts_of(task.fitted),
-        "frame": dataset.attrs["frame"],
+        "frame": (frame or FrameName.upright).value,
         "purpose": loaded.scenario.purpose,
         "before": plain(before.record()),
         "tuned": plain(best.record()),
         "change": plain(change.record()),
-        "tuning": search | options | {"bounds": bounds} | outcome,
-        "warning": warning,
-    }
-    writers = {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
-        **result_files.figure("tuning", tuning_figure(dataset)),
+        "tuning": _tuning(task, best),
+        "warning": change.warning and f"{change.warning} {CAUSES}",
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
-    show = partial(_show, content=content, task=task, before=before, best=best, change=change)
-    return Outcome(content, show, not met, loaded.warnings, out, writers)
+    show = partial(_show, task=task, before=before, best=best, change=change)
+    return Outcome(content, show, loaded, not met, _files(loaded, content, task, before, best))
 
 
 def _tuned(
-    loaded: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
+    loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch
 ) -> tuple["PathTask", "Certificate", "Tuned"]:
     """Return the task of a scenario, the certificate of its path, and the result of the tuning.
+
+    `overrides`: motion, objective and number of starts, which replace those of the scenario unless they are None.
 
     **Raises:** ValueError, which names the file, for bad input.
     """
@@ -126,13 +102,53 @@ def _tuned(
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
     watch.say("fitting the recording" if loaded.scenario.track else "constructing the path")
-    task: PathTask = KINDS["path"].build(loaded, *chosen)
+    task: PathTask = KINDS["path"].build(loaded, *overrides)
     with naming(f"{loaded.file}: "):
         watch.say("checking the path")
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
         return task, before, task.tuned(watch.tuning)
+
+
+def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
+    """Return the settings and the result of the tuning as JSON types."""
+    return {
+        "objective": task.objective,
+        "motion": task.motion,
+        "method": task.part.method,
+        "options": task.part.options,
+        "fixed": list(task.part.fixed),
+        "bounds": {name: list(bounds) for name, bounds in task.part.ranges.items()},
+        "status": best.status,
+        "result": best.result,
+    }
+
+
+def _files(
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], task: "PathTask", before: "Certificate", best: "Tuned"
+) -> "dict[str, Writer]":
+    """Return the writers of the files."""
+    from qtraj.io.dataset import path_dataset
+    from qtraj.viz import result_files
+    from qtraj.viz.figures import tuning_figure  # imported after the computation, because matplotlib is slow to import
+
+    about = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
+    about |= {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": content["warning"]}
+    dataset = path_dataset(
+        {"before": task.path, "after": best.path},
+        task.limits,
+        task.track,
+        attributes=loaded.provenance() | {f"tuning_{name}": text for name, text in about.items() if text},
+        fitted=task.fitted,
+        frame=FrameName(content["frame"]).frame(),
+        findings={"before": before, "after": best.certificate},
+    )
+    return {
+        **result_files.netcdf("paths.nc", dataset),
+        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
+        **result_files.figure("tuning", tuning_figure(dataset)),
+    }
 
 
 def _ranges(part: "TunePart") -> str:
@@ -155,8 +171,7 @@ def _show(
     best: "Tuned",
     change: "PathChange",
 ) -> None:
-    """Print scenario, results and files, for a terminal with 80 columns."""
-    layout.print_scenario(console, content["scenario"])
+    """Print the fit, the limits, the changes and the result."""
     layout.print_fit(console, task.fitted)
     _show_limits(console, before, best.certificate)
     layout.print_purposes(console, content["purpose"])
@@ -179,7 +194,6 @@ def _show(
     console.print(Text(best.result))
     if content["warning"]:
         console.print(Text(content["warning"], style="yellow"))
-    layout.print_files(console, content["files"])
 
 
 def _show_limits(console: Console, before: "Certificate", after: "Certificate") -> None:

@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,13 @@ def check_folder(out: Path) -> None:
         raise PermissionError(f"{root}: there is no permission to write into this folder")
 
 
-def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
+def write_all(out: Path, writers: Mapping[str, Writer], obsolete: Iterable[Path] = ()) -> list[Path]:
     """Write one file for each item of `writers` (name, function that writes the file) into the folder `out`.
 
     The files are written into a hidden folder on the same file system, and moved to `out` when all of them are
     complete. Therefore an error in a writer or an interrupt leaves no files behind. If the process is killed, the next
-    run removes the hidden folder. Files with other names in `out` are not changed.
+    run removes the hidden folder. The files `obsolete` are removed after the new files have been moved to `out`. Other
+    files in `out` are not changed.
 
     **Raises:** OSError if a file cannot be written.
     """
@@ -51,6 +52,8 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
             out.mkdir(parents=True, exist_ok=True)
             for name in writers:
                 move(stage / name, out / name)
+            for file in obsolete:
+                file.unlink(missing_ok=True)
     return targets
 
 

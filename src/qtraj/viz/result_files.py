@@ -3,7 +3,7 @@
 Each function returns writers by file name, for `qtraj.foundation.folder.write_all`, which writes all files or none.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 """The file name of the report of a folder, or of the main dataset in the folder."""
+
+DATASETS = ("paths.nc", "table.nc")
+"""The file names of the datasets that a report of a folder shows."""
 
 
 def documents(objects: Mapping[str, Any]) -> dict[str, Writer]:
@@ -66,3 +69,15 @@ def report(dataset: xarray.Dataset) -> dict[str, Writer]:
         file.write_text(report_page(dataset), encoding="utf-8", newline="\n")
 
     return {REPORT: write}
+
+
+def obsolete_files(folder: Path, writers: Mapping[str, Writer], optional: Iterable[str] = ()) -> list[Path]:
+    """Return the files of an earlier run in a folder that would not match the files that `writers` will write.
+
+    These are the files named in `optional` and, if a dataset will be replaced, the report of the folder. Files that
+    `writers` will write, folders and links are omitted.
+    """
+    replaced = any(name in writers and (folder / name).is_file() for name in DATASETS)
+    names = (*optional, *([REPORT] if replaced else []))
+    files = [folder / name for name in names if name not in writers]
+    return [file for file in files if file.is_file() and not file.is_symlink()]

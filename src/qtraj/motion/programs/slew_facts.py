@@ -40,6 +40,21 @@ def slew_limit_rows(verdict: SlewVerdict) -> list[tuple[str, ...]]:
     return rows
 
 
+def end_rates_text(start_rate: float, end_rate: float) -> str:
+    """Describe the discontinuity of a program whose slew has the rates `start_rate` and `end_rate` [rad/s] at its ends.
+
+    The text is empty if both rates are zero.
+    """
+    rates = {"starts": start_rate, "ends": end_rate}
+    moving = [f"{verb} at {degrees(rate)}°/s" for verb, rate in rates.items() if rate]
+    if not moving:
+        return ""
+    return (
+        f"The slew {' and '.join(moving)}, but the program is at rest before and after the slew, so the commanded rate "
+        "is discontinuous."
+    )
+
+
 def vector_text(values: Any) -> str:
     """Return the components of a vector as text, or a dash if a component is NaN."""
     vector = np.array(values, dtype=float)
