@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import qtraj as qt
 from qtraj.path.quantity import quantity
@@ -256,3 +257,55 @@ def test_traced_limits_of_a_retimed_route():
     timed = qt.retime(route, qt.Limits(speed=10.0, lateral_acceleration=2.0), knots=64)
     codes = jax.jit(lambda speed: qt.certify(timed.path, qt.Limits(speed=speed)).codes)(10.1)
     np.testing.assert_array_equal(codes, qt.certify(timed.path, qt.Limits(speed=10.1)).codes)
+
+
+ALL = {"speed": 50.0, "acceleration": 50.0, "longitudinal_acceleration": 50.0, "jerk": 1e3, "friction": 50.0}
+STEP, BEND = [[1.0, 0, 0, 0], [2.0, 0, 0, 0]], [[1.0, 0, 0, 0], [1.0, 1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "rest", "undecided"),
+    [
+        ([[1.0, 1, 0, 0], [2.0, 1, 0, 0]], False, set()),
+        (STEP, False, {"acceleration", "longitudinal_acceleration", "jerk", "friction"}),
+        (BEND, False, {"jerk"}),
+        ([[0.0, 1, 0, 0], [1.0, 1, 0, 0]], True, set()),
+        ([[0.1, 0.9, 0, 0], [1.0, 0.9, 0, 0]], True, set(ALL)),
+    ],
+    ids=["smooth", "speed jumps", "acceleration jumps", "rest", "no rest"],
+)
+def test_a_timing_that_jumps_is_not_proved(coefficients, rest, undecided):
+    timing = qt.Timing(coefficients, np.linspace(0.0, 6.0, 3), (rest, False))
+    found = qt.certify(qt.RetimedPath(CORNER, timing), qt.Limits(**ALL, vehicle=CAR))
+    expected = {name: "undecided" if name in undecided else "proved" for name in ALL}
+    assert found.status == expected
+
+
+def test_a_route_whose_acceleration_jumps_is_not_proved():
+    bends = np.array([[[0.0, 0.5, 0], [0, 0.8, 0]], [[5.0, 0, 0], [5, 1, 0]], [[0.0, 0, 0], [5, 0.5, 0]]])
+    route = qt.Route.from_piecewise(PPoly(bends, [0.0, 1.0, 2.0]))
+    timing = qt.Timing([[1.0, 0, 0, 0]] * 4, np.linspace(0.0, 2.0, 5))
+    found = qt.certify(qt.RetimedPath(route, timing), qt.Limits(acceleration=20.0, jerk=20.0))
+    assert found.status == {"acceleration": "proved", "jerk": "undecided"}
+
+
+def test_the_largest_values_are_those_of_dense_samples(case):
+    limits, timed = case
+    chosen = qt.Limits(**limits)
+    table = np.stack(
+        [
+            np.asarray(jax.vmap(lambda t, n=name: chosen.values(timed.path, t)[n])(_dense(timed)))
+            for name in chosen.given()
+        ]
+    )
+    largest = np.nanmax(np.abs(table), axis=1)
+    ratio = np.asarray(timed.certificate.values) / largest
+    assert ratio.min() > 1 - 1e-6
+    assert ratio.max() < 1 + 3e-4  # the samples omit the knots
+
+
+def _dense(timed):
+    """Instants in all cells, not close to stops, where rounding errors dominate some quantities."""
+    times = np.asarray(timed.timing.times)
+    fractions = np.linspace(0.02, 0.98, 49)
+    return (times[:-1, None] + np.diff(times)[:, None] * fractions).ravel()

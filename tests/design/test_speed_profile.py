@@ -147,3 +147,11 @@ def test_limits_on_the_shape_are_added_to_the_certificate(timed):
     assert whole.names == (*NAMES, "curvature", "slope")
     assert whole.status["curvature"] == "proved"
     assert whole_certificate(timed, qt.Limits(curvature=0.04)).status["curvature"] == "broken"
+
+
+def test_limits_that_retime_does_not_support_are_checked_by_certify(timed):
+    others = qt.Limits(longitudinal_force=1e5, curvature=0.06, vehicle=qt.Vehicle(1500.0))
+    whole = whole_certificate(timed, others)
+    assert whole.names == (*NAMES, "curvature", "longitudinal_force")
+    assert whole.status == timed.certificate.status | qt.certify(timed.path, others).status
+    assert whole.status["longitudinal_force"] == "undefined"  # at rest

@@ -3,7 +3,7 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import equinox as eqx
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
@@ -149,19 +150,22 @@ class Limits(eqx.Module):
         return {name: value for name, value in values.items() if value is not None}
 
     def on_timing(self) -> Limits:
-        """Return the limits that depend on the timing of a path, which are the limits that `retime` accepts."""
-        return self._chosen(lambda name: quantity(name).on_road or quantity(name).per_time > 0)
+        """Return the limits that `retime` supports; each of them depends on the timing of a path."""
+        return self.only(NAMES)
 
     def on_shape(self) -> Limits:
         """Return the limits that depend only on the shape of a path, such as curvature, torsion and slope."""
-        timing = self.on_timing().given()
-        return self._chosen(lambda name: name not in timing)
+        return self.only([name for name, entry in QUANTITIES.items() if entry.per_time == 0 and not entry.needs])
 
-    def _chosen(self, chosen: Callable[[str], bool]) -> Limits:
-        """Return the limits whose names are `chosen`, with the vehicle if one of them needs it."""
-        limits = {name: limit for name, limit in self.given().items() if chosen(name)}
-        vehicle = self.vehicle if any(quantity(name).needs_vehicle for name in limits) else None
-        return Limits(**limits, vehicle=vehicle)
+    def only(self, names: Collection[str]) -> Limits:
+        """Return the limits in `names`, with the vehicle if one of them needs it."""
+        kept = [name for name in self.given() if name in names]
+        dropped = [name for name in self.given() if name not in names]
+        if not any(quantity(name).needs_vehicle for name in kept):
+            dropped.append("vehicle")
+        return eqx.tree_at(
+            lambda x: [getattr(x, name) for name in dropped], self, [None] * len(dropped), is_leaf=lambda x: x is None
+        )
 
     @property
     def needs_vehicle(self) -> bool:

@@ -1,31 +1,26 @@
-"""Add limits on the shape of a path to the certificate of its retiming, which avoids a second proof of the timing."""
+"""Certify all limits on a retimed path, with the certificate of `retime`, which avoids a second proof of the timing."""
 
 from __future__ import annotations  # so that `help` shows short names
-
-import numpy as np
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.certify import certify
-from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.timing.findings import joined
 from qtraj.design.timing.outcome import Retimed
 
 
 def whole_certificate(timed: Retimed, limits: Limits) -> Certificate:
-    """Return the certificate of a result of `retime` with the limits on the shape in `limits` added.
+    """Return the certificate of a result of `retime`, with those of `limits` added that `retime` does not support.
 
-    `retime` proves only limits that depend on the timing. Limits on the shape, such as curvature, are checked on the
-    original path, which has the same shape; the times [s] of their findings refer to the retimed path. If `limits` has
-    no limit on the shape, the result is the certificate of the retiming.
+    Limits on the shape, such as curvature, are proved on the original path, which has the same shape. Others, such as
+    the angular acceleration, are sampled. If there are none, the result is the certificate of the retiming.
 
     **Raises:** ValueError in the same cases as `certify`.
     """
-    shape, own = limits.on_shape(), timed.certificate
-    if not shape.given():
+    own = timed.certificate
+    others = limits.only([name for name in limits.given() if name not in own.names])
+    if not others.given():
         return own
-    found = certify(timed.path.path, shape)
-    found = found.whole if isinstance(found, RouteCertificate) else found
-    times = np.array([float(timed.timing.time(t)) for t in np.asarray(found.times)])
-    ours, theirs = (own.codes, own.times, own.values, own.limits), (found.codes, times, found.values, found.limits)
-    columns = (np.concatenate(pair) for pair in zip(ours, theirs, strict=True))
-    return Certificate((*own.names, *found.names), *columns)
+    found = certify(timed.path, others)
+    assert isinstance(found, Certificate)  # a retimed path is not a route
+    return joined([own, found], (*own.names, *found.names))

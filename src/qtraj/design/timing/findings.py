@@ -1,5 +1,7 @@
 """Combine the findings on the cells of a timing into a certificate."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
@@ -52,3 +54,12 @@ def certificate(
     whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
     values = jnp.where(jnp.any(undefined(codes), axis=1), jnp.nan, values)
     return Certificate(names, whole, times, values, limits)
+
+
+def joined(found: Sequence[Certificate], names: tuple[str, ...]) -> Certificate:
+    """Return the certificate of all limits in the order of `names`, which occur in one of the certificates each."""
+    own = [name for certificate in found for name in certificate.names]
+    order = np.array([own.index(name) for name in names], int)
+    fields = ("codes", "times", "values", "limits")
+    arrays = ([jnp.asarray(getattr(certificate, field)) for certificate in found] for field in fields)
+    return Certificate(names, *(jnp.concatenate(x, axis=-1)[..., order] for x in arrays))

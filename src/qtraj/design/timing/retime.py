@@ -25,6 +25,8 @@ from qtraj.design.timing.parts import (
 )
 from qtraj.design.timing.proof import Source, prove
 from qtraj.design.timing.requirements import require_knots, require_limits, require_regular, require_stop, speed_at
+from qtraj.design.timing.retimed_cells import Cells, of_parts
+from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.sources import source
@@ -32,7 +34,6 @@ from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
@@ -136,8 +137,8 @@ def _retimed(
         at_rest = rest[0] and first, rest[1] and last
         timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names))
     enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
-    placed = path.polynomials()
-    return _judged(path, timed, bounds, (begins.pace, begins.wanted), enough, placed, names, rest)
+    ends = begins.pace, begins.wanted
+    return _judged(path, timed, bounds, ends, enough, vehicle, of_parts(parts), names, rest)
 
 
 class _Begun(NamedTuple):
@@ -206,7 +207,8 @@ def _judged(
     bounds: dict[str, Scalar],
     speeds: tuple[Array, Array],
     enough: Float[Any, " searches"],
-    polynomials: MovingPolynomials | None,
+    vehicle: RoadParameters | None,
+    cells: Cells,
     names: tuple[str, ...],
     rest: tuple[bool, bool],
 ) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
@@ -220,9 +222,9 @@ def _judged(
     codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
     codes = findings.with_straight(path, knots, codes, names)
     limits, cell = jnp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
-    values = jnp.take_along_axis(usage, cell[:, None], axis=1)[:, 0] * limits
-    times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
-    certificate = findings.certificate(codes, times, values, limits, polynomials, names)
+    retimed = stop_gradient(RetimedPath(path, timing))
+    times, largest = largest_in(Limited(retimed, cells, *stop_gradient((bounds, vehicle))), cell, names)
+    certificate = findings.certificate(codes, times, largest * limits, limits, path.polynomials(), names)
     searches = [x.found for x in timed if x.found is not None]
     powers, (pace, wanted) = timing.coefficients, speeds
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
@@ -234,7 +236,7 @@ def _judged(
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
     code = jnp.where(found, code, int(ResultCode.not_converged))
-    code = jnp.where(jnp.isfinite(powers).all(), code, int(ResultCode.not_finite))
+    code = jnp.where(jnp.isfinite(powers).all() & jnp.isfinite(timing.duration), code, int(ResultCode.not_finite))
     code = jnp.where(unbounded, int(ResultCode.speed_unbounded), code)
     code = jnp.where(ignored, int(ResultCode.rest_unknown), code)
     code = jnp.where(jnp.isnan(wanted).any(), int(ResultCode.not_finite), code)

@@ -89,6 +89,13 @@ def _upper(across: Array, onto: Array) -> Array:
     return found
 
 
+def steady(r: Road) -> Float[Array, "*nodes"]:
+    """Return a lower bound on the largest constant a at which the power is sufficient; infinite for no limit."""
+    slope, drag = jnp.maximum(2 * r.power[0], 0.0), jnp.maximum(2 * r.power[1], 0.0)
+    bounds = [jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** e, jnp.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
+    return jnp.minimum(*bounds)
+
+
 def without(r: Road, omitted: Array) -> Road:
     """Return the constraints, which are always satisfied at the nodes at which `omitted` is true."""
     neutral = Road(*(jnp.zeros_like(x) for x in r))

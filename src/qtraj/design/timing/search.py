@@ -27,7 +27,7 @@ from qtraj.design.timing.constraints import (
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
-from qtraj.design.timing.road import ROAD, slowing, without
+from qtraj.design.timing.road import ROAD, slowing, steady, without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -271,6 +271,8 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
         typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
         highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
         highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
+    if c.road is not None:
+        highest = jnp.minimum(highest, steady(c.road)[0])
     highest = jnp.minimum(highest, RANGE * jnp.min(highest))
     pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))

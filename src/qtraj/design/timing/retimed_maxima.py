@@ -1,0 +1,80 @@
+"""Find the largest values of limited quantities on a retimed path."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.timing.constraints import listed, parts, ratios, used
+from qtraj.design.timing.retimed_cells import Cells, motion_at
+from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.types import Scalar
+from qtraj.path.vehicle import RoadParameters
+
+PLACES = 17
+"""Number of equally spaced points in each cell at which quantities are evaluated."""
+
+ZOOM_PLACES, ZOOMS = 9, 5
+"""Number of points in a cell, and in each of the smaller and smaller intervals around the largest value."""
+
+INSIDE = 1e-9
+"""Smallest distance of a maximum from the ends of its cell, relative to the cell."""
+
+
+class Limited(NamedTuple):
+    """A retimed path with its cells, and its limits by name; `vehicle` is None without limits on friction or power."""
+
+    path: RetimedPath
+    cells: Cells
+    bounds: dict[str, Scalar]
+    vehicle: RoadParameters | None
+
+    def usage(
+        self, cell: Int[Array, " m"], place: Float[Array, " m"], names: tuple[str, ...]
+    ) -> Float[Array, "limits m"]:
+        """Return the ratio of each quantity to its limit at the fraction `place` of each moving `cell`."""
+        r, v = motion_at(self.path, self.cells, cell, place)
+        found = used(parts(r, jnp.ones((), r.dtype), self.bounds, self.vehicle), v)
+        rows = listed(self.bounds, self.vehicle is not None)
+        return ratios(found, rows)[np.array([rows.index(name) for name in names])]
+
+
+def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Array, "limits moving"]:
+    """Return the largest sampled ratio of each quantity to its limit in each moving cell; undefined ratios are zero."""
+    moving, dtype = limited.cells.grid.half.shape[0], limited.path.duration.dtype
+    place = jnp.broadcast_to(jnp.linspace(0.0, 1.0, PLACES, dtype=dtype), (moving, PLACES))
+    usage = limited.usage(jnp.repeat(jnp.arange(moving), PLACES), place.ravel(), names)
+    return jnp.max(jnp.where(jnp.isnan(usage), 0.0, usage).reshape(-1, moving, PLACES), axis=-1)
+
+
+def largest_in(
+    limited: Limited, cell: Int[Array, " limits"], names: tuple[str, ...]
+) -> tuple[Float[Array, " limits"], Float[Array, " limits"]]:
+    """Return the time of the maximum of each quantity in its `cell` of the timing, and the ratio to its limit.
+
+    The result is computed as the largest of `ZOOM_PLACES` values, which are sampled `ZOOMS` times, each time closer to
+    the last maximum. Rounding errors dominate the direction of motion close to a stop, so that this search keeps away
+    from it.
+    """
+    timing, cells, count = limited.path.timing, limited.cells, len(names)
+    k = jnp.searchsorted(jnp.asarray(cells.columns), cell)  # a cell without motion is never the worst one
+    before, after = (jnp.asarray(stops)[k] for stops in cells.stops)
+    width = 1 / (ZOOM_PLACES - 1)
+    rows, around = jnp.arange(count), jnp.linspace(-1.0, 1.0, ZOOM_PLACES, dtype=timing.knots.dtype)[None]
+
+    def zoom(step: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        lowest = jnp.where(before, jnp.minimum(found[0], width), INSIDE)
+        highest = jnp.where(after, jnp.maximum(found[0], 1 - width), 1 - INSIDE)
+        near = found[0][:, None] + 0.5 * (2 * width) ** step * around
+        near = jnp.where(step == 0, near, jnp.clip(near, lowest[:, None], highest[:, None]))
+        usage = limited.usage(jnp.repeat(k, ZOOM_PLACES), near.ravel(), names)
+        usage = usage.reshape(count, count, ZOOM_PLACES)[rows, rows]
+        best = jnp.argmax(jnp.where(jnp.isnan(usage), -jnp.inf, usage), axis=1)
+        return near[rows, best], usage[rows, best]
+
+    middle = jnp.full(count, 0.5, timing.knots.dtype)
+    place, usage = jax.lax.fori_loop(0, ZOOMS, zoom, (middle, jnp.zeros_like(middle)))
+    knots = timing.knots[cell], timing.knots[cell + 1]
+    return jax.vmap(timing.time)(knots[0] + place * (knots[1] - knots[0])), usage
