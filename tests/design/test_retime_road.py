@@ -186,7 +186,7 @@ def test_derivatives_without_a_limit_on_friction():
 
 @pytest.mark.parametrize(("slope", "speed"), [(0.04, 0.9), (0.055, 1.3)])
 def test_a_vehicle_with_little_power_climbs_from_rest_to_rest(slope, speed):
-    """The power suffices for a low constant speed, which bounds the duration from both sides."""
+    """The work against gravity takes at least the time that the climb takes at a constant speed."""
     mass, length, time = 9000.0, 60.0, 10.0
     position, velocity = [[0.0, 0, 0], [length, 0, slope * length]], [[length / time, 0, slope * length / time]] * 2
     path = qt.Route([0.0, time], position, velocity, np.zeros((2, 3)))
@@ -194,5 +194,5 @@ def test_a_vehicle_with_little_power_climbs_from_rest_to_rest(slope, speed):
     limits = qt.Limits(speed=15.0, friction=0.6, power=weight * speed, vehicle=qt.Vehicle(mass))
     timed = qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=256, throw=True)
     steady = length * np.hypot(1, slope) / speed
-    assert 0.98 * steady < float(timed.duration) < 1.02 * steady
+    assert steady < float(timed.duration) < 1.04 * steady  # the kinetic energy takes up to 1.1 s more
     assert set(timed.certificate.status.values()) == {"proved"}

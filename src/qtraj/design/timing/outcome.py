@@ -115,8 +115,8 @@ class Retimed(AbstractOutcome):
         if code == ResultCode.not_finite:
             return (
                 "the search failed, and the timing contains NaN. Check that path, limits and speeds are finite. With a "
-                "limit on friction, a slope or a bank may be too steep for the tyres: raise the limit, or check the "
-                "path."
+                "limit on friction or power, a slope or a bank may be too steep for the tyres or the engine: raise the "
+                "limit, use fewer knots, or check the path."
             )
         if code == int(np.asarray(self.certificate.code)[at]):  # names the limits
             return self.certificate.explain(at)

@@ -60,7 +60,7 @@ the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over 
 
 
 class Problem(NamedTuple):
-    """A part of a path from `start` to `end`, limits by name (infinite if absent), and bounds on a at its ends.
+    """A part of a path from `start` to `end`, the given limits by name, and bounds on a at its ends.
 
     `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
     the start and at the end.
