@@ -74,10 +74,10 @@ def report(dataset: xarray.Dataset) -> dict[str, Writer]:
 def obsolete_files(folder: Path, writers: Mapping[str, Writer], optional: Iterable[str] = ()) -> list[Path]:
     """Return the files of an earlier run in a folder that would not match the files that `writers` will write.
 
-    These are the files named in `optional` and, if a dataset will be replaced, the report of the folder. Files that
-    `writers` will write, folders and links are omitted.
+    If a dataset of an earlier run will be replaced, these are the files named in `optional` and the report of the
+    folder, otherwise none. Files that `writers` will write, folders and links are omitted.
     """
-    replaced = any(name in writers and (folder / name).is_file() for name in DATASETS)
-    names = (*optional, *([REPORT] if replaced else []))
-    files = [folder / name for name in names if name not in writers]
+    if not any(name in writers and (folder / name).is_file() for name in DATASETS):
+        return []
+    files = [folder / name for name in (*optional, REPORT) if name not in writers]
     return [file for file in files if file.is_file() and not file.is_symlink()]
