@@ -238,7 +238,9 @@ def _sampled(
         grip = 0.0 * unit_speed
         if vehicle is not None:
             ahead, second = (jnp.stack(x) for x in own.r[1:3])
-            grip = coefficients(ahead / unit_speed, tuple(second), unit_speed, unit_speed, vehicle, bounds).upper
+            grip = coefficients(
+                ahead / unit_speed, tuple(second), unit_speed, jnp.asarray(0.5, u.dtype), vehicle, bounds
+            ).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
     found = jax.vmap(sample)(u)

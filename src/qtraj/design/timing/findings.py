@@ -43,7 +43,7 @@ def certificate(
     polynomials: MovingPolynomials | None,
     names: tuple[str, ...],
 ) -> Certificate:
-    """Return the certificate; `values` are the largest values of the quantities, or those in the cells they lack."""
+    """Return the certificate; `values` are the largest values; those of undefined quantities become NaN."""
     rank = jnp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
     whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:

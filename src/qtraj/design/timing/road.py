@@ -115,13 +115,13 @@ def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     return r._replace(along=along, across=across, power=r.power * power)
 
 
-def values(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
+def values(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
     """Return the constraint values, which must not be positive."""
     x, y, z = _grip(r, v)
     return [x * x + y * y - z * z, _root(v[0]) * _affine(r.power, v) - 1]
 
 
-def used(r: Road, v: Float[Array, "3 *nodes"]) -> list[Array]:
+def used(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
     """Return the friction and the power divided by their limits."""
     x, y, z = _grip(r, v)
     return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
@@ -146,7 +146,7 @@ def slowing(
     return jnp.where(over & (factors >= SLOWEST), factors, 1.0)
 
 
-def gradients(r: Road, v: Float[Array, "3 *nodes"]) -> list[tuple[Array, ...]]:
+def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ...]]:
     """Return the gradients of `values` with respect to (a, a')."""
     x, y, z = _grip(r, v)
     root = _root(v[0])
@@ -162,11 +162,11 @@ def second_derivatives(r: Road, multipliers: Float[Array, "2 *nodes"]) -> tuple[
     return twice * (p * p + s * s), twice * p * q, twice * q * q
 
 
-def _grip(r: Road, v: Float[Array, "3 *nodes"]) -> tuple[Array, Array, Array]:
+def _grip(r: Road, v: Float[Array, "orders *nodes"]) -> tuple[Array, Array, Array]:
     return _affine(r.along, v), r.across[0] + r.across[1] * v[0], r.onto[0] + r.onto[1] * v[0]
 
 
-def _affine(c: Float[Array, "3 *nodes"], v: Float[Array, "3 *nodes"]) -> Array:
+def _affine(c: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Array:
     return c[0] + c[1] * v[0] + c[2] * v[1]
 
 

@@ -13,7 +13,6 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.timing.banded import total
 from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraints import (
-    LARGEST,
     POWERS,
     UPPER,
     Constraints,
@@ -26,8 +25,9 @@ from qtraj.design.timing.constraints import (
     values,
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
+from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
-from qtraj.design.timing.road import ROAD, slowing, steady, without
+from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -53,10 +53,6 @@ MARGIN = 1e-5
 
 SLOWED = 1e-4
 """If the solution of the last search must be slowed down by more than this fraction of a, it has not converged."""
-
-RANGE, RAMP, SMOOTHED = 1e3, 32, 32
-"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest bound. The function a grows from 0 to
-the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over at most 2/`SMOOTHED` of the cells."""
 
 
 class Problem(NamedTuple):
@@ -122,8 +118,8 @@ def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:
 
 
 @functools.lru_cache(maxsize=32)
-def _tables(listed: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool) -> Tables:
-    knots, segment, middle, half = (np.array(x) for x in listed)
+def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool) -> Tables:
+    knots, segment, middle, half = (np.array(x) for x in fields)
     jumps = np.append(np.diff(segment) != 0, False) if jerk else None
     grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest, jumps), np.diff(knots)
     columns = np.append(np.arange(length.size), length.size - 1)
@@ -200,7 +196,7 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 
     count = program.constraints.per_node
     ones, nothing = jnp.ones((count, cells), dtype), jnp.zeros((between.upper.shape[0] + count - 1, cells), dtype)
-    start = _Round(begun(program, _initial(program)), ones, ones, nothing, jnp.zeros((), jnp.int32))
+    start = _Round(begun(program, initial(program)), ones, ones, nothing, jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(goes_on, attempt, start)
 
 
@@ -253,41 +249,6 @@ def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cel
     one = jnp.ones_like(factors[:, :1])
     before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
     return jnp.stack([jnp.maximum(before, after), after], axis=1)
-
-
-def _initial(p: Program) -> Float[Array, " cells+3"]:
-    """Return coefficients of the smoothed fastest timing for the upper bounds and the longitudinal acceleration.
-
-    Let E be the kinetic energy, and x the path length in units of 2/(largest acceleration). The limits are an upper
-    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y. The upper bound also
-    limits the jerk for a constant a.
-    """
-    c, knots = p.constraints, p.nodes.place[0]
-    count = knots.size
-    highest = 1 / c.upper[0]
-    if c.jerk is not None:
-        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
-        steepest = jnp.max(c.jerk[5])
-        typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
-        highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
-        highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
-    if c.road is not None:
-        highest = jnp.minimum(highest, steady(c.road)[0])
-    highest = jnp.minimum(highest, RANGE * jnp.min(highest))
-    pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
-    pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
-    pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
-    x = jnp.cumsum(jnp.diff(knots, prepend=knots[:1]) * (pace + jnp.concatenate([pace[:1], pace[:-1]])))
-    energy = jnp.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
-    energy = jnp.minimum(jax.lax.cummin(energy - x) + x, jax.lax.cummin(energy + x, reverse=True) - x)
-    a = energy / pace**2
-    k = np.arange(count)
-    width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
-    for _ in range(2):  # averaged twice, because after one average the slope of a jumps
-        whole = jnp.pad(jnp.cumsum(a), (1, 0))
-        a = (whole[k + width + 1] - whole[k - width]) / (2.0 * width + 1.0)
-    ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]
-    return jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
 
 
 @eqx.filter_jit
