@@ -118,6 +118,8 @@ def test_files_of_an_earlier_run_are_removed_and_listed(qtraj, tmp_path):
     kept = ["tuning.toml", "fit.json.bak"]
     for name in ("certificate.json", "tuning.json", *kept):
         (tmp_path / name).write_text("mine")
+    assert obsolete_files(tmp_path, {"paths.nc": writes("")}, ["certificate.json"]) == []  # no earlier run
+    (tmp_path / "paths.nc").write_text("")
     result = qtraj("route", recording, "--out", tmp_path, "--json")
     assert result.exit_code == 0, result.output
     content = json.loads(result.stdout)

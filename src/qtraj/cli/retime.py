@@ -47,7 +47,8 @@ def retime(
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
-    With a table [tune], the path is tuned first. Stops of a drive keep their durations. The command writes a dataset
+    With a table [tune], the path is tuned first. Stops of a drive keep their durations. Limits that do not affect the
+    timing, such as the curvature, are checked on the result. The command writes a dataset
     (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over time and distance
     (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
     limit is not satisfied, the path does not fit its recording, the tuning fails, or an end speed cannot be reached.
