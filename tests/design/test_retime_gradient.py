@@ -9,6 +9,7 @@ import qtraj as qt
 from qtraj.design.timing import search
 from qtraj.design.timing.constraints import NAMES, tightened
 from qtraj.design.timing.grid import uniform
+from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import begun, continued, duration, solve
 from qtraj.design.timing.spline import at_nodes
 
@@ -31,7 +32,7 @@ def shortest(values, factors):
     """The minimum duration with the limits at the nodes tightened by given factors, to a small duality gap."""
     program = search._imposed(problem(values), TABLES)[0]
     program = program._replace(constraints=tightened(program.constraints, search._at_nodes(factors)))
-    first = solve(program, begun(program, search._initial(program)), jnp.asarray(search.GAPS[0]))
+    first = solve(program, begun(program, initial(program)), jnp.asarray(search.GAPS[0]))
     found = solve(program, continued(program, first), jnp.asarray(GAP))
     return duration(program, at_nodes(program.nodes, found.coefficients))
 
