@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from qtraj.scenario.part import AttitudePart, KnownAttitudePart
+from qtraj.scenario.keys import AttitudePart, KnownAttitudePart
 
 ROUND_OFF = 1e-14
 EULER = np.array([30.0, -20.0, 110.0])

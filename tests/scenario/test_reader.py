@@ -9,7 +9,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.scenario import KINDS
-from qtraj.scenario.part import Part
+from qtraj.scenario.keys import Part
 from qtraj.scenario.path import LimitsPart
 from qtraj.scenario.path_parts import TunePart
 from qtraj.scenario.reader import read_scenario

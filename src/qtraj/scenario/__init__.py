@@ -43,7 +43,7 @@ class Kind(NamedTuple):
 
     @property
     def model(self) -> Any:
-        """The model of the keys, a subclass of `part.Part`."""
+        """The model of the keys, a subclass of `keys.Part`."""
         return self._named(self.model_name)
 
     @property

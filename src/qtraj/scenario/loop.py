@@ -26,22 +26,9 @@ from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
 from qtraj.path.trihedral import AbstractFrame, Upright
+from qtraj.scenario import keys
+from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, one_of, radians, with_hyphens
 from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
-from qtraj.scenario.part import (
-    ANGLES,
-    Angles,
-    NamedPart,
-    Number,
-    Part,
-    Positive,
-    Seconds,
-    Text,
-    Vector,
-    key,
-    one_of,
-    radians,
-    with_hyphens,
-)
 from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, read_input
 from qtraj.scenario.slew import SlewPart
@@ -57,7 +44,7 @@ class ProgramPart(Part):
     """The attitude program: a slew, the frame of a path, or a saved program."""
 
     slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
-    path: Text | None = key(
+    path: keys.Text | None = key(
         "a path whose frame is the program",
         None,
         values="the name of a path scenario or a saved path, relative to the scenario",
@@ -68,13 +55,13 @@ class ProgramPart(Part):
         "or 'thrust-aligned', z along the thrust, for multirotors",
         None,
     )
-    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
-    heading: Number | None = key(
+    up: keys.Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
+    heading: keys.Number | None = key(
         "heading of the thrust-aligned frame, from world x towards world y; default: along the velocity",
         None,
         unit="angle",
     )
-    file: Text | None = key(
+    file: keys.Text | None = key(
         "a saved program, such as program.toml from `qtraj slew`",
         None,
         values="the name of a saved program, relative to the scenario",
@@ -120,7 +107,7 @@ class ProgramPart(Part):
 class SimulationPart(Part):
     """The times and tolerances of the simulation."""
 
-    duration: Seconds | None = key(
+    duration: keys.Seconds | None = key(
         "simulated time; default: the duration of the program; it may be longer only if the program ends at rest", None
     )
     samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
@@ -128,7 +115,7 @@ class SimulationPart(Part):
         601,
         values=f"an integer from 2 to {MAX_SAMPLES}, the number of instants",
     )
-    settled: Positive | None = key(
+    settled: keys.Positive | None = key(
         f"error angle below which the loop counts as settled; default: {degrees(SETTLED)}°", None, unit="angle"
     )
     rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = key(
@@ -142,7 +129,7 @@ class SimulationPart(Part):
 class LoopScenario(NamedPart):
     """A body that follows a program under a feedback law, with an optional disturbance, sensor and actuator."""
 
-    angles: Angles = key("the unit of angles", values=ANGLES)
+    angles: keys.Angles = key("the unit of angles", values=ANGLES)
     program: ProgramPart = key("the attitude program")
     law: FeedbackPart = key("the feedback law")
     error: ErrorPart = key("the initial error of the body", ErrorPart())

@@ -24,20 +24,8 @@ from qtraj.motion.simulation.disturbance import (
     Sinusoid,
 )
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
-from qtraj.scenario.part import (
-    AttitudePart,
-    Inertia,
-    NotNegative,
-    Number,
-    Part,
-    Positive,
-    PositiveVector,
-    Seconds,
-    Vector,
-    key,
-    one_of,
-    radians,
-)
+from qtraj.scenario import keys
+from qtraj.scenario.keys import AttitudePart, Part, key, one_of, radians
 
 BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
 """Established feedback laws whose error equation is not linear."""
@@ -49,7 +37,7 @@ SEEDS = 2**63
 AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis', angle per s² (angle per s for a rate law)"
 
 
-Gain = Annotated[Positive | list[Number] | list[list[Number]], Field(description=GAIN)]
+Gain = Annotated[keys.Positive | list[keys.Number] | list[list[keys.Number]], Field(description=GAIN)]
 """Lists and matrices may contain negative numbers, because gains of unstable loops are allowed."""
 
 
@@ -59,9 +47,9 @@ class WeightsPart(Part):
     The keys error, rate and command are the weights w_e, w_r and w_c.
     """
 
-    error: Positive = key("weight of the error", unit="1/s⁴")
-    rate: NotNegative = key("weight of the rate of the error", 0.0, unit="1/s²")
-    command: Positive = key("weight of the command", 1.0)
+    error: keys.Positive = key("weight of the error", unit="1/s⁴")
+    rate: keys.NotNegative = key("weight of the rate of the error", 0.0, unit="1/s²")
+    command: keys.Positive = key("weight of the command", 1.0)
 
 
 class FeedbackPart(Part):
@@ -77,14 +65,14 @@ class FeedbackPart(Part):
     k1: Gain | None = key("gain of the rate of the error", None, unit="1/s")
     k2: Gain | None = key("gain of the error", None, unit="1/s²")
     k: Gain | None = key("gain of the rate law", None, unit="1/s")
-    settling_time: Seconds | None = key(
+    settling_time: keys.Seconds | None = key(
         "time in which the critically damped error decays to the fraction 'residual'", None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
         "fraction of the initial error at settling_time", 0.02, values="a number between 0 and 1"
     )
-    damping: Positive | None = key("damping ratio", None)
-    frequency: Positive | None = key("undamped natural frequency", None, unit="rad/s")
+    damping: keys.Positive | None = key("damping ratio", None)
+    frequency: keys.Positive | None = key("undamped natural frequency", None, unit="rad/s")
     weights: WeightsPart | None = key("weights of a linear-quadratic regulator", None, values="a table [law.weights]")
 
     def _faults(self) -> Iterator[str]:
@@ -135,7 +123,7 @@ class FeedbackPart(Part):
 class ErrorPart(AttitudePart):
     """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], unit="angle/s")
+    rate: keys.Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
         "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
         "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
@@ -163,11 +151,11 @@ class ErrorPart(AttitudePart):
 class DisturbancePart(Part):
     """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
-    acceleration: Vector | None = key("angular acceleration", None, unit="angle/s²")
-    torque: Vector | None = key("torque, with inertia", None, unit="N m")
-    inertia: Inertia | None = key("inertia of the body", None)
-    period: Seconds | None = key("period of a sinusoid", None)
-    phase: Number = key("phase of a sinusoid", 0.0, unit="angle")
+    acceleration: keys.Vector | None = key("angular acceleration", None, unit="angle/s²")
+    torque: keys.Vector | None = key("torque, with inertia", None, unit="N m")
+    inertia: keys.Inertia | None = key("inertia of the body", None)
+    period: keys.Seconds | None = key("period of a sinusoid", None)
+    phase: keys.Number = key("phase of a sinusoid", 0.0, unit="angle")
 
     def _faults(self) -> Iterator[str]:
         if len(self.given("acceleration", "torque")) != 1:
@@ -192,13 +180,13 @@ class SensorPart(Part):
     """A sensor of attitude and rate, or gyros with which the on-board computer propagates λ."""
 
     kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
-    sampling: Seconds | None = key("sampling period; default: continuous", None)
-    rate_bias: Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
-    rate_noise: NotNegative = key("standard deviation of each sample of the rate", 0.0, unit="angle/s")
-    attitude_bias: Vector = key(
+    sampling: keys.Seconds | None = key("sampling period; default: continuous", None)
+    rate_bias: keys.Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
+    rate_noise: keys.NotNegative = key("standard deviation of each sample of the rate", 0.0, unit="angle/s")
+    attitude_bias: keys.Vector = key(
         "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], unit="angle"
     )
-    attitude_noise: NotNegative = key(
+    attitude_noise: keys.NotNegative = key(
         "standard deviation of each sample of the attitude; not for gyros", 0.0, unit="angle"
     )
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", 0, values="an integer from 0 to 2⁶³ − 1")
@@ -222,11 +210,11 @@ class SensorPart(Part):
 class ActuatorPart(Part):
     """The limit and the sampling of the command; the limit applies to the vector part of the command."""
 
-    limit: Positive | PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
+    limit: keys.Positive | keys.PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
         "whether the limit applies to the norm of the command or to each component", "norm"
     )
-    sampling: Seconds | None = key("sampling period of the command; default: continuous", None)
+    sampling: keys.Seconds | None = key("sampling period of the command; default: continuous", None)
 
     def _faults(self) -> Iterator[str]:
         if isinstance(self.limit, list) and self.saturation == "norm":

@@ -21,20 +21,8 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
-from qtraj.scenario.part import (
-    Inertia,
-    NamedPart,
-    NotNegative,
-    Part,
-    Positive,
-    PositivePair,
-    Quaternion,
-    Seconds,
-    Text,
-    Vector,
-    Wholes,
-    key,
-)
+from qtraj.scenario import keys
+from qtraj.scenario.keys import NamedPart, Part, key
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 
@@ -42,9 +30,9 @@ from qtraj.scenario.reader import ScenarioFile
 class StatePart(Part):
     """A boundary state in world axes."""
 
-    position: Vector = key("position", unit="m")
-    velocity: Vector = key("velocity", unit="m/s")
-    acceleration: Vector | None = key(
+    position: keys.Vector = key("position", unit="m")
+    velocity: keys.Vector = key("velocity", unit="m/s")
+    acceleration: keys.Vector | None = key(
         "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics", None, unit="m/s²"
     )
 
@@ -52,8 +40,8 @@ class StatePart(Part):
 class PlacementPart(Part):
     """The axis of a path between two boundary states."""
 
-    origin: Vector = key("a point on the axis", unit="m")
-    orientation: Quaternion | None = key(
+    origin: keys.Vector = key("a point on the axis", unit="m")
+    orientation: keys.Quaternion | None = key(
         "the direction of the axis; default: vertical",
         None,
         values="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
@@ -68,7 +56,7 @@ class LimitedPart(Part):
         return {name: value for name, value in self.model_dump().items() if value is not None}
 
 
-_number: Any = Positive
+_number: Any = keys.Positive
 _limits: dict[str, Any] = {
     name: (_number | None, key(entry.meaning, None, values=f"a positive finite number [{entry.label}]"))
     for name, entry in QUANTITIES.items()
@@ -80,15 +68,15 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 class VehiclePart(Part):
     """The vehicle, for limits on friction, power, forces and moments: a point mass with tyres, on a banked road."""
 
-    mass: Positive = key("mass", unit="kg")
-    inertia: Inertia | None = key(
+    mass: keys.Positive = key("mass", unit="kg")
+    inertia: keys.Inertia | None = key(
         "moments of inertia about the vehicle's axes (one number if they are equal), or the tensor; used only for "
         "moments",
         None,
     )
-    drag_area: NotNegative = key("drag coefficient times frontal area", 0.0, unit="m²")
-    rolling_resistance: NotNegative = key("rolling resistance divided by the load on the road", 0.0, unit="-")
-    friction: Positive | PositivePair = key(
+    drag_area: keys.NotNegative = key("drag coefficient times frontal area", 0.0, unit="m²")
+    rolling_resistance: keys.NotNegative = key("rolling resistance divided by the load on the road", 0.0, unit="-")
+    friction: keys.Positive | keys.PositivePair = key(
         "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
         "quantity `friction` is the coefficient of friction that the path requires of the road",
         1.0,
@@ -99,8 +87,8 @@ class VehiclePart(Part):
         0.0,
         values="a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
     )
-    air_density: NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
-    gravity: NotNegative = key("gravity, downwards", GRAVITY, unit="m/s²")
+    air_density: keys.NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
+    gravity: keys.NotNegative = key("gravity, downwards", GRAVITY, unit="m/s²")
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle of this table."""
@@ -140,17 +128,17 @@ class PathScenario(NamedPart):
     fit: FitPart | None = key("settings of the fit", None)
     start: StatePart | None = key("the first of two boundary states", None)
     end: StatePart | None = key("the second of two boundary states", None)
-    path: Text | None = key("a saved path", None, values="the name of a saved path, relative to the scenario")
+    path: keys.Text | None = key("a saved path", None, values="the name of a saved path, relative to the scenario")
     placement: PlacementPart | None = key("the axis of a path between two states", None)
-    duration: Seconds | None = key(
+    duration: keys.Seconds | None = key(
         "duration of a path between two states; default: computed from their rates about the axis", None
     )
-    turns: Wholes | None = key("additional whole turns of a path between two states", None)
+    turns: keys.Wholes | None = key("additional whole turns of a path between two states", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "the limits of the tuned path", LimitsPart()
     )
     vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
-    purpose: dict[str, Text] = key(
+    purpose: dict[str, keys.Text] = key(
         "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
     )
     tune: TunePart = key("settings of the tuning", TunePart())

@@ -16,29 +16,12 @@ from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_file import read_track
 from qtraj.path.track import Track
-from qtraj.scenario.part import (
-    Angles,
-    Counts,
-    Metres,
-    NotNegative,
-    Pair,
-    Part,
-    Positive,
-    PositivePair,
-    RangeMap,
-    Seconds,
-    Speed,
-    Text,
-    Vector,
-    Wholes,
-    checked_by,
-    key,
-    one_of,
-    with_hyphens,
-)
+from qtraj.scenario import keys
+from qtraj.scenario.keys import Part, checked_by, key, one_of, with_hyphens
 
 Motion = Annotated[str, one_of(MOTIONS)]
 Objective = Annotated[str, one_of(OBJECTIVES)]
+Recorded = Literal["time", "position", "velocity", "attitude", "rate"]
 
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
@@ -49,14 +32,14 @@ LEARNING_RATE = 0.01
 class AnglesPart(Part):
     """The convention of recorded roll, pitch and heading; all keys are required."""
 
-    sequence: Text = key(
+    sequence: keys.Text = key(
         "order of the rotations: x roll, y pitch, z heading; upper case for moving axes, lower case for fixed axes",
         values="three letters such as 'ZYX'",
     )
     heading: Literal["north-clockwise", "x-anticlockwise"] = key(
         "zero direction and positive sense of rotation of the heading"
     )
-    unit: Angles = key("the unit of the columns")
+    unit: keys.Angles = key("the unit of the columns")
     body: Literal["forward-right-down", "forward-left-up"] = key(
         "directions of the body axes x, y, z, about which roll and pitch are right-handed"
     )
@@ -65,15 +48,15 @@ class AnglesPart(Part):
 class TrackPart(Part):
     """A window of a recording to which a path is fitted."""
 
-    file: Text = key(
+    file: keys.Text = key(
         "the recording: CSV with a header, or TUM", values="the name of a text file, relative to the scenario"
     )
-    window: Pair | None = key(
+    window: keys.Pair | None = key(
         "time interval of the recording to use; default: the whole recording",
         None,
         values="two finite times [t0, t1] in seconds on the recording's own clock",
     )
-    columns: dict[Literal["time", "position", "velocity", "attitude", "rate"], Text | list[Text]] | None = key(
+    columns: dict[Recorded, keys.Text | list[keys.Text]] | None = key(
         "names of columns that are not recognised automatically",
         None,
         values="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
@@ -86,12 +69,12 @@ class TrackPart(Part):
         None,
         values="'tangent-plane': east, north and up on the tangent plane of WGS 84",
     )
-    origin: Vector | None = key(
+    origin: keys.Vector | None = key(
         "the origin of the tangent plane; default: the first sample of the file",
         None,
         values="[latitude °, longitude °, height m]",
     )
-    source: Text | None = key(
+    source: keys.Text | None = key(
         "attribution of the recording, copied to the results",
         None,
         values="a string: the source and the licence of the recording",
@@ -119,11 +102,13 @@ class FitPart(Part):
     motion: Motion | None = key(
         "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", None
     )
-    position_sigma: Metres | None = key(f"standard deviation of a recorded position; default: {POSITION_SIGMA}", None)
-    velocity_sigma: Positive | None = key(
+    position_sigma: keys.Metres | None = key(
+        f"standard deviation of a recorded position; default: {POSITION_SIGMA}", None
+    )
+    velocity_sigma: keys.Positive | None = key(
         f"standard deviation of a recorded velocity; default: {VELOCITY_SIGMA}", None, unit="m/s"
     )
-    radius_bounds: PositivePair | None = key(
+    radius_bounds: keys.PositivePair | None = key(
         f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} times the mean radius",
         None,
         values="two positive finite radii [low, high] [m]",
@@ -148,29 +133,29 @@ class TunePart(Part):
         "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], otherwise 'uniform'",
         None,
     )
-    duration: Seconds | None = key(
+    duration: keys.Seconds | None = key(
         "initial duration of a hermite path, fixed for the objective 'smoothest'; default: computed from the rates of "
         "the given states",
         None,
     )
-    turns: Wholes | None = key("additional whole turns about the axis", None)
-    fixed: list[Text] = key(
+    turns: keys.Wholes | None = key("additional whole turns about the axis", None)
+    fixed: list[keys.Text] = key(
         f"variables that are held fixed: {VARIABLES}; also 'start.heading' and 'end.heading'",
         [],
         values='a list of names, as in fixed = ["end.V_h"]',
     )
-    bounds: RangeMap = key(
+    bounds: keys.RangeMap = key(
         "ranges of variables; other variables have the default bounds of the search",
         {},
         values="a table [tune.bounds] of ranges [low, high] in m/s or s: duration = [4.0, 8.0], or with one bound: "
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
     )
-    corridor: Metres | None = key(
+    corridor: keys.Metres | None = key(
         "maximum distance between the two paths at the same fraction of their durations; the azimuth difference "
         "enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
         None,
     )
-    starts: Counts = key(
+    starts: keys.Counts = key(
         "number of starting points of the search: the specified states, and perturbations of these states", 8
     )
     method: Literal["sqp", "lbfgs", "adam"] = key(
@@ -178,11 +163,11 @@ class TunePart(Part):
         "Lagrangian with an optax optimiser",
         "sqp",
     )
-    max_steps: Counts | None = key(
+    max_steps: keys.Counts | None = key(
         "maximum number of iterations of 'sqp', or of outer iterations of 'lbfgs' or 'adam'; default: 300", None
     )
-    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", None)
-    learning_rate: Positive | None = key(
+    inner_steps: keys.Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", None)
+    learning_rate: keys.Positive | None = key(
         f"learning rate of 'adam', in units of the reference speed; default: {LEARNING_RATE}", None
     )
 
@@ -224,20 +209,20 @@ class RetimePart(Part):
         "the class of path fitted to a [track]; default: a route, unless [fit] or [tune] has keys of a spiral-helix",
         None,
     )
-    start_speed: Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
-    end_speed: Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
+    start_speed: keys.Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
+    end_speed: keys.Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
     knots: Annotated[int, checked_by(require_knots)] = key(
         "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
         "minimum",
         512,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
-    stop_speed: Speed | None = key(
+    stop_speed: keys.Speed | None = key(
         "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
         f"default: {STOP_SPEED} m/s, at most {100 * SLOW:g} % of the highest speed",
         None,
     )
-    stop_distance: NotNegative | None = key(
+    stop_distance: keys.NotNegative | None = key(
         f"largest distance within which slow motion counts as a stop; default: {STOP_DISTANCE} m", None, unit="m"
     )
 

@@ -21,8 +21,8 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.track import Track
-from qtraj.scenario import DATA, KINDS
-from qtraj.scenario.part import Counts, Metres, NamedPart, Part, Positive, Seconds, Text, key
+from qtraj.scenario import DATA, KINDS, keys
+from qtraj.scenario.keys import NamedPart, Part, key
 from qtraj.scenario.path import LimitsPart, VehiclePart, lay, limits_with, require_limits
 from qtraj.scenario.path_parts import RetimePart, TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, read_input
@@ -36,19 +36,19 @@ SHAPES = {"route": ("route",), "spiral-helix": ("path",)}
 class RouteFitPart(Part):
     """The settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
-    spacing: Seconds | None = key("time between the knots of the route", None)
-    smoothing: Positive | None = key(
+    spacing: keys.Seconds | None = key("time between the knots of the route", None)
+    smoothing: keys.Positive | None = key(
         "weight of the integral of the squared jerk, relative to the sum of squared distances",
         None,
         values="a positive finite number [s⁵]",
     )
-    tolerance: Metres | None = key(
+    tolerance: keys.Metres | None = key(
         "largest allowed RMS distance from the recording; the largest smoothing that satisfies this limit is used", None
     )
-    position_sigma: Metres | None = key(
+    position_sigma: keys.Metres | None = key(
         "standard deviation of a recorded position; by default estimated from the residuals", None
     )
-    velocity_sigma: Positive | None = key(
+    velocity_sigma: keys.Positive | None = key(
         "standard deviation of a recorded velocity; by default estimated from the residuals",
         None,
         values="a positive finite number [m/s]",
@@ -62,11 +62,11 @@ class RouteFitPart(Part):
 class RouteTunePart(Part):
     """The settings of the tuning; without this table, the limits are only checked."""
 
-    tube: Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
+    tube: keys.Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
     objective: Literal["nearest", "smoothest", "fastest"] = key(
         "the quantity to minimise: the change of the route, the jerk, or the duration", "nearest"
     )
-    max_steps: Counts = key("maximum number of steps of all searches together", 300)
+    max_steps: keys.Counts = key("maximum number of steps of all searches together", 300)
 
 
 class RouteScenario(NamedPart):
@@ -78,7 +78,7 @@ class RouteScenario(NamedPart):
         "limits to check on the whole route", LimitsPart()
     )
     vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
-    purpose: dict[str, Text] = key(
+    purpose: dict[str, keys.Text] = key(
         "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
     )
     tune: RouteTunePart | None = key("settings of the tuning", None)

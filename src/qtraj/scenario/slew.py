@@ -13,21 +13,8 @@ from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.motion.programs.slew_verdict import judge_slew
-from qtraj.scenario.part import (
-    ANGLES,
-    Angles,
-    Inertia,
-    KnownAttitudePart,
-    NamedPart,
-    Number,
-    Part,
-    Positive,
-    PositiveVector,
-    Seconds,
-    key,
-    one_of,
-    radians,
-)
+from qtraj.scenario import keys
+from qtraj.scenario.keys import ANGLES, KnownAttitudePart, NamedPart, Part, key, one_of, radians
 from qtraj.scenario.reader import ScenarioFile
 
 LAWS = {"time_optimal": TimeOptimal, "s_curve": SCurve, "cubic": Cubic, "quintic": Quintic, "septic": Septic}
@@ -50,18 +37,18 @@ class SlewLawPart(Part):
     """
 
     kind: Annotated[str, one_of(LAWS)] = key("the motion profile", "time_optimal")
-    max_rate: Positive | None = key("limit on the rate", None, unit="angle/s")
-    max_acceleration: Positive | None = key("limit on the acceleration", None, unit="angle/s²")
-    max_jerk: Positive | None = key(
+    max_rate: keys.Positive | None = key("limit on the rate", None, unit="angle/s")
+    max_acceleration: keys.Positive | None = key("limit on the acceleration", None, unit="angle/s²")
+    max_jerk: keys.Positive | None = key(
         "limit on the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
         None,
         unit="angle/s³",
     )
-    duration: Seconds | None = key(
+    duration: keys.Seconds | None = key(
         "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
-    start_rate: Number | None = key("initial rate along a time_optimal slew; default: 0", None, unit="angle/s")
-    end_rate: Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
+    start_rate: keys.Number | None = key("initial rate along a time_optimal slew; default: 0", None, unit="angle/s")
+    end_rate: keys.Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
 
     def _faults(self) -> Iterator[str]:
         needed = NEEDED.get(self.kind)
@@ -103,8 +90,8 @@ class SlewLawPart(Part):
 class BodyPart(Part):
     """The inertia and the torque limit of the body."""
 
-    inertia: Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
-    max_torque: Positive | PositiveVector | None = key(
+    inertia: keys.Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
+    max_torque: keys.Positive | keys.PositiveVector | None = key(
         "limit on the torque, for the norm or for each component in body axes; to satisfy it, the slew is slowed down",
         None,
         values="one or three positive finite numbers [N m]",
@@ -158,7 +145,7 @@ class SlewPart(Part):
 class SlewScenario(NamedPart, SlewPart):
     """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
 
-    angles: Angles = key("the unit of angles", values=ANGLES)
+    angles: keys.Angles = key("the unit of angles", values=ANGLES)
 
 
 def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
