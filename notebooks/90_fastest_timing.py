@@ -45,7 +45,7 @@ jax.config.update("jax_enable_x64", True)
 #
 # ## A corner from rest
 #
-# A bus starts at rest, turns left uphill, and leaves with at most 6 m/s.
+# A bus starts at rest, turns left uphill, and leaves with 6 m/s.
 
 # %%
 start = qt.BoundaryState([30.0, 0.0, 0.0], [0.0, 10.0, 1.0])

@@ -239,7 +239,7 @@ def test_the_terminal_shows_it_all_within_80_columns(qtraj, default_run, tmp_pat
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
         f"deviates from the original path by at most {default_run.content['change']['deviation']:.3g} m",
-        "The heading changes by 7.1° to the left at A and",
+        "The direction of travel changes by 7.1° to the left at A and",
         "mean rate",
         "standing passengers",
         "shown/paths.nc",

@@ -177,7 +177,7 @@ def test_invalid_places_on_the_globe_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"'longitude' seems to contain geographic.*projection='tangent-plane'"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]})
     assert qt.read_track(file, projection="tangent-plane").positions.shape == (4, 3)
-    with pytest.raises(ValueError, match="latitude comes before longitude"):
+    with pytest.raises(ValueError, match="the latitude must come first"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]}, projection="tangent-plane")
     swapped = table(tmp_path, "t,lat,lon,alt", rows - [0, 40, 0, 0], "swapped.csv")
     with pytest.raises(ValueError, match=re.escape(str(swapped)) + r".*has latitude -119° .*within ±90°"):

@@ -40,8 +40,8 @@ def test_there_is_a_warning_if_the_paths_differ_much(length, duration, deviation
 def test_changes_of_heading_and_height_in_words():
     text = change(headings=[np.pi / 2, 0.0], lowest=-1.0, highest=0.0).text
     assert text == (
-        "The heading changes by 90.0° to the left at A and by 0.0° at B; the lowest point moves by "
-        "-1.00 m and the highest point by +0.00 m in height."
+        "The direction of travel changes by 90.0° to the left at A and by 0.0° at B; the minimum height changes by "
+        "-1.00 m and the maximum height by +0.00 m."
     )
     assert "by an undefined angle at B" in change(headings=[0.1, np.nan]).text
 

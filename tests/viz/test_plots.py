@@ -108,7 +108,7 @@ def test_messages_say_why_nothing_can_be_plotted(tuned):
     many = qt.Tuned(
         *jax.tree.map(lambda x: jnp.stack([x, x]), (HELIX, tuned.start, tuned.end)), 0.0, tuned.certificate, [0, 0], 3
     )
-    with pytest.raises(ValueError, match=r"select one of them, result\[k\]"):
+    with pytest.raises(ValueError, match=r"select one path with result\[k\]"):
         many.plot()
 
 

@@ -1,10 +1,10 @@
 """Polynomials in Bernstein form with rigorous error bounds, for many polynomials at once, with NumPy.
 
 A polynomial on [0, 1] lies between its smallest and its largest Bernstein coefficient. Each coefficient of a product is
-a weighted mean of products of coefficients, so its magnitude does not exceed the product of the largest magnitudes. If
-a sum of products has at most `count` roundings in each term, its error is therefore at most `count` units of round-off
-times the sum of these products of magnitudes. As in `chebyshev_model`, every bound is multiplied by `SLACK` to cover
-its own rounding, `TINY` is added to every error to cover underflow, and every `size` is at least `MIN_SIZE`.
+a weighted mean of products of coefficients, so its magnitude does not exceed the product of the largest magnitudes. The
+sum of these bounds is a bound M on a sum of products. If each term has at most `count` roundings, the rounding error of
+the sum is at most `count` units of round-off times M. As in `chebyshev_model`, every bound is multiplied by `SLACK` to
+cover its own rounding, `TINY` is added to every error to cover underflow, and every `size` is at least `MIN_SIZE`.
 """
 
 from __future__ import annotations

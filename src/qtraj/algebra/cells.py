@@ -140,7 +140,7 @@ def initial_front(left: PerPath, width: PerPath, active: Bool[Array, " paths"]) 
 
 
 def refine(build: Build, front: Front) -> Front:
-    """Perform one round: bound the minimum in every cell, and subdivide the cells that are not proved to be positive.
+    """Perform one round: bound the minimum in every cell, and subdivide the cells without a proof of positivity.
 
     One undecided cell is divided into `CELLS` cells, two cells into `CELLS`/2 cells each, and three or four cells into
     `CELLS`/4 cells each. More than four undecided cells are too many; `overfull` is then true.

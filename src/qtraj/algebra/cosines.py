@@ -29,7 +29,7 @@ def to_dcm(q: Quat) -> Mat3:
 
 
 def from_dcm(C: Mat3) -> Quat:
-    """Return the unit quaternion of a rotation matrix α, with a positive first non-zero component (scalar part ≥ 0).
+    """Return the unit quaternion of direction cosines α; its first non-zero component is positive (scalar part ≥ 0).
 
     Shepperd's method selects the row of the matrix 4 λ_i λ_k that contains the largest diagonal element. (The diagonal
     alone, as in `squares_from_dcm`, does not determine the signs of the components.) The value and the gradient are

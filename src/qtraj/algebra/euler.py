@@ -1,9 +1,9 @@
 """Convert between quaternions and Euler angles of all 12 sequences of axes, named as in SciPy.
 
-Lower case means rotations about fixed axes (extrinsic): `"zyx"` is first z, then y, then x, so λ =
-e_x(a3)∘e_y(a2)∘e_z(a1), where e_x(a) is the quaternion of a rotation by a about x. Upper case means rotations about the
-moving axes (intrinsic): `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3). If λ maps body to inertial axes, the angles of "ZYX"
-are yaw, pitch and roll.
+Lower case means rotations about fixed axes (extrinsic): `"zyx"` rotates about z first, then about y, then about x, so λ
+= e_x(a3)∘e_y(a2)∘e_z(a1), where e_x(a) is the quaternion of a rotation by a about x. Upper case means rotations about
+the moving axes (intrinsic): for `"ZYX"`, λ = e_z(a1)∘e_y(a2)∘e_x(a3). If λ maps body to inertial axes, the angles of
+"ZYX" are yaw, pitch and roll.
 
 For an extrinsic sequence i, j, i the quaternion is the sum of components in two planes, λ = A + B∘e_j with A =
 cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2). The polar forms of A and B yield the three angles. A

@@ -16,9 +16,8 @@ It is also the fraction by which a principal moment may exceed the sum of the ot
 def inertia_matrix(inertia: ArrayInput) -> Mat3:
     """Convert an inertia of shape (), (3,) or (3, 3) to a (3, 3) tensor [kg m²].
 
-    **Raises:** ValueError for an array of any other shape. Also ValueError if the values are concrete, and the tensor
-    is not finite, not symmetric or not positive definite, or has a principal moment that exceeds the sum of the other
-    two, which is impossible for a body.
+    **Raises:** ValueError for any other shape; for concrete values, also if the tensor is not finite, symmetric and
+    positive definite, or has a principal moment larger than the sum of the other two, which no body has.
     """
     J = as_float(inertia)
     if J.shape not in ((), (3,), (3, 3)):

@@ -1,4 +1,4 @@
-"""Check whether optional packages are installed, and name the extra that installs a missing one."""
+"""Check whether optional packages are installed, and name the extra that installs a missing package."""
 
 import importlib.util
 

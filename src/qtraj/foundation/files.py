@@ -109,7 +109,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # fails unless the folder is empty; a process about to lock it then makes a new one
+        os.rmdir(stage)  # fails unless the folder is empty; its owner, if any, then creates another one
         return
     try:
         if _acquire(lock, stage):

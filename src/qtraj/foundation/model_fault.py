@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from qtraj.foundation.toml_fault import quoted
 
 LIKE = 0.7
-"""Minimum similarity, from 0 to 1, of a suggested key; 'duration' and 'acceleration' have a similarity of 0.6."""
+"""Minimum similarity, from 0 to 1, of a suggested key; for example, it is 0.6 for 'duration' and 'acceleration'."""
 
 
 class Place(NamedTuple):
@@ -88,6 +88,6 @@ def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
 
 
 def _choices(annotation: Any) -> list[Any]:
-    """Return a type, the members of a union or the elements of a list, and the elements of these."""
+    """Return a type, its type arguments (members of a union, elements of a list), and their type arguments."""
     choices = [annotation, *get_args(annotation)]
     return choices + [inner for choice in choices for inner in get_args(choice)]

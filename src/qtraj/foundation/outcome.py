@@ -48,18 +48,19 @@ class ResultCode(enum.IntEnum):
     )
     held_by_bounds = (
         NOTES + 1,
-        "This window alone does not determine the axis. Choose a window with one clear bend, or pass other "
-        "radius_bounds.",
+        "the radius is at one of its bounds, so this window alone does not determine the axis. Choose a window with "
+        "one clear bend, or pass other radius_bounds.",
     )
     loose_fit = (
         NOTES + 3,
         "the path follows its recording only approximately. Choose a window with one clear bend in which the vehicle "
-        "keeps moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
+        "keeps moving. A path with motion='hermite' follows the recording more closely than with 'uniform', and wider "
+        "radius_bounds may help.",
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is satisfied, but for some this was checked only by sampling and is not proved. A proof "
-        "needs a polynomial path (not a Curve) and, for quantities that depend on the vertical, a vertical axis.",
+        "every limit is satisfied, but some limits were only checked on a fine grid and are not proved. A proof needs "
+        "a polynomial path (not a Curve) and, for quantities that depend on the vertical, a vertical axis.",
     )
     undefined_at_stops = (
         NOTES + 4,
@@ -79,8 +80,8 @@ class ResultCode(enum.IntEnum):
     )
     step_too_small = (
         FAILURES + 1,
-        "stopped: the step size became too small for floating point. The acceleration may have a pole or not be finite "
-        "near the last instant reached: check its values there. If the tolerance is below round-off, raise rtol.",
+        "stopped: the step size became too small for floating point. The acceleration may have a pole, or be NaN "
+        "or infinite, near the last instant reached: check it there. If the tolerance is below round-off, raise rtol.",
     )
     wrong_sign = (
         FAILURES + 2,
@@ -107,18 +108,19 @@ class ResultCode(enum.IntEnum):
     poor_fit = (
         FAILURES + 11,
         "the path does not follow its recording. Choose a window with one clear bend in which the vehicle keeps "
-        "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
+        "moving. A path with motion='hermite' follows the recording more closely than with 'uniform', and wider "
+        "radius_bounds may help.",
     )
     limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (
         FAILURES + 9,
-        "it is undecided whether a limit is satisfied: the largest value equals it to within rounding error. Change "
-        "the limit a little.",
+        "a limit is undecided: the largest value of the quantity equals the limit to within rounding error, or the "
+        "quantity is not proved to be defined everywhere. Change the limit a little, or limit another quantity.",
     )
     limits_undefined = (
         FAILURES + 10,
-        "a limited quantity is undefined somewhere on the path, at a stop or where the path is straight or vertical. "
-        "Limit another quantity, or change the path.",
+        "a limited quantity is undefined somewhere on the path: at a stop, where the path is straight or vertical, or "
+        "where the load on the road is zero. Limit another quantity, or change the path.",
     )
     route_not_found = (
         FAILURES + 12,
@@ -155,11 +157,11 @@ class ResultCode(enum.IntEnum):
 
     velocity_vanishes = (
         ILL_POSED + 0,
-        "the initial velocities must be finite and not all zero, because they set the scale of the search.",
+        "the specified boundary velocities must be finite and not all zero, because they set the scale of the search.",
     )
     position_on_axis = (
         ILL_POSED + 1,
-        "a boundary position lies on the axis (radius 0). Pass a placement whose axis does not contain it.",
+        "a boundary position lies on the axis (radius 0). Pass a placement whose axis contains neither position.",
     )
     sense_unknown = (
         ILL_POSED + 2,
@@ -183,7 +185,7 @@ class ResultCode(enum.IntEnum):
     duration_not_positive = ILL_POSED + 6, "the duration must be positive and finite [s]."
     objective_not_finite = (
         ILL_POSED + 7,
-        "the objective is not finite at the initial boundary states. Pass other states, or another objective.",
+        "the objective is not finite for the specified boundary states. Pass other states, or another objective.",
     )
     turn_mismatch = (
         ILL_POSED + 8,
@@ -198,8 +200,8 @@ class ResultCode(enum.IntEnum):
     )
     heading_unknown = (
         ILL_POSED + 12,
-        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove it from fixed, or pass "
-        "a placement with another axis.",
+        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove the heading from "
+        "fixed, or pass a placement with another axis.",
     )
     state_not_finite = (
         ILL_POSED + 10,

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Texts(Sequence[str]):
-    """Messages of the elements of a batch, composed on access; several batch axes are indexed like an array."""
+    """Messages of the elements of a batch, composed on access, and indexed like an array with the batch axes."""
 
     def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
         self._make, self._shape = make, shape

@@ -1,4 +1,4 @@
-"""Read untrusted files safely: too large or too deeply nested content raises a ValueError instead of a crash."""
+"""Read untrusted files safely: content that is too large or too deeply nested raises a ValueError."""
 
 import gzip
 import json

@@ -11,9 +11,9 @@ UNITS = {"deg": np.pi / 180, "rad": 1.0}
 BODIES = ("forward-right-down", "forward-left-up")
 
 OPTIONS = (
-    "sequence: three letters, x for roll, y for pitch and z for heading, in upper case for rotations about the moving "
-    "axes ('ZYX': heading, then pitch, then roll), in lower case about the fixed axes; heading: 'north-clockwise' or "
-    "'x-anticlockwise'; unit: 'deg' or 'rad'; body: 'forward-right-down' or 'forward-left-up'"
+    "sequence: three letters, x for roll, y for pitch and z for heading; upper case for rotations about the moving "
+    "axes ('ZYX': heading, then pitch, then roll), lower case for rotations about the fixed axes; heading: "
+    "'north-clockwise' or 'x-anticlockwise'; unit: 'deg' or 'rad'; body: 'forward-right-down' or 'forward-left-up'"
 )
 """The fields of a convention and their allowed values, for error messages."""
 
@@ -24,15 +24,15 @@ _ONE, _ROLLED_OVER, _NORTH = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (np.sqr
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeAngles:
-    """The convention of recorded roll, pitch and heading. There are no defaults, because any guess may be wrong.
+    """The convention of recorded roll, pitch and heading.
 
-    `sequence` consists of three letters for the order of the rotations: x for roll, y for pitch, z for heading. Upper
-    case means rotations about the moving body axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is
-    the usual order for aircraft and equals "xyz". `heading` is "north-clockwise", from world y towards world x, with x
-    east and y north, or "x-anticlockwise", from world x towards world y. `unit` is "deg" or "rad". `body` names the
-    directions of the body axes x, y, z, "forward-right-down" or "forward-left-up". Roll and pitch are right-handed
-    about x and y, so a positive pitch raises the nose with "forward-right-down" and lowers the nose with
-    "forward-left-up".
+    No field has a default, because recordings use different conventions. `sequence` consists of three letters for the
+    order of the rotations: x for roll, y for pitch, z for heading. Upper case means rotations about the moving body
+    axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is the usual order for aircraft and equals
+    "xyz". `heading` is "north-clockwise", from world y towards world x, with x east and y north, or "x-anticlockwise",
+    from world x towards world y. `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
+    "forward-right-down" or "forward-left-up". Roll and pitch are right-handed about x and y, so a positive pitch raises
+    the nose with "forward-right-down" and lowers the nose with "forward-left-up".
 
     **Raises:** ValueError for any other value; the message contains the allowed values.
     """

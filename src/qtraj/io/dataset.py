@@ -148,7 +148,7 @@ def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
 
 
 def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
-    """Return the largest value of each limited quantity on each path, when it occurs, and the status of the limit."""
+    """Return the largest value of each limited quantity on each path, its time, and the status of the limit."""
     variables: dict[str, Any] = {}
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
         entry = quantity(name)

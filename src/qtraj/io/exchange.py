@@ -63,7 +63,7 @@ def wxyz_from_scipy(rotation: "Rotation") -> np.ndarray:
 
 
 def jaxlie_from_wxyz(wxyz: ArrayInput) -> Any:
-    """Normalise quaternions (..., 4), as jaxlie expects, and convert them to its `SO3`.
+    """Normalise quaternions (..., 4), as jaxlie expects, and convert them to a jaxlie `SO3`.
 
     The result is NaN for a zero quaternion. The function can be traced and differentiated.
     """

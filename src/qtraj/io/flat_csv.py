@@ -41,9 +41,9 @@ def read_csv(file: Path) -> Flat:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(
-            f"{file}: this CSV file has no dataset header. If it is a recording, write a scenario, a .toml file with "
-            f'file = "{file.name}" under [track] and with a table [limits], and run `qtraj tune`; in Python, use '
-            "qtraj.read_track for recordings and pandas for other tables"
+            f"{file}: this CSV file has no dataset header. To use a recording, write a scenario: a .toml file with a "
+            f'table [track] that contains file = "{file.name}", and a table [limits]. Then run `qtraj tune`. '
+            "In Python, use qtraj.read_track for recordings and pandas for other tables."
         )
     try:
         names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]

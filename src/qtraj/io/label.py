@@ -43,7 +43,7 @@ def label(
 
     Use this function for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`, for
     example `label(times, quaternion=qs)`. The following names have predefined units: quaternion, error and command
-    (*batch, n, 4), rate and acceleration (*batch, n, 3) or with the virtual component in front (*batch, n, 4), torque
+    (*batch, n, 4), rate and acceleration (*batch, n, 3) or, with the virtual scalar part first, (*batch, n, 4), torque
     and force (*batch, n, 3), and angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit,
     meaning), with the unit in netCDF notation ("m s-2"); three components are in body axes. `attributes` are added to
     the attributes of the dataset, which include provenance.
@@ -71,7 +71,8 @@ def _quantity(name: str, entry: Any, count: int) -> Quantity:
     described = isinstance(entry, tuple) and len(entry) == 3 and all(isinstance(text, str) for text in entry[1:])
     if not described and name not in PREDEFINED:
         raise ValueError(
-            f"{name!r} has no predefined unit, unlike {', '.join(PREDEFINED)}. Pass it as (array, unit, meaning)."
+            f"{name!r} has no predefined unit: pass it as (array, unit, meaning). The names with predefined units are "
+            f"{', '.join(PREDEFINED)}."
         )
     array, unit, meaning = entry if described else (entry, *PREDEFINED[name][:2])
     sizes = ANY if described else PREDEFINED[name][2]

@@ -11,7 +11,7 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def is_recording(file: Path, text: str = "") -> bool:
-    """Return whether a file is a recording, judging by its suffix, or by rows of numbers at the start of its `text`."""
+    """Return whether the suffix of a file, or a row of numbers at the start of its `text`, indicates a recording."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     rows = bool(lines) and "=" not in lines[0] and any(map(_is_row, lines[:2]))
     plain = file.with_suffix("") if file.suffix == ".gz" else file

@@ -88,7 +88,7 @@ def _require_latitude_first(names: list[str]) -> None:
     """Raise a ValueError if the column names indicate that the longitude comes first."""
     if "lon" in names[0].lower() or "lat" in names[1].lower():
         raise ValueError(
-            f"columns['position'] names {names[0]!r} before {names[1]!r}, but latitude comes before longitude: name "
+            f"columns['position'] names {names[0]!r} before {names[1]!r}, but the latitude must come first: name "
             "latitude, longitude and height in this order"
         )
 
@@ -107,13 +107,15 @@ def _require_heading_last(names: list[str]) -> None:
 def choose(
     path: Path, header: list[str], columns: Columns, angles: AttitudeAngles | None = None, globe: bool = False
 ) -> dict[str, tuple[str, ...]]:
-    """Return the column names of each quantity: the names in `columns` or, if it has no such key, common names.
+    """Return the column names of each quantity: the names in `columns` or, without such an entry, common names.
 
     With `angles`, the attitude is given by roll, pitch and heading. With `globe`, the position is given by latitude,
     longitude and height.
 
-    **Raises:** ValueError with the name of the file for columns that do not exist, a missing required quantity, a
-    quantity of which only some columns have common names, and columns whose names indicate other units.
+    **Raises:** ValueError for an unknown key or a wrong number of columns, for three angles without `angles`, and for
+    column names in another order of latitude and longitude, or of the angles; ValueError with the name of the file for
+    columns that do not exist, a missing required quantity, a quantity with incomplete columns (except the angular
+    rate), and columns whose names indicate other units.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
         raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
@@ -220,7 +222,8 @@ def _not_found(part: str, header: list[str]) -> str:
         what = f"the columns for the {part} are incomplete: found {', '.join(present)}, missing {', '.join(missing)}"
         likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
-    without = "" if part in REQUIRED else f' To omit the {part}: {part} = [], in Python {{"{part}": None}}.'
+    omit = f' To omit the {part}, write {part} = [] in the scenario, or {{"{part}": None}} in Python.'
+    without = "" if part in REQUIRED else omit
     return (
         f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'

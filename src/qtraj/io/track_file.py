@@ -51,7 +51,7 @@ def read_track(
 
     **Raises:** FileNotFoundError for a missing file; ValueError with file, line, column and value for a cell that is
     missing or not a finite number, times that do not increase strictly, unknown columns, or too few rows; ValueError
-    with the options for angles or latitudes without a convention.
+    with the options for angles without `angles` and for latitudes without `projection`.
     """
     path = Path(file)
     plane = _plane(projection)

@@ -1,7 +1,7 @@
 """Compute arc lengths by composite Gauss–Legendre quadrature, refined until two successive results agree.
 
-The refinement uses only values, no derivatives, and determines the number of subintervals. The length is then a sum
-over these subintervals, which is differentiable in forward and reverse mode.
+The refinement determines the number of subintervals and is not differentiated. The length, a sum over these
+subintervals, is differentiable in forward and reverse mode.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ with one subinterval is exact to round-off.
 MAX_RUNS, RUN = 32, 64
 """Maximum number of runs in which the subintervals are summed, and number of subintervals in a run.
 
-Together they limit the evaluations of the speed in one refinement to about a million.
+An estimate of the length therefore uses at most about a million evaluations of the speed.
 """
 
 TOLERANCE = 1e-9
@@ -33,7 +33,10 @@ TOLERANCE = 1e-9
 ROUNDINGS = 32
 
 MAX_CHANGE = 1e-6
-"""Maximum relative change after a million evaluations; if the change is larger, the length is NaN."""
+"""Maximum relative change after a million evaluations; if the change is larger, the length is NaN.
+
+In float32, `ROUNDINGS` machine epsilons (4e-6) are the maximum.
+"""
 
 Speed = Callable[[Scalar], Scalar]
 

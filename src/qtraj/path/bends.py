@@ -17,7 +17,7 @@ ENDS = 0.05
 
 
 class Bend(NamedTuple):
-    """A time interval in which a track turns in one direction, with its `start`, `end` [s] and `turn` [rad]."""
+    """A time interval from `start` to `end` [s] in which a track turns by `turn` [rad], positive to the left."""
 
     start: float
     end: float
@@ -25,7 +25,7 @@ class Bend(NamedTuple):
 
 
 def bends(track: Track, min_turn: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
-    """Find the bends that turn by at least `min_turn` [rad], in order; consecutive bends have opposite directions.
+    """Find the bends with a turn of at least `min_turn` [rad], in order; consecutive bends have opposite directions.
 
     A track that stays within `standstill` [m] of its mean position has no bends. If no velocities were recorded, the
     directions are computed from chords of about `spacing` [m].
@@ -38,15 +38,15 @@ def bends(track: Track, min_turn: float, spacing: float, standstill: float = STA
 
 
 def chord_length(track: Track, spacing: float) -> float:
-    """Return the horizontal length [m] of the track, measured along chords of at least `spacing` [m]."""
+    """Return the horizontal length [m] of the track along chords of at least `spacing` [m]."""
     positions = to_float64(track.positions)[:, :2]
     return float(np.hypot(*np.diff(positions[_marks(positions, spacing)], axis=0).T).sum())
 
 
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times [s] and the continuous directions of travel [rad] while the vehicle moves.
+    """Return the times [s] and the unwrapped directions of travel [rad] while the vehicle moves.
 
-    There is one direction for each recorded velocity, or for each chord between positions.
+    There is one direction for each recorded velocity or, without velocities, for each chord between positions.
     """
     times = to_float64(track.times)
     if track.velocities is not None:
@@ -60,7 +60,7 @@ def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """Return the indices of selected samples; each is at least `spacing` [m] away from the sample selected before."""
+    """Return the indices of selected samples; each is at least `spacing` [m] from the previously selected sample."""
     marks = [0]
     for k, position in enumerate(positions):
         if np.hypot(*(position - positions[marks[-1]])) >= spacing:

@@ -35,7 +35,7 @@ class BoundaryState(AbstractResult):
         warn_if_coarse(self.position, "the position of a boundary state")
 
     def record(self) -> Record:
-        """Return the fields that are not None; the arrays of many states have batch axes first."""
+        """Return labelled arrays of the fields that are not None; for a batch of states, batch axes come first."""
         columns = {
             "position": Quantity(self.position, "m", "position, world axes", ("world",)),
             "velocity": Quantity(self.velocity, "m s-1", "velocity, world axes", ("world",)),
@@ -53,11 +53,12 @@ class BoundaryState(AbstractResult):
 
 
 class Cylindrical(eqx.Module):
-    """A boundary state in cylindrical coordinates; vectors have components along e_ρ, e_φ and the axis.
+    """A boundary state in cylindrical coordinates: `radius` ρ [m], `azimuth` φ [rad] and `height` h [m].
 
-    `planar` (3,) is the position without its axial component, in the axes of the placement. Azimuth differences are
-    computed from `planar`, because the subtraction of two azimuths loses digits. `rounding` [rad] is the error of the
-    azimuth due to rounding of the coordinates.
+    `velocity` [m/s] and `acceleration` [m/s²] have components along e_ρ, e_φ and the axis. `planar` (3,) [m] is the
+    position without its axial component, in the axes of the placement. Azimuth differences are computed from `planar`,
+    because the subtraction of two azimuths loses digits. `rounding` [rad] is the error of the azimuth due to rounding
+    of the coordinates.
     """
 
     radius: Scalar

@@ -15,7 +15,7 @@ from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, 
 from qtraj.path.placement import Placement
 
 RATE_TOLERANCE = 1e-9
-"""Maximum relative difference of V_φ/ρ between the ends of a uniformly rotating path."""
+"""Maximum relative difference of V_φ/ρ between the ends of a path with a constant rate (float32: 16 epsilons)."""
 
 AZIMUTH_TOLERANCE = 32
 """The difference of two azimuths counts as zero if it is at most this multiple of their rounding errors."""
@@ -29,7 +29,7 @@ Coefficients = Float[Array, "_"]
 def uniform(
     start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients, Scalar, Placement | None, Scalar]:
-    """Return ρ, φ, h, duration, placement and mismatch of a path with constant φ̇ = V_φ/ρ.
+    """Return the coefficients of ρ, φ and h, duration, placement and mismatch of a path with constant φ̇ = V_φ/ρ.
 
     The mismatch is the relative difference of V_φ/ρ between the two ends; it is infinite if there is no solution. The
     equations are paper S's boundary conditions.
@@ -83,7 +83,7 @@ def whole_turns(turns: int) -> int:
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Return ρ, φ, h that satisfy all boundary values: cubics, or quintics if the states contain accelerations."""
+    """Return the coefficients of ρ, φ and h from all boundary values: cubics, or quintics with accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
         raise ValueError("only one boundary state has an acceleration: pass accelerations for both ends or for neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
@@ -95,7 +95,7 @@ def hermite(
 def polynomials(
     a: Cylindrical, b: Cylindrical, turn: Scalar, duration: Scalar, uniform: bool
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Return ρ, φ and h between two cylindrical states; `duration` is in s. If `uniform` is true, φ is linear in t."""
+    """Return the coefficients of ρ, φ and h between two states; `duration` is in s. If `uniform`, φ is linear in t."""
     ends = [_boundary_values(a), _boundary_values(b)]
     radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
     if uniform:
@@ -154,15 +154,16 @@ def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Sc
         return
     if not np.isfinite(mismatch_value):
         raise ValueError(
-            "the boundary velocities have no component about the axis (V_phi is 0 at both ends), so the path cannot "
-            "rotate uniformly. Pass another placement, or use SpiralHelix.hermite with a duration."
+            "the boundary velocities have no component about the axis (V_phi is 0 at both ends), so there is no "
+            "path with a constant rate about the axis. Pass another placement, or use SpiralHelix.hermite with a "
+            "duration."
         )
     tolerance = max(RATE_TOLERANCE, 16 * float(jnp.finfo(mismatch.dtype).eps))
     if mismatch_value > tolerance:
         raise ValueError(
             f"the boundary rates disagree: V_phi/rho is {float(a.rate):.6g} rad/s at the start and {float(b.rate):.6g} "
-            "at the end, but a uniformly rotating spiral-helix has a single rate. Use SpiralHelix.hermite, whose angle "
-            "is a polynomial that satisfies both rates, or change a velocity."
+            "at the end, but a path with a constant rate has the same rate at both ends. Use SpiralHelix.hermite, "
+            "whose angle is a polynomial that satisfies both rates, or change a velocity."
         )
     if turn_value == 0:
         raise ValueError(

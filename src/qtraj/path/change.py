@@ -26,7 +26,7 @@ PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""`warning` is not None if the length or the duration of the tuned path exceeds the original by this factor."""
+"""A tuned path whose length or duration exceeds the original value by more than this factor has a `warning`."""
 SLOWER = "takes {:.3g} times as long"
 
 
@@ -82,26 +82,27 @@ class PathChange(AbstractResult):
 
     @property
     def text(self) -> str:
-        """A description of the changes of heading and height."""
+        """A description of the changes of the direction of travel and of the height."""
         start, end = (_in_words(turn) for turn in np.asarray(self.headings).tolist())
         low, high = (round(float(change), 2) + 0.0 for change in (self.lowest, self.highest))
         return (
-            f"The heading changes {start} at A and {end} at B; the lowest point moves by {low:+.2f} m and the highest "
-            f"point by {high:+.2f} m in height."
+            f"The direction of travel changes {start} at A and {end} at B; the minimum height changes by {low:+.2f} m "
+            f"and the maximum height by {high:+.2f} m."
         )
 
     @property
     def given_text(self) -> str | None:
-        """A description of the requested boundary velocities if the original path has other ones; otherwise None."""
+        """A description of the requested boundary velocities if they differ from the original path, otherwise None."""
         if self.given is None or np.allclose(self.given, self.velocities[0], rtol=1e-6, atol=1e-6):
             return None
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(self.given))
         return f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."
 
     def rows(self) -> list[list[tuple[str, str, str, str, str]]]:
-        """Return name, value before, value after, change and unit as texts, in two groups.
+        """Return rows of texts (name, value before, value after, change, unit), in two groups.
 
-        The groups are the boundary velocities, and the duration, the mean rate about the axis and the length.
+        The first group contains the boundary velocities. The second group contains the duration, the mean rate about
+        the axis and the length.
         """
         pairs = np.moveaxis(np.asarray(self.velocities), 0, -1).tolist()
         velocities = [
@@ -214,7 +215,7 @@ def _row(name: str, values: Any, unit: str) -> tuple[str, str, str, str, str]:
 
 
 def _in_words(turn: float) -> str:
-    """Describe a change of heading [rad]."""
+    """Describe a change of direction [rad], positive to the left."""
     if math.isnan(turn):
         return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)

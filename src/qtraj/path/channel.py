@@ -82,7 +82,7 @@ _ENTRIES = (
     Channel(
         "force",
         "N",
-        "force that moves the vehicle along the path, against inertia, gravity and drag, body axes",
+        "force that moves the vehicle along the path against inertia, gravity and drag; body axes",
         ("body",),
         lambda at: at.force,
         VEHICLE,
@@ -116,7 +116,7 @@ def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:
 
 
 def provided(vehicle: Vehicle | None) -> set[str]:
-    """Return the values of `needs` that this vehicle, or None, satisfies."""
+    """Return the values of `needs` that are satisfied with this vehicle, or without a vehicle if it is None."""
     has_inertia = vehicle is not None and vehicle.inertia is not None
     satisfied = {VEHICLE: vehicle is not None, INERTIA: has_inertia, PRINCIPAL: has_principal_inertia(vehicle)}
     return {"", *(need for need, holds in satisfied.items() if holds)}

@@ -2,8 +2,8 @@
 
 The direction of motion τ is tangential to the road. Without bank the road is level in the lateral direction. Then n =
 up×r'/√H, with H = |up×r'|², points to the left, and b = τ×n points upwards. These are the axes of the upright frame. A
-bank β rotates n and b about τ. The force of the road on the vehicle is m(r'' + g·up), plus the drag along τ. With the
-specific force f = r'' + g·up and v² = S, its components are
+bank β rotates n and b about τ. The force of the road on the vehicle is m(r'' + g·up) plus the drag m·k·v² along τ. With
+the specific force f = r'' + g·up and v² = S, the components of this force are
 
         tangential:  X = m(f·τ + k v²),   lateral: Y = m(cos β f·n − sin β f·b),   normal: Z = m(cos β f·b + sin β f·n).
 
@@ -11,10 +11,10 @@ specific force f = r'' + g·up and v² = S, its components are
 b: v for X, and v√H for Y and Z. The results are polynomials in the derivatives and in v = √S. At a stop of the path,
 `derivatives[1]` may be any vector in the direction of motion; the velocity is `pace` times this vector.
 
-X is the net force of the road on all tyres. Rolling resistance is a moment on each wheel. If all wheels are driven, the
-drive torque balances this moment without using grip: the drive torque divided by the wheel radius is X + C_rr·Z
-(Gillespie, Fundamentals of Vehicle Dynamics, chapter 4). Then rolling resistance contributes to the power, but not to
-the friction demand.
+X is the net tangential force of the road on all tyres. Rolling resistance is a moment on each wheel. If all wheels are
+driven, the drive torque balances this moment without using grip: the drive torque divided by the wheel radius is X +
+C_rr·Z (Gillespie, Fundamentals of Vehicle Dynamics, chapter 4). Then rolling resistance contributes to the power, but
+not to the friction demand.
 """
 
 from functools import cached_property
@@ -39,7 +39,7 @@ class Contact:
 
     @cached_property
     def along(self) -> Any:
-        """The specific power X·v/m = r'·f + k v³ of the tangential force."""
+        """The scaled tangential force X·v/m = r'·f + k·pace²·v³."""
         i = self.invariants
         return i.B + i.vehicle.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
@@ -69,6 +69,6 @@ def friction_numerator(i: Any) -> Any:
 
 
 def power_numerator(i: Any) -> Any:
-    """Return (X + C_rr·Z)·v·√H, the drive power against inertia, gravity, drag and rolling resistance, times √H."""
+    """Return (X + C_rr·Z)·pace·v·√H, the drive power times √H."""
     p = i.vehicle
     return mul(i.pace, p.mass * (i.contact.along * i.h + p.rolling * i.contact.onto))

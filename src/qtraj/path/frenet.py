@@ -38,8 +38,8 @@ class Invariants:
     ):
         """Store the derivatives: `derivatives[k]` is the k-th, k ≥ 1; `up` is the vertical, by default the third axis.
 
-        `vehicle` are the `RoadParameters` for quantities that need them, and `root` computes the square root of
-        numbers. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
+        `vehicle` contains the `RoadParameters` for quantities that need them, and `root` computes the square root of a
+        number. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
         `derivatives[1]`.
         """
         self.r = derivatives
@@ -186,12 +186,12 @@ def binormal_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any) -> Any:
 
 
 def tangential_numerator(i: Any) -> Any:
-    """Return the component of `natural_acceleration` along τ times v N², which is a polynomial."""
+    """Return v N² times the component of `natural_acceleration` along τ; the product is a polynomial."""
     return i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
 
 
 def binormal_numerator(i: Any) -> Any:
-    """Return the component of `natural_acceleration` along b times |c| S², which is a polynomial."""
+    """Return |c| S² times the component of `natural_acceleration` along b; the product is a polynomial."""
     return i.E * i.S - 2 * (i.N * i.B)
 
 

@@ -22,7 +22,7 @@ SETTLING = 1.0
 
 
 class Rows(NamedTuple):
-    """The time intervals of a frame: start times [s], signs and the angles [rad] of stops, as in `Driving`."""
+    """The time intervals of a frame: start times [s], signs, and coefficients of the angles, as in `Driving`."""
 
     starts: Float[np.ndarray, " rows"]
     signs: Float[np.ndarray, " rows"]
@@ -30,7 +30,11 @@ class Rows(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """One interval of the frame; the heading and pitch of a stop connect the states (2, 3) at its two ends."""
+    """One interval of the frame, from `start` [s]; `sign` is 1 (forwards), −1 (reverse) or 0 (stop).
+
+    For a stop, `states` contains its duration [s] and the two end states (2, 3), which quintics join. The rows of a
+    state are heading and pitch [rad], and the columns are the value and the first two derivatives.
+    """
 
     start: float
     sign: float
@@ -38,9 +42,9 @@ class _Row(NamedTuple):
 
 
 def along(segments: Segments, up: Float[np.ndarray, "3"], threshold: float | None = None) -> Rows:
-    """Return the rows of a vehicle that starts forwards; below the speed `threshold` [m/s] it is at a stop.
+    """Return the rows for a vehicle that initially moves forwards.
 
-    The default threshold is 1 % of the largest speed.
+    A stop is an interval in which the speed is at most `threshold` [m/s], by default 1 % of the largest speed.
     """
     end = float(segments.starts[-1] + segments.durations[-1])
     intervals = stops(segments, STOP_SPEED, relative=True) if threshold is None else stops(segments, threshold)
@@ -76,7 +80,11 @@ def body_rates(
 
 
 class _Level(NamedTuple):
-    """The horizontal motion at m instants: speed, its derivative, and inverses, which are 0 instead of infinite."""
+    """The horizontal motion at m instants: speed [m/s], its derivative [m/s²] and the yaw rate [rad/s].
+
+    `inv_level_sq` and `inv_speed_sq` are the inverse squares of the horizontal and of the total speed. Where the
+    horizontal speed is zero, the yaw rate, the derivative and the inverses are 0.
+    """
 
     speed: np.ndarray
     speed1: np.ndarray
@@ -86,7 +94,7 @@ class _Level(NamedTuple):
 
     @classmethod
     def of(cls, v: np.ndarray, a: np.ndarray) -> "_Level":
-        """Return the horizontal motion of velocities and accelerations (3, m) along the rows of `basis`."""
+        """Compute the horizontal motion from velocities and accelerations (3, m) along the rows of `basis`."""
         level_sq = v[0] * v[0] + v[1] * v[1]
         vertical = level_sq == 0
         safe_sq = np.where(vertical, 1.0, level_sq)
@@ -127,7 +135,7 @@ def basis(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def level(up: Any) -> Any:
-    """Return the horizontal direction of zero heading, a projection of the x axis, or of y if x is nearly vertical."""
+    """Return the direction of zero heading: the horizontal projection of world x, or of y if x is nearly vertical."""
     np_ = pieces.arithmetic(up)
     x, y = (np_.asarray(axis, up.dtype) for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
     reference = np_.where(np_.abs(up[0]) > 0.9, y, x)
@@ -165,7 +173,7 @@ def _wrapped(angle: float) -> float:
 
 
 def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray | None) -> list[_Row]:
-    """Return the rows of a stop from `a` to `b` [s]; heading and pitch are quintics, constants, and quintics again.
+    """Return the rows of a stop from `a` to `b` [s]: heading and pitch are quintics, then constant, then quintics.
 
     If `before` or `after` is None, the route starts or ends with the stop, and there are no quintics on this side.
     """
@@ -192,7 +200,7 @@ def _at_rest(state: np.ndarray, time: float) -> np.ndarray:
 
 def _quintics(ends: list[tuple[float, np.ndarray, np.ndarray]]) -> Float[np.ndarray, "m 2 6"]:
     """Return the coefficients of angles from the durations [s] and the states (2, 3) at both ends."""
-    # Every second segment of this chain connects the two ends of a row; the durations of the others have no effect.
+    # Every second segment of this chain connects the two ends of a row. The other segments are not used.
     states = np.array([state.T for _, *pair in ends for state in pair])
     h = np.ones(len(states) - 1)
     h[::2] = [duration for duration, *_ in ends]

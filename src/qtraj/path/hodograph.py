@@ -69,9 +69,9 @@ class AbstractHodograph(eqx.Module):
 
         The relative error is about 1e-9 if the speed is smooth, and about 1e-6 in the worst case. The method is
         Gauss–Legendre quadrature on panels that are halved until the relative change is at most 1e-9 (in float32, 32
-        machine epsilons), or a million speeds have been evaluated. If the last change is larger than 1e-6, the result
-        is NaN. The first estimates use about a thousand instants, so details of the speed between these instants may be
-        missed.
+        machine epsilons), or a million speeds have been evaluated. If the last change is larger than 1e-6 (in float32,
+        4e-6), the result is NaN. The first estimates use about a thousand instants, so details of the speed between
+        these instants may be missed.
         """
         return _length(self)
 

@@ -5,7 +5,7 @@ The natural trihedral rotates at ω = (p, 0, r) with p = vχ and r = vκ, and it
 
         M_τ = J_τ p',     M_n = (J_τ − J_b) p r,     M_b = J_b r'.
 
-So the square of each moment is a polynomial ratio times the square of a factor that depends only on the inertia.
+So the square of each moment is a ratio of polynomials times the square of a factor that depends only on the inertia.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Define an entry of the registry of path quantities: names, unit, and the square as a ratio of polynomials."""
+"""Define an entry of the registry of path quantities: names, unit, and a formula that is a ratio of polynomials."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,13 +33,18 @@ VEHICLE, INERTIA, PRINCIPAL = "vehicle", "inertia", "principal inertia"
 
 @dataclass(frozen=True)
 class PathQuantity:
-    """A nonnegative quantity along a path, whose square is numerator/denominator.
+    """A quantity along a path, defined by the ratio numerator/denominator; a denominator of None is 1.
 
-    The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the normal
-    force on the road). `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and
-    denominator would overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the
-    name of the quantity. `bounds_speed` indicates whether a limit on the quantity also bounds the speed on every path.
-    `infinite` indicates where the quantity is infinite although the ratio is not.
+    If `signed` is None, the quantity is nonnegative and the ratio is its square. Otherwise the quantity can be negative
+    and the ratio is the quantity itself; `signed` computes the quantity in floating point.
+
+    `order` is the order of the highest derivative in the formulas, and `upright` indicates whether they contain the
+    vertical. The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the
+    normal force on the road). If `divisor` is None, the quantity exists everywhere. `square` is an equivalent form of
+    the ratio for floating-point numbers, used if numerator and denominator would overflow or lose digits. `output` is
+    the name in tables and datasets, if a vector already has the name of the quantity. `bounds_speed` indicates whether
+    a limit on the quantity also bounds the speed on every path. `infinite` indicates where the quantity is infinite
+    although the ratio is not.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
     PRINCIPAL if the quantity is the square root of the ratio times `factor`, a function of the vehicle's parameters
@@ -95,11 +100,11 @@ class PathQuantity:
         return self.needs == VEHICLE
 
     def scale(self, vehicle: Any) -> Any:
-        """Return `factor` for the parameters of this vehicle; 1 without a factor."""
+        """Return the value of `factor` for the parameters of this vehicle, or 1 if there is no factor."""
         return 1.0 if self.factor is None else self.factor(vehicle)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """Return the squared quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
+        """Return the squared quantity in floating point, at one instant or many: `inf` at a pole, 0 if negative."""
         if self.signed is not None:
             return squared(jnp.maximum(self.signed(i, by), 0.0))
         if self.square is not None:

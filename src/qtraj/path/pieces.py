@@ -61,7 +61,7 @@ def hermite(h: Any, states: Any) -> Any:
 
 
 def _hermite_weights(orders: int) -> Any:
-    """Enumerate the higher coefficients with the weights of the differences at the end, one weight for each order."""
+    """Return pairs (i, weights): coefficient orders + i is Σ_k weights[k]·gaps[k]/h^(orders + i)."""
     quintic = ((10, -4, 1 / 2), (-15, 7, -1), (6, -3, 1 / 2))
     septic = ((35, -15, 5 / 2, -1 / 6), (-84, 39, -7, 1 / 2), (70, -34, 13 / 2, -1 / 2), (-20, 10, -2, 1 / 6))
     return enumerate(quintic if orders == 3 else septic)

@@ -1,8 +1,8 @@
 """Registry of path quantities, which can be evaluated along a path and limited.
 
 Each entry consists of the name, symbol, unit and meaning of a quantity, the order of the highest derivative in its
-formula, and its square as a ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables, datasets,
-figures, proofs and tuning use this registry.
+formula, and a ratio of polynomials in the invariants of `frenet` (see `PathQuantity`). `Limits`, scenarios, tables,
+datasets, figures, proofs and tuning use this registry.
 """
 
 from typing import Any, NamedTuple

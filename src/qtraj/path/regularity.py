@@ -18,8 +18,9 @@ Flags = Bool[Array, "..."]
 DEFINED_TOLERANCE = 4096
 """Tolerance in units of machine epsilon.
 
-A path counts as straight if its direction changes by less than the tolerance [rad] over its length. The speed counts as
-zero if it is less than the tolerance times the change of speed that r'' and r''' can cause over the duration. At the
+The curvature counts as zero if, at the current rate, the direction of r' would change by less than the tolerance [rad]
+over the duration, or if the angle between the lines of r' and r'' is less than the tolerance. The speed counts as zero
+if it is less than the tolerance times the change of speed that r'' and r''' can cause over the duration. At the
 tolerance, the normal n is still accurate to three digits.
 """
 
@@ -37,7 +38,7 @@ class Regularity(eqx.Module):
 
 
 def regularity(i: Invariants, duration: Numbers) -> Regularity:
-    """Return the relative magnitudes of the denominators in rates and curvatures; `duration` is in s."""
+    """Return the regularity of a path with invariants `i` and the `duration` [s]."""
     speed_scale, cross_norm_scale = reference_squares(i, duration)
     return Regularity(_ratio(i.S, speed_scale), _ratio(i.N, cross_norm_scale), _ratio(i.H, i.S))
 
@@ -65,7 +66,7 @@ def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
 
 
 def is_significant(square: Any, reference: Any) -> Flags:
-    """Return whether `square` is a normal number and exceeds `reference` times the square of the tolerance."""
+    """Return whether `square` exceeds both `reference` times the squared tolerance and the smallest normal number."""
     limits = jnp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
     return jnp.maximum(reference * tolerance, float(limits.tiny)) < square

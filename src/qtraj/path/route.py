@@ -127,8 +127,8 @@ class Route(AbstractHodograph, AbstractResult):
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.
 
-        The method is Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
-        nearly zero inside a segment. The error is then about 1e-5 of the length of that segment.
+        The method is Gauss–Legendre quadrature in each segment. The error is only round-off, except where the speed is
+        zero or nearly zero inside a segment: there it is about 1e-5 of the length of the segment.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 

@@ -110,15 +110,16 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     def from_boundary(
         cls, start: BoundaryState, end: BoundaryState, turns: int = 0, placement: Placement | None = None
     ) -> "SpiralHelix":
-        """Compute the uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
+        """Compute the spiral-helix with a constant rate φ̇ and cubic ρ and h through two boundary states (paper S).
 
         The turn has the sign of V_φ at the start. Its magnitude is at least 0 and less than 2π, plus `turns` whole
         turns. The duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary
         values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
-        **Raises:** ValueError if the relative difference of V_φ/ρ between the ends exceeds 1e-9, a radius or V_φ is
-        zero, the azimuths are equal with `turns=0`, `turns` is not an integer ≥ 0, or an acceleration is given. Traced
-        values are not checked; check the `mismatch` of the path instead.
+        **Raises:** ValueError if the relative difference of V_φ/ρ between the ends exceeds 1e-9 (in float32, 16 machine
+        epsilons), a radius is zero, V_φ is zero at both ends, the azimuths are equal with `turns=0`, `turns` is not an
+        integer ≥ 0, or an acceleration is given. Traced values are not checked; check the `mismatch` of the path
+        instead.
         """
         return cls(*problem.uniform(start, end, turns, placement))
 

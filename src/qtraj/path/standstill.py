@@ -44,14 +44,18 @@ def driven_invariants(
 
 
 def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array) -> Triple:
-    """Return the first higher derivative that is not zero to within rounding, or else a horizontal vector."""
+    """Return a vector in the direction of motion at a stop.
+
+    The vector is the first derivative of order 2 or higher that differs significantly from zero. If `t` is the end of
+    the path and the order is even, the sign is reversed. If there is no such derivative, the vector is horizontal.
+    """
     at_end = t >= duration * (1 - DEFINED_TOLERANCE * float(jnp.finfo(rows[0][0].dtype).eps))
     backwards = jnp.where(at_end, -1.0, 1.0).astype(rows[0][0].dtype)
     squares = [dot(row, row) for row in rows[2:]]
     found, reference = _horizontal(rows[0][0], up), jnp.zeros_like(squares[0])
     for k in reversed(range(len(squares))):
         reference = squares[k] + duration**2 * reference
-        # Before a stop, the direction of motion is opposite to a derivative of even order.
+        # Before a stop, the motion is opposite to the first nonzero derivative if the order of this derivative is even.
         derivative = scaled(rows[k + 2], backwards) if k % 2 == 0 else rows[k + 2]
         found = select(is_significant(squares[k], reference), derivative, found)
     return found

@@ -44,7 +44,7 @@ class Segments(NamedTuple):
         k = np.arange(1, terms)
         u = np.linspace(0.0, 1.0, SAMPLES)
         scaled = self.coefficients[:, 1:] * (k * self.durations[:, None] ** (k - 1))[:, :, None]
-        # One product of matrices, with the instants of a segment as rows.
+        # A single matrix product; its rows are the sampled instants, and its columns are the segments and axes.
         v = u[:, None] ** (k - 1) @ np.moveaxis(scaled, 0, 1).reshape(terms - 1, 3 * n)
         v = np.moveaxis(v.reshape(SAMPLES, n, 3), 1, 0)
         t = self.starts[:, None] + self.durations[:, None] * u

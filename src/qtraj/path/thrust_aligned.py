@@ -45,7 +45,7 @@ class ThrustAligned(AbstractFrame):
     `heading` is None, a number or a function. None means yaw along the velocity, so that the vehicle does not slip
     sideways (the velocity has no component along y). A number [rad], measured from world x towards world y, is a
     constant heading. A function of time [s], written with `jax.numpy` and twice differentiable, returns the heading
-    [rad]. `gravity` is a magnitude [m/s²], along −z of the world, or a vector (3,) in world axes.
+    [rad]. `gravity` is a magnitude [m/s²], along −z of the world, or a vector (3,) [m/s²] in world axes.
 
     The x axis is not the tangent. It is the direction of the velocity or of the heading, projected onto the plane
     perpendicular to the thrust. `defined` is false where the frame does not exist. The frame does not exist in free
@@ -54,8 +54,8 @@ class ThrustAligned(AbstractFrame):
     acceleration are exact; they use the third and the fourth derivative of the path. A frame whose heading is a
     function cannot be saved.
 
-    **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
-    or has the wrong shape.
+    **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is
+    negative or not finite, or has the wrong shape.
     """
 
     heading: Any
@@ -169,7 +169,8 @@ def _gravity(user_gravity: ArrayInput) -> Vec3:
         value = concrete(size)
         if value is not None and not value >= 0:
             raise ValueError(
-                f"the gravity of a thrust-aligned frame must be a number ≥ 0 [m/s²] or a vector, but {value} was given"
+                f"the gravity of a thrust-aligned frame must be a magnitude ≥ 0 [m/s²], along −z, or a vector (3,) "
+                f"[m/s²] in world axes, but {value} was given"
             )
         user_gravity = jnp.zeros_like(size, shape=3).at[2].set(-size)
     return real_vector(user_gravity, "the gravity of a thrust-aligned frame", 3)

@@ -12,7 +12,7 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import labels_of
 
 MIN_SAMPLES = 4
-"""Minimum number of samples that determine a curve."""
+"""Minimum number of samples of a track; fewer samples do not determine a curve."""
 
 CHORDS = 24
 """Number of chords for the length, and for the direction of travel if no velocities were recorded. The chords are long
@@ -97,7 +97,7 @@ class Track(AbstractResult):
 
     @property
     def elapsed(self) -> Float[Array, " n"]:
-        """The times (n,) [s] since the first sample, which are path times if the path starts with the track."""
+        """The times (n,) [s] since the first sample; they equal the times of a path that starts at the first sample."""
         return self.times - self.times[0]
 
     @property
@@ -186,7 +186,7 @@ def spread_radius(track: Track) -> float:
 
 
 def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (m,) of the velocities that have a direction, and their continuous directions (m,) [rad].
+    """Return the indices (m,) of the velocities that have a direction, and their unwrapped directions (m,) [rad].
 
     A velocity has a direction if its horizontal magnitude exceeds `STANDING` times the largest horizontal magnitude.
     """
@@ -197,7 +197,7 @@ def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chord_marks(count: int) -> np.ndarray:
-    """Return the indices of the samples, of `count` samples in all, at which the chords start and end."""
+    """Return the indices of the samples at which chords start and end, for a track of `count` samples."""
     return np.linspace(0, count - 1, min(count, CHORDS + 1)).round().astype(int)
 
 

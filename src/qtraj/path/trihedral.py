@@ -1,8 +1,8 @@
 """Define trihedra along a path: the natural trihedral (τ, n, b) of paper S and the upright frame of vehicles.
 
-Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the angular rate of the natural trihedral in
-its own axes is ω⁰ = (vχ, 0, |c|/v²), with ε⁰ = dω⁰/dt. Where |r'| or |c| is zero the natural trihedral does not exist:
-`defined` is false, and all values and gradients are finite.
+Let c = r' × r'' and v = |r'|. Then κ = |c|/v³, χ = c·r'''/|c|², and the natural trihedral has, in its own axes, the
+angular rate ω⁰ = (vχ, 0, |c|/v²) and the angular acceleration ε⁰ = dω⁰/dt. Where |r'| or |c| is zero the natural
+trihedral does not exist: `defined` is false, and all values and gradients are finite.
 """
 
 import abc

@@ -29,7 +29,8 @@ Number = Float[Array, "*batch"]
 class RoadParameters(NamedTuple):
     """The parameters of a vehicle and its road in the formulas of path quantities, of any numeric type.
 
-    `drag` is ½ρC_dA/m [1/m], so that air drag causes the deceleration drag·v². `cos` and `sin` are the cosine and sine
+    `mass` is in kg, `gravity` in m/s², and `rolling` is the coefficient of rolling resistance. `drag` is ½ρC_dA/m
+    [1/m], so that air drag causes the deceleration drag·v². `cos` and `sin` are the cosine and sine
     of the bank angle. `inv_long` and `inv_lat` are the inverses of the coefficients of friction. `inertia_tangent` and
     `inertia_binormal` [kg m²] are the moments of inertia about τ and b; both are zero without an inertia, and NaN if τ,
     n and b are not principal axes.

@@ -23,7 +23,7 @@ from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_from
 
 COEFFICIENTS = ("radius", "angle", "height", "duration")
-"""The variables of a dataset with the coefficients of a spiral-helix instead of samples."""
+"""The variables of a dataset that contains the coefficients of a spiral-helix instead of samples."""
 
 
 def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
@@ -81,7 +81,7 @@ def limits_of(tuned: Tuned) -> Limits:
 
 
 def _path_limits(given: Mapping[str, Any], vehicle: Vehicle | None) -> Limits:
-    """Select the limits on a single path, except limits for which `vehicle` is missing or lacks a property."""
+    """Select the limits on a single path that can be evaluated with this `vehicle`, or without one if it is None."""
     available = provided(vehicle)
     names = [name for name, entry in QUANTITIES.items() if entry.needs in available]
     return Limits(**{name: limit for name, limit in given.items() if name in names}, vehicle=vehicle)
@@ -90,8 +90,8 @@ def _path_limits(given: Mapping[str, Any], vehicle: Vehicle | None) -> Limits:
 def _one(path: AbstractHodograph) -> Any:
     if jnp.ndim(path.duration):
         raise ValueError(
-            f"one path was expected, but a batch of {path.duration.shape[0]} was given: select one of them, "
-            "result[k] or jax.tree.map(lambda x: x[k], paths), or draw the table of qtraj.evaluate"
+            f"one path was expected, but a batch of {path.duration.shape[0]} was given: select one path with result[k] "
+            "or jax.tree.map(lambda x: x[k], paths), or draw the table of qtraj.evaluate"
         )
     return path
 

@@ -1,6 +1,6 @@
 """Provide figures for documents: pure functions that return a matplotlib Figure and change no global state.
 
-Axes in space have equal scales, and every axis has a unit. Colours can be distinguished with all common
+The axes of 3-D plots have equal scales, and every axis has a unit. Colours can be distinguished with all common
 forms of colour blindness, and line styles even in greyscale. `save` writes png, svg or pdf files.
 """
 

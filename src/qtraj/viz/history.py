@@ -107,7 +107,7 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
             note = f"larger values, up to {max(sampled):.3g}, are not shown"
             axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
     elif drawn and min(drawn) < FLAT * max(drawn):
-        # keeps lines at both ends of the range visible
+        # leave margins, so that lines at both ends of the range are visible
         axes.set_ylim(1.08 * lowest - 0.03 * max(drawn), 1.08 * max(drawn))
     if limit is not None:
         top = axes.get_ylim()[1]

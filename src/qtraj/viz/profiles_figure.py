@@ -72,8 +72,7 @@ def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [s] and the values of Φ, Φ̇, Φ̈ (n, 3) in degrees.
 
     The times include each switch and the floating-point number just before it, so that jumps are drawn as vertical
-    lines. The last sample is just before the end, because the acceleration is already zero at the
-    end.
+    lines. The last sample is just before the end, because the acceleration is already zero at the end.
     """
     switches = np.asarray(profile.switches, float)
     before = np.nextafter(switches, 0.0)
@@ -87,7 +86,7 @@ def _derivatives(profile: Profile, times: Float[Array, " n"]) -> Float[Array, "n
 
 
 def _bound(axes: Any, limit: float | None) -> None:
-    """Draw a dotted line at `limit` (none if it is None) and, if a curve is below zero, another one at −`limit`."""
+    """Draw a dotted line at `limit` [rad/s or rad/s²] unless it is None, and at −`limit` if a curve is negative."""
     if limit is None:
         return
     top = float(np.degrees(limit))

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPORT = "report.html"
-"""The file name of the report of a folder, or of the main dataset in the folder."""
+"""The file name of the report in a folder of results; the report shows the main dataset of the folder."""
 
 DATASETS = ("paths.nc", "table.nc")
 """The file names of the datasets that a report of a folder shows."""
 
 
 def documents(objects: Mapping[str, Any]) -> dict[str, Writer]:
-    """Return writers of objects by file name, in the format of `qtraj.load`; None is omitted."""
+    """Return writers of objects by file name, as files that `qtraj.load` reads; None is omitted."""
     return {name: partial(document.save, thing) for name, thing in objects.items() if thing is not None}
 
 

@@ -68,7 +68,7 @@ def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
 
 
 def _bound(axes: Any, limit: float, peak: float, text: str) -> None:
-    """Draw a dotted line at `limit` and, if a curve is below zero, another one at −`limit`."""
+    """Draw a dotted line at `limit` [°/s or °/s²], and at −`limit` if a curve is negative."""
     low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
     axes.axhline(limit, label=text, **BOUND)
     top = HEADROOM * max(limit, peak)

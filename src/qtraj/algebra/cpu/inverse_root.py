@@ -26,7 +26,7 @@ _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int3
 def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
     """Return 1/√x where `exists` is true and x is a positive normal number, otherwise 0 with derivative 0.
 
-    NaN yields NaN where `exists` is true.
+    Where `exists` is true and x is NaN, the result is NaN.
     """
     return _inverse_root(x, exists)
 

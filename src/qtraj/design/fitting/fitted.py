@@ -80,7 +80,7 @@ class Fitted(AbstractOutcome):
         if code == ResultCode.successful:
             return f"converged in {steps} steps."
         if code == ResultCode.held_by_bounds:
-            return f"converged in {steps} steps: the radius is at one of its bounds, {span}. {code.text}"
+            return f"converged in {steps} steps with a radius from {span}: {code.text}"
         if code == ResultCode.not_converged:
             misfit = self._misfit(at, LOOSE)
             note = f" ({misfit})" if misfit else ""

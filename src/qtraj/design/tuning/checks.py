@@ -220,7 +220,8 @@ FAULTS = (
         ResultCode.velocity_vanishes,
         lambda d: ~_positive(d.problem.speed, d.xp),
         lambda d: (
-            f"the initial velocities must be finite and not all zero, but their RMS magnitude is {d.problem.speed} m/s"
+            "the specified boundary velocities must be finite and not all zero, but their RMS magnitude is "
+            f"{d.problem.speed} m/s"
         ),
     ),
     _Fault(
@@ -258,7 +259,7 @@ FAULTS = (
     _Fault(
         ResultCode.objective_not_finite,
         lambda d: ~d.xp.isfinite(d.problem.scale),
-        lambda d: f"the objective must be finite at the initial boundary states, but it is {d.problem.scale}",
+        lambda d: f"the objective must be finite for the specified boundary states, but it is {d.problem.scale}",
     ),
     _Fault(
         ResultCode.turn_mismatch,

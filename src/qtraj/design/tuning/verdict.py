@@ -38,7 +38,7 @@ def converged(findings: Sequence[Finding], steps: int) -> str:
     all_proved = all(finding.status == "proved" for finding in findings)
     proved, sampled = (
         "proved to be satisfied on the whole path",
-        "satisfied, but for some this was checked only by sampling and is not proved",
+        "satisfied, but some limits were only checked on a fine grid and are not proved",
     )
     lines = [f"converged in {_counted(steps)}: every limit is {proved if all_proved else sampled}."]
     active = [f"{finding.name} is active: {finding.text}." for finding in findings if finding.active]

@@ -167,7 +167,7 @@ def _scale(dataset: xarray.Dataset, name: str) -> float:
 
 
 def _peaks(dataset: xarray.Dataset) -> Table:
-    """Tabulate the largest norm or absolute value of each quantity, and when it occurs; quaternions are omitted."""
+    """Tabulate the largest norm or absolute value of each quantity, and its time; quaternions are omitted."""
     rows = []
     for name in _shown(dataset):
         values, symbol = _in_degrees(dataset, name)
@@ -184,7 +184,7 @@ def _peaks(dataset: xarray.Dataset) -> Table:
             largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Norms of vectors (components if each axis has its own limit), only at the instants of the table."
+    note = "Norms of vectors, or components if each axis has its own limit; only at the instants of the dataset."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 

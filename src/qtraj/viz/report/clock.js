@@ -103,7 +103,7 @@ function picture(source, width, height, copied) {
   document.body.classList.toggle("copied", copied);
 }
 
-/** Draw the scene at twice the resolution of the screen, then print (the button). */
+/** Print button: draw the scene at twice the resolution of the screen, then print. */
 async function print() {
   play(false);
   const { clientWidth: width, clientHeight: height } = byId("space");

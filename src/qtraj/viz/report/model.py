@@ -135,7 +135,7 @@ def number(value: float, digits: int = 6) -> str:
 
 
 def thinned(count: int) -> np.ndarray:
-    """Return the indices of the instants that are drawn, of `count` instants in total."""
+    """Return the indices of the drawn instants among `count` instants."""
     return np.unique(np.linspace(0, count - 1, min(count, MAX_INSTANTS)).round().astype(int))
 
 

@@ -129,7 +129,7 @@ function panelLayout(panel, drawn) {
   };
 }
 
-/** Whether the axis includes zero: if the smallest value is below half of the largest, or all are equal. */
+/** Whether the axis includes zero: if the smallest value is less than half the largest, or all values are equal. */
 function levelled(panel) {
   const values = panel.series.flatMap((series) => series.values).filter((value) => value !== null);
   const low = values.reduce((a, b) => Math.min(a, b), Infinity),

@@ -21,7 +21,8 @@ PROOFS = {
     "proved": "proved on the whole path",
     "sampled": "satisfied on a refined grid with refined maxima, which is evidence but not a proof",
     "broken": "the limit is violated at the time shown",
-    "undecided": "too close to the limit to be decided in float64",
+    "undecided": "the largest value equals the limit to within rounding error, or the quantity is not proved to be "
+    "defined everywhere",
     "undefined": "the quantity is not defined at the time shown",
 }
 """Meaning of each status of a certificate."""

@@ -24,7 +24,7 @@ const UP = upOf(EYE);
 function bestEye() {
   const eyes = SIDES_SEEN.map(eyeAt);
   const zooms = eyes.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
-  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first one that is almost as good as the best
+  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first direction within 2 % of the best
 }
 
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
