@@ -69,7 +69,7 @@ def _hint(name: str, keys: Sequence[str]) -> str:
 
 
 def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
-    """Return the place at a location, without the steps added by pydantic, such as the member of a union or '[key]'."""
+    """Convert a location in pydantic's error to a place, without pydantic's own steps (union members, '[key]')."""
     place, model, entries = Place((), root, "another value"), root, False
     for step in location:
         if isinstance(step, int) and model is None:

@@ -43,7 +43,7 @@ LIMIT_VARIABLES = {name: entry.variable for name, entry in QUANTITIES.items()}
 SIGNED_VARIABLES = frozenset(entry.variable for entry in QUANTITIES.values() if entry.signed)
 """The variables that a limit bounds only from above; a limit on any other variable bounds the magnitude."""
 
-LAYOUT = "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1"
+LAYOUT = "time(path, sample) is the time from the start of the path; progress(sample) = time / duration, from 0 to 1"
 
 
 def conventions(frame: str) -> dict[str, str]:
@@ -69,15 +69,15 @@ def path_dataset(
     """Combine paths, given by name, into one dataset with units, meanings and conventions (extra `io`).
 
     The dataset contains all outputs of `qtraj.evaluate` at `samples` instants of each path. Attitudes and rates refer
-    to `frame`. For a route, the default is the default frame of the route. For other paths, the default is `Upright()`
-    if there is a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A limited variable has the
-    attribute `limit`. The positions of a recorded track are added as `recorded_position`, and the times from its first
-    sample as `recorded_time`. The properties of a `fitted` path become variables and attributes whose names begin with
-    `fit_`. `findings` contains the certificates of some of the paths, by name. They become the variables
-    `largest_curvature`, `largest_curvature_time` and `finding_curvature` for a limit on curvature, and similarly for
-    other limits; these variables refer to the whole path, not only to its samples. If the limits have a vehicle, the
-    dataset also contains forces and power; the parameters of the vehicle are variables whose names begin with
-    `vehicle_`.
+    to `frame`. For a route, the default is `Driving` if the route stops or reverses, otherwise `Upright()`. For other
+    paths, the default is `Upright()` if there is a recorded `track`, because vehicles stay upright, otherwise
+    `Natural()`. A limited variable has the attribute `limit`. The positions of a recorded track are added as
+    `recorded_position`, and the times from its first sample as `recorded_time`. The properties of a `fitted` path
+    become variables and attributes whose names begin with `fit_`. `findings` contains the certificates of some of the
+    paths, by name. They become the variables `largest_curvature`, `largest_curvature_time` and `finding_curvature` for
+    a limit on curvature, and similarly for other limits; these variables refer to the whole path, not only to its
+    samples. If the limits have a vehicle, the dataset also contains forces and power; the parameters of the vehicle are
+    variables whose names begin with `vehicle_`.
 
     **Raises:** ValueError if there is no path, or fewer than 2 samples are requested.
     """

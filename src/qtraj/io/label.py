@@ -19,7 +19,7 @@ PREDEFINED = {
     "error": ("1", "error quaternion of a feedback law", (4,)),
     "rate": ("rad s-1", "angular rate, body axes", (3, 4)),
     "acceleration": ("rad s-2", "angular acceleration, body axes", (3, 4)),
-    "command": ("rad s-2", "angular acceleration commanded, body axes", (4,)),
+    "command": ("rad s-2", "commanded angular acceleration, body axes", (4,)),
     "angle": ("rad", "angle", (0,)),
     "torque": ("N m", "torque, body axes", (3,)),
     "force": ("N", "force, body axes", (3,)),

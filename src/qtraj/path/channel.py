@@ -1,7 +1,8 @@
 """Registry of outputs: all quantities that can be evaluated along a path and its frame.
 
-Each entry consists of the name, unit, meaning, axes and formula of an output. Path quantities are added from their own
-registry. `qtraj.evaluate`, its tables and reductions, datasets and the command line use this registry.
+Each entry consists of the name, unit, meaning, axes and formula of an output. The path quantities of
+`quantity.QUANTITIES` are added to the entries of this module. `qtraj.evaluate`, its tables and reductions, datasets and
+the command line use this registry.
 """
 
 from collections.abc import Callable

@@ -65,7 +65,8 @@ def body_rates(
 ) -> Float[np.ndarray, "m 3"]:
     """Return the angular rates [rad/s] of the frame with these rows at the times `t` [s], in the axes of the frame.
 
-    The rate of an upright frame consists of the rate of the heading, about `up`, and the rate of the pitch, about −y.
+    `velocity` [m/s] and `acceleration` [m/s²] are in world axes. The rate of an upright frame consists of the rate of
+    the heading, about `up`, and the rate of the pitch, about −y.
     """
     i = np.maximum(np.searchsorted(rows.starts, t, side="right") - 1, 0)
     signs = rows.signs[i]

@@ -182,9 +182,11 @@ CORRIDOR = PathQuantity(
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),
 )
-"""A quantity of two paths, whose formula uses their `Offset` instead of invariants. Its square (ρ − ρ₀)² + ρρ₀(φ − φ₀)²
-+ (h − h₀)² is a polynomial. For positive radii it is at least the squared distance, because a chord is shorter than its
-arc."""
+"""A quantity of two paths, whose formula uses their `Offset` instead of invariants.
+
+The square d² = (ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)² is a polynomial. For positive radii, d is at least the distance
+between the paths, because a chord is shorter than its arc.
+"""
 
 
 def quantity(name: str) -> PathQuantity:

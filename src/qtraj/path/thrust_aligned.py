@@ -1,4 +1,4 @@
-"""Define the frame of a multirotor: z along the thrust, a − g, and yaw along the velocity or a given heading.
+"""Define the frame of a multirotor: z is along the thrust, a − g; the yaw follows the velocity or a given heading.
 
 Position and heading determine the attitude by differential flatness (Mellinger and Kumar, "Minimum snap trajectory
 generation and control for quadrotors", ICRA 2011, section III). With f = r'' − g and a forward reference c, the axes
@@ -40,17 +40,17 @@ Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
 
 @storable
 class ThrustAligned(AbstractFrame):
-    """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
+    """The frame of a multirotor: z is along the thrust, a − g; x points forward, and y points to the left.
 
-    `heading` is None, a number or a function. None means yaw along the velocity, so that the vehicle does not slip
-    sideways (the velocity has no component along y). A number [rad], measured from world x towards world y, is a
+    `heading` is None, a number or a function. With None, the yaw follows the velocity, so that the vehicle does not
+    slip sideways (the velocity has no component along y). A number [rad], measured from world x towards world y, is a
     constant heading. A function of time [s], written with `jax.numpy` and twice differentiable, returns the heading
     [rad]. `gravity` is a magnitude [m/s²], along −z of the world, or a vector (3,) [m/s²] in world axes.
 
     The x axis is not the tangent. It is the direction of the velocity or of the heading, projected onto the plane
     perpendicular to the thrust. `defined` is false where the frame does not exist. The frame does not exist in free
-    fall (a = g). With a given heading, it does not exist where the thrust is parallel to the heading. With yaw along
-    the velocity, it does not exist where the speed is zero or the thrust is parallel to the velocity. Rate and
+    fall (a = g). With a given heading, it does not exist where the thrust is parallel to the heading. If the yaw
+    follows the velocity, it does not exist where the speed is zero or the thrust is parallel to the velocity. Rate and
     acceleration are exact; they use the third and the fourth derivative of the path. A frame whose heading is a
     function cannot be saved.
 

@@ -70,7 +70,8 @@ class Vehicle(eqx.Module):
       direction, and positive if the left side is lower, as in a banked left turn. By the right-hand rule this is a
       negative rotation about the forward axis. In the opposite direction of travel, the same road has the opposite
       bank.
-    - `air_density` ρ [kg/m³], `gravity` g [m/s²], along −z.
+    - `air_density` ρ [kg/m³].
+    - `gravity` g [m/s²], along −z of the world.
 
     All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
     by `jax.vmap`, represent one vehicle for each path of a batch.

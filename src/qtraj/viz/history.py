@@ -47,7 +47,7 @@ def tuning_figure(dataset: Any) -> Figure:
 
 
 def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
-    """Plot quantities of every path against its own time, one panel each, with the limits of the dataset.
+    """Plot quantities of all paths against time, one panel for each quantity, with the limits of the dataset.
 
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it.
     `names` are names of `qtraj.Limits`; the default is curvature, lateral acceleration and all limited quantities.
@@ -89,7 +89,7 @@ def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], mar
 
 
 def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> None:
-    """Plot one quantity of every path against its own time, with its limit."""
+    """Plot one quantity of every path against the time of the path, and the limit on the quantity."""
     variable = dataset[name]
     for k, path in enumerate(dataset["path"].values):
         values = variable.isel(path=k).values

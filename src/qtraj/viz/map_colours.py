@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 COLOURED = 0.95
-"""Quantile of the curvature at which the colour scale ends, because the curvature is infinite at stops."""
+"""Quantile of the curvature at which the colour scale ends, because the curvature can be very large near stops."""
 
 SLOW = 0.05
 """Samples slower than this fraction of the largest speed count as stops: they do not affect the colour scale, and are

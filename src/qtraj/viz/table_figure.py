@@ -1,4 +1,4 @@
-"""Plot the outputs of a table against time, one panel each."""
+"""Plot the outputs of a table against time, one panel for each output."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,9 +19,10 @@ PALE = 0.55
 
 
 def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
-    """Plot outputs of `qtraj.evaluate` against time, one panel each; by default all except `dcm` and `defined`.
+    """Plot outputs of `qtraj.evaluate` against time, one panel for each output.
 
-    `dataset` is the `to_xarray()` of a table, and `names` are the outputs to plot. Components have the labels of the
+    `dataset` is the `to_xarray()` of a table. `names` are the outputs to plot, by default all except `dcm` and
+    `defined`. Components have the labels of the
     table's frame. At most eight paths are drawn; the components of all paths except the first are pale. Outputs that
     depend on the frame are not drawn at instants at which the frame is not defined.
 
