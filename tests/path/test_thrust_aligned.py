@@ -204,7 +204,7 @@ def test_a_program_with_a_heading_is_stored(tmp_path):
         ({"heading": math.nan}, "must be finite"),
         ({"heading": lambda t: jnp.stack([t, t])}, "must be one angle"),
         ({"heading": lambda t: math.sin(t)}, "cannot be traced by JAX"),
-        ({"gravity": -9.8}, "must be a number ≥ 0"),
+        ({"gravity": -9.8}, "must be a magnitude ≥ 0"),
         ({"gravity": [0.0, 9.8]}, r"must have shape \(3,\)"),
     ],
 )
