@@ -44,7 +44,7 @@ def to_euler(q: Quat, seq: str) -> Vec3:
     the derivatives are finite. SciPy treats attitudes within 1e-7 rad of gimbal lock as locked, with errors of this
     size; the threshold of this function is 16 machine epsilons.
 
-    **Raises:** ValueError unless `seq` consists of three axes in one case, none twice in a row.
+    **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
     i, j, k = axes[::-1] if intrinsic else axes

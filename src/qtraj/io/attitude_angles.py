@@ -57,7 +57,7 @@ class AttitudeAngles:
                 )
 
     def quaternions(self, angles: np.ndarray) -> np.ndarray:
-        """Convert `angles` (n, 3), roll, pitch and heading in `unit`, to unit quaternions (n, 4).
+        """Convert `angles` (n, 3) to unit quaternions (n, 4); the columns are roll, pitch and heading in `unit`.
 
         The quaternions are scalar first, body to world. Their body axes are forward, left, up for either value of
         `body`. World z is up; if the heading is measured from north, x is east and y is north.

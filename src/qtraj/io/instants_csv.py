@@ -25,7 +25,7 @@ PATH_HEADERS = {
 
 
 def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
-    """Write the columns named in `headers` as exact floats; an array (n, m) needs m headers, (n,) needs one."""
+    """Write the columns named in `headers` as exact floats; an array (n, m) needs m headers, and (n,) one."""
     parts = [np.asarray(columns[name], dtype=float) for name in headers]
     table = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
     header = ",".join(name for names in headers.values() for name in names)

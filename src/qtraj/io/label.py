@@ -43,10 +43,10 @@ def label(
 
     Use this function for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`, for
     example `label(times, quaternion=qs)`. The following names have predefined units: quaternion, error and command
-    (*batch, n, 4), rate and acceleration (*batch, n, 3) or, with the virtual scalar part first, (*batch, n, 4), torque
-    and force (*batch, n, 3), and angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit,
-    meaning), with the unit in netCDF notation ("m s-2"); three components are in body axes. `attributes` are added to
-    the attributes of the dataset, which include provenance.
+    (*batch, n, 4); rate and acceleration (*batch, n, 3), or (*batch, n, 4) with the virtual scalar part first; torque
+    and force (*batch, n, 3); angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit,
+    meaning), with the unit in netCDF notation ("m s-2"); three components are in body axes. Provenance and `attributes`
+    become attributes of the dataset.
 
     **Raises:** ValueError for arrays of other shapes, an unknown name, the name of a coordinate, or times that are NaN;
     also if no array is passed, or inside a trace. ModuleNotFoundError with the extra to install, if xarray is missing.

@@ -53,7 +53,7 @@ class TangentPlane:
 
         The columns of `geodetic` (n, 3) are latitude [°], longitude [°] and height above the ellipsoid [m]. Each
         rotation maps components along east, north and up at the sample to components along east, north and up at the
-        origin. The velocity and the attitude of a sample are recorded in the components at the sample.
+        origin. The recorded velocity and attitude of a sample refer to the axes at the sample.
 
         **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°; the message contains the number
         of the sample.

@@ -112,8 +112,8 @@ def choose(
     With `angles`, the attitude is given by roll, pitch and heading. With `globe`, the position is given by latitude,
     longitude and height.
 
-    **Raises:** ValueError for an unknown key or a wrong number of columns, for three angles without `angles`, and for
-    column names in another order of latitude and longitude, or of the angles; ValueError with the name of the file for
+    **Raises:** ValueError for an unknown key, a wrong number of columns, three angles without `angles`, or columns in
+    the wrong order (latitude before longitude; roll, pitch, heading). ValueError with the name of the file for
     columns that do not exist, a missing required quantity, a quantity with incomplete columns (except the angular
     rate), and columns whose names indicate other units.
     """

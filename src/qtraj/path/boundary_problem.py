@@ -53,7 +53,7 @@ def uniform(
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
     """Return the signed turn [rad] from `a` to `b`; its sign is the sign of V_φ at `a`, or + if V_φ is zero.
 
-    The magnitude is at least 0 and less than 2π, plus `turns` whole turns.
+    The magnitude is `turns` whole turns plus an angle in [0, 2π).
 
     **Raises:** ValueError if `turns` is negative or not an integer.
     """

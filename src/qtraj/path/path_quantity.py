@@ -47,8 +47,8 @@ class PathQuantity:
     although the ratio is not.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
-    PRINCIPAL if the quantity is the square root of the ratio times `factor`, a function of the vehicle's parameters
-    whose unit is `factor_unit`. Then `squared`, `value` and `exceeds` refer to the quantity divided by its factor.
+    PRINCIPAL if the quantity is `factor` times the square root of the ratio; `factor` is a function of the vehicle's
+    parameters, in `factor_unit`. Then `squared`, `value` and `exceeds` refer to the quantity divided by its factor.
     """
 
     name: str

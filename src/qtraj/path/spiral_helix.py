@@ -112,9 +112,9 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """Compute the spiral-helix with a constant rate φ̇ and cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sign of V_φ at the start. Its magnitude is at least 0 and less than 2π, plus `turns` whole
-        turns. The duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary
-        values for nine unknowns, so V_φ/ρ must be the same at both ends.
+        The turn has the sign of V_φ at the start. Its magnitude is `turns` whole turns plus an angle in [0, 2π). The
+        duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary values for nine
+        unknowns, so V_φ/ρ must be the same at both ends.
 
         **Raises:** ValueError if the relative difference of V_φ/ρ between the ends exceeds 1e-9 (in float32, 16 machine
         epsilons), a radius is zero, V_φ is zero at both ends, the azimuths are equal with `turns=0`, `turns` is not an

@@ -57,15 +57,15 @@ class Vehicle(eqx.Module):
     """A vehicle on a road, modelled as a point mass with tyre friction, resistance and, for moments, an inertia.
 
     - `mass` [kg].
-    - `inertia`: None, a tensor (3, 3) in the vehicle's axes [kg m²], principal moments (3,), or a scalar. The vehicle's
+    - `inertia` [kg m²]: None, a tensor (3, 3) in the vehicle's axes, principal moments (3,), or a scalar. The vehicle's
       axes are the axes of the frame, rolled by the bank about the first axis. For an upright frame they point forward,
       left, and normal to the road.
     - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag is ½ρC_dA v².
     - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load. It is a moment on
       each wheel, so it contributes to the power, but not to the forces of the road on the tyres.
-    - `friction` (2,): the coefficients of friction μ along and across the vehicle [-], the semi-axes of the friction
-      ellipse, or one number for both. With the default 1, the path quantity `friction` is the coefficient of friction
-      that the path requires.
+    - `friction` (2,): the coefficients of friction μ [-] along and across the vehicle, which are the semi-axes of the
+      friction ellipse. One number applies to both. With the default 1, the path quantity `friction` is the coefficient
+      of friction that the path requires.
     - `bank` [rad]: the rotation of the road about the direction of motion. It is 0 if the road is level in the lateral
       direction, and positive if the left side is lower, as in a banked left turn. By the right-hand rule this is a
       negative rotation about the forward axis. In the opposite direction of travel, the same road has the opposite

@@ -26,7 +26,7 @@ def tuning_figure(dataset: Any) -> Figure:
     """Plot paths in space, and curvature, lateral acceleration and all limited quantities over time.
 
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it. All
-    paths and the recorded points are drawn, the last path with trihedra. Each quantity has its own panel.
+    paths and the recorded points are drawn, and trihedra on the last path. Each quantity has its own panel.
 
     **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
