@@ -168,7 +168,7 @@ HEAD = "# first\ntime,x,y,z\n"
         (
             "time,x,y,z,vx,vy\n",
             r"velocity are incomplete: found vx, vy, missing vz\. .*velocity = \[\"vx\", \"vy\", \"\.\.\.\"\] under "
-            r'\[track\.columns\].*To omit the velocity, write velocity = \[\] in the scenario, or \{"velocity": None\} in',
+            r'\[track\.columns\].*To omit the velocity, write velocity = \[\] in the scenario, or \{"velocity": None\}',
         ),
         ("time,x,y,z,vel_up [m/s]\n", r"velocity are incomplete: found vel_up \[m/s\], missing vel_east, vel_north\. "),
         ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time must be in s: convert it first"),

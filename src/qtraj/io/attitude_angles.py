@@ -29,8 +29,8 @@ class AttitudeAngles:
     No field has a default, because recordings use different conventions. `sequence` consists of three letters for the
     order of the rotations: x for roll, y for pitch, z for heading. Upper case means rotations about the moving body
     axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is the usual order for aircraft and equals
-    "xyz". `heading` is "north-clockwise", from world y towards world x, with x east and y north, or "x-anticlockwise",
-    from world x towards world y. `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
+    "xyz". `heading` is "north-clockwise" (from world y, north, towards world x, east) or "x-anticlockwise" (from
+    world x towards world y). `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
     "forward-right-down" or "forward-left-up". Roll and pitch are right-handed about x and y, so a positive pitch raises
     the nose with "forward-right-down" and lowers the nose with "forward-left-up".
 
