@@ -130,8 +130,8 @@ class TunePart(Part):
         "nearest",
     )
     motion: Motion | None = key(
-        "angle about the axis: linear in time ('uniform'), or a polynomial ('hermite'); default: 'hermite' for a [track], "
-        "otherwise 'uniform'",
+        "angle about the axis: linear in time ('uniform'), or a polynomial ('hermite'); default: 'hermite' for a "
+        "[track], otherwise 'uniform'",
         None,
     )
     duration: keys.Seconds | None = key(

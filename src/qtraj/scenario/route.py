@@ -63,7 +63,7 @@ class RouteTunePart(Part):
 
     tube: keys.Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
     objective: Literal["nearest", "smoothest", "fastest"] = key(
-        "the quantity to minimise: the change of the route ('nearest'), the integral of the squared jerk ('smoothest'), "
+        "the quantity to minimise: the change of the route ('nearest'), the integral of the squared jerk ('smoothest') "
         "or the duration ('fastest')",
         "nearest",
     )
