@@ -191,8 +191,8 @@ def angle_at(angle: Float[Array, "*more terms"], u: Float[Array, " places"], ord
 @partial(jax.jit, static_argnums=2)  # so that equal shapes are traced and lowered once
 def _taylor(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"], order: int) -> list[Array]:
     shape = (*coefficients.shape[1:], u.shape[0])
-    terms = [jnp.broadcast_to(c[..., None], shape) for c in coefficients]
-    return taylor_terms(terms, jnp.broadcast_to(u, shape), order)
+    terms = jnp.broadcast_to(coefficients[..., None], (coefficients.shape[0], *shape))
+    return taylor_terms(list(terms), jnp.broadcast_to(u, shape), order)
 
 
 def _directions(problem: Problem) -> np.ndarray:
