@@ -115,9 +115,9 @@ def test_contradictory_parts_are_refused():
 
     with pytest.raises(ValueError, match="a disturbance has no effect"):
         loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
-    with pytest.raises(ValueError, match="needs a continuous rate"):
+    with pytest.raises(ValueError, match="gyros need a continuous rate"):
         loop(RateLaw(1.0), sensor=Gyros(0.1))
-    with pytest.raises(ValueError, match="must have the same sampling"):
+    with pytest.raises(ValueError, match="sensor and actuator must have the same sampling"):
         loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
     with pytest.raises(ValueError, match=r"is later than times\[0\]"):
         loop(actuator=Actuator(sampling=[0.1, 0.2]))
