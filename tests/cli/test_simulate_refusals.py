@@ -141,7 +141,7 @@ BAD = {
     ),
     "a limit of each axis": (
         SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n",
-        ["[actuator]: the actuator's limit must be", "shape (3,) with saturation='axis'"],
+        ["[actuator]: a limit for each axis requires saturation = 'axis'"],
     ),
     "a limit of zero": (
         SLEW + LAW + "[actuator]\nlimit = 0\n",

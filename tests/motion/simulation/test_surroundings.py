@@ -89,7 +89,8 @@ def test_noise_depends_on_its_key_and_has_its_standard_deviation():
     ("thing", "message"),
     [
         (lambda: Actuator(-1.0), "limit must be positive"),
-        (lambda: Actuator([1.0, 2, 3]), "must be a scalar, or have shape"),
+        (lambda: Actuator([1.0, 2, 3]), "a limit for each axis requires saturation = 'axis'"),
+        (lambda: Actuator([1.0, 2], "axis"), r"must be a scalar or have shape \(3,\), but shape \(2,\) was given"),
         (lambda: Actuator(saturation="box"), "'norm' or 'axis'"),
         (lambda: Actuator(sampling=0.0), "sampling period must be positive"),
         (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),

@@ -1,5 +1,7 @@
 """Create a feedback law by its name; the gains can be specified in several ways."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any

@@ -86,8 +86,8 @@ def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tu
     """Return λ and ω of the same attitude and physical rate, with |λ| and ω0 such that μ0 = 1 and μ̇0 = 0.
 
     For scalar gains and the body or the inertial error, μ0 then remains 1, and the Gibbs vector of the error,
-    g = μ_v/μ0, satisfies g̈ + K1ġ + K2g = 0. A half turn has no Gibbs vector: |λ| grows without bound as the error
-    approaches a half turn.
+    g = μ_v/μ0, satisfies g̈ + K1ġ + K2g = 0, or ġ + Kg = 0 under a rate law. A half turn has no Gibbs vector: |λ| grows
+    without bound as the error approaches a half turn.
     """
     mu = error_quaternion(reference, quaternion)
     scaled = mu / mu[0]

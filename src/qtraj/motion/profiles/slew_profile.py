@@ -1,5 +1,7 @@
 """Create a motion profile by its name, from limits or a duration."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from typing import Any
 
 from qtraj.foundation.types import ArrayInput
