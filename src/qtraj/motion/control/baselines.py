@@ -99,6 +99,10 @@ class LogarithmicFeedback(AbstractLaw):
         return error_quaternion(reference, quaternion)
 
 
+BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
+"""The laws of this module by name."""
+
+
 def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
     """Return the command of `law` with e = 2μ_v/|μ|, without changing the sign of λ."""
     mu = unit(error_quaternion(reference, quaternion))

@@ -160,6 +160,13 @@ class SlewSequence(AbstractProgram):
         return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
 
 
+def ends_at_rest(program: AbstractProgram) -> bool:
+    """Return whether a program is a slew that ends at rest, so that its attitude is constant after its duration."""
+    if isinstance(program, EulerTurn):
+        return float(program.profile.end_rate) == 0
+    return isinstance(program, SlewSequence)
+
+
 def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
     """Return `values` as an array (n, 4) of two or more finite, non-zero quaternions; raise a ValueError otherwise."""
     table = as_float(values)

@@ -18,7 +18,7 @@ from numpy.polynomial import Polynomial
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import AbstractProfile, Profile, stationary_points
+from qtraj.motion.profiles.profile import AbstractProfile, Profile, is_fixed, stationary_points
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
@@ -91,11 +91,7 @@ def within_torque(
     if ratio <= 1:
         return program
     law = program.law
-    if (
-        law.duration is not None
-        or getattr(law, "start_rate", None) is not None
-        or getattr(law, "end_rate", None) is not None
-    ):
+    if is_fixed(law):
         raise ValueError(
             f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot "
             "be slowed down, because its duration or its end rates are fixed. Increase the duration, or omit duration "

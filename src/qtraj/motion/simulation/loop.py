@@ -54,12 +54,13 @@ class Loop(eqx.Module):
             )
         if self.commands_rate and self.disturbance is not None:
             raise ValueError(
-                "a rate law commands the rate directly, so a disturbance has no effect: use an AccelerationLaw"
+                "a rate law commands the rate directly, so a disturbance has no effect: use a law that commands the "
+                "acceleration, or omit the disturbance"
             )
         if self.commands_rate and isinstance(self.sensor, Gyros):
             raise ValueError(
-                "the sensor Gyros interpolates the rate, so it needs a continuous rate, but under a rate law the rate "
-                "is discontinuous: use an AccelerationLaw"
+                "gyros need a continuous rate, which they interpolate, but under a rate law the rate is discontinuous: "
+                "use a law that commands the acceleration, or another sensor"
             )
 
     @property
@@ -93,11 +94,12 @@ def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"
 
 
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
-    law_sampling = loop.law.sampling if isinstance(loop.law, HystereticLaw) else None
-    parts = [None if part is None else part.sampling for part in (loop.sensor, loop.actuator)]
-    samplings = [sampling for sampling in (*parts, law_sampling) if sampling is not None]
+    law = loop.law if isinstance(loop.law, HystereticLaw) else None
+    parts = {"sensor": loop.sensor, "actuator": loop.actuator, "hysteretic law": law}
+    named = {name: part.sampling for name, part in parts.items() if part is not None and part.sampling is not None}
+    samplings = list(named.values())
     if not samplings:
-        if isinstance(loop.law, HystereticLaw):
+        if law is not None:
             raise ValueError(
                 "a hysteretic law updates its sign at sampling instants, but no sampling was given: set the sampling "
                 "[s] of the law, the sensor or the actuator"
@@ -105,8 +107,8 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
         return None
     if not all(_same(samplings[0], other) for other in samplings[1:]):
         raise ValueError(
-            "sensor, actuator and hysteretic law must have the same sampling, but different values were given: use the "
-            "same sampling for all, or set sampling for only one of them and sampling=None for the others"
+            f"{' and '.join(named)} must have the same sampling, but different values were given: use the same value, "
+            "or specify the sampling of only one of them"
         )
     sampling = samplings[0].astype(times.dtype)
     if sampling.ndim:
