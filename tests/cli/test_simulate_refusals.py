@@ -44,8 +44,8 @@ BAD = {
     "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
     "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' has the value 0", "a positive finite"]),
     "a far sign in the normalization of Gibbs": (
-        SLEW + LAW + "[error]\ngauge = 'gibbs'\nsign = 'far'\n",
-        ["the key 'error.gauge': the normalization 'gibbs' means μ0 = 1, which contradicts the sign 'far'"],
+        SLEW + LAW + "[error]\nnormalization = 'gibbs'\nsign = 'far'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' means μ0 = 1, which contradicts the sign 'far'"],
     ),
     "a sign for a baseline": (
         SLEW + LAW + "kind = 'geometric'\n[error]\nsign = 'auto'\n",
@@ -94,13 +94,13 @@ BAD = {
         SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n",
         ["[error]: the attitude is specified"],
     ),
-    "a gauge at a half turn": (
-        SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
-        ["the key 'error.gauge': the normalization 'gibbs' is not possible for an error of a half turn"],
+    "a normalization at a half turn": (
+        SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\nnormalization = 'gibbs'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' is not possible for an error of a half turn"],
     ),
     "a Gibbs normalization of another error": (
-        SLEW + LAW + "kind = 'additive'\n[error]\ngauge = 'gibbs'\n",
-        ["the key 'error.gauge': the normalization 'gibbs' is possible only for a law with the body or the inertial"],
+        SLEW + LAW + "kind = 'additive'\n[error]\nnormalization = 'gibbs'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' is possible only for a law with the body or the"],
     ),
     "a rate error of a rate law": (
         SLEW + LAW + "kind = 'rate'\n[error]\nrate = [1, 0, 0]\n",

@@ -60,7 +60,7 @@ def test_the_sign_is_chosen(prepared):
 
 
 def test_the_gibbs_normalization(prepared):
-    job = prepared(SLEW + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\ngauge = 'gibbs'\n")
+    job = prepared(SLEW + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\nnormalization = 'gibbs'\n")
     assert np.asarray(job.quaternion) == pytest.approx([1, 1, 0, 0])  # μ0 = 1, μ_v = tan 45°
     assert np.asarray(job.rate) == pytest.approx([np.radians(10), np.radians(10), 0, 0])
 

@@ -51,9 +51,9 @@ class ProgramPart(Part):
         values="the name of a path scenario or a saved path, relative to the scenario",
     )
     frame: Annotated[str, one_of(FRAMES), AfterValidator(with_hyphens)] | None = key(
-        "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
-        "binormal, which flips at inflections of the path; 'rotation-minimizing', zero rate about the tangent; "
-        "or 'thrust-aligned', z along the thrust, for multirotors",
+        "frame of the path: 'upright' (default: x forward, y left, z up), 'natural' (tangent, principal normal, "
+        "binormal; flips at inflections of the path), 'rotation-minimizing' (zero rate about the tangent) or "
+        "'thrust-aligned' (z along the thrust, for multirotors)",
         None,
     )
     up: keys.Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
@@ -105,7 +105,7 @@ class SimulationPart(Part):
     """The times and tolerances of the simulation."""
 
     duration: keys.Seconds | None = key(
-        "simulated time; default: the duration of the program; it may be longer only if the program ends at rest", None
+        "simulated time; default: the duration of the program; a longer time requires a program that ends at rest", None
     )
     samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
         "number of instants in the table; the option --samples overrides it",

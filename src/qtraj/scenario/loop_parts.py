@@ -61,7 +61,7 @@ class FeedbackPart(Part):
     k2: Gain | None = key("gain of the error", None, unit="1/s²")
     k: Gain | None = key("gain of the rate law", None, unit="1/s")
     settling_time: keys.Seconds | None = key(
-        "time in which the critically damped error decays to the fraction 'residual'", None
+        "time in which the error decays to the fraction 'residual' of its initial value", None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] | None = key(
         f"fraction of the initial error at settling_time; default: {RESIDUAL}", None, values="a number between 0 and 1"
@@ -82,31 +82,31 @@ class FeedbackPart(Part):
 class ErrorPart(AttitudePart):
     """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: keys.Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], unit="angle/s")
+    rate: keys.Vector = key("rate of the body minus rate of the program, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
-        "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
-        "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
-        "the laws 'quaternion', 'geometric' and 'logarithmic'",
+        "sign of the initial λ (λ and −λ represent the same attitude): 'near', μ0 ≥ 0; 'far', μ0 ≤ 0, which excludes "
+        "normalization = 'gibbs'; or 'auto', the sign with the larger minimum of |μ| (for the law 'additive', as "
+        "'near'); not for the laws 'quaternion', 'geometric' and 'logarithmic'",
         "auto",
     )
-    gauge: Literal["unit", "gibbs"] = key(
-        "initial values of |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values with which the Gibbs vector of the error "
-        "satisfies the linear equation of the law",
+    normalization: Literal["unit", "gibbs"] = key(
+        "initial |λ| and ω0: 'unit', |λ| = 1 and ω0 = 0; or 'gibbs', such that the Gibbs vector g of the error "
+        "satisfies g̈ + k1ġ + k2g = 0",
         "unit",
     )
 
     def state(self, angles: str, start: Attitude, law: AbstractLaw) -> tuple[Quat, Quat]:
         """Return the initial λ and ω, for the initial attitude `start` of the program."""
         rate = radians(angles) * jnp.asarray(self.rate)
-        with naming("the key 'error.gauge': "):
-            return place(law, start, self.unit_quaternion(angles), rate, self.sign, self.gauge)
+        with naming("the key 'error.normalization': "):
+            return place(law, start, self.unit_quaternion(angles), rate, self.sign, self.normalization)
 
 
 class DisturbancePart(Part):
     """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
     acceleration: keys.Vector | None = key("angular acceleration", None, unit="angle/s²")
-    torque: keys.Vector | None = key("torque, with inertia", None, unit="N m")
+    torque: keys.Vector | None = key("torque; requires the key 'inertia'", None, unit="N m")
     inertia: keys.Inertia | None = key("inertia of the body", None)
     period: keys.Seconds | None = key("period of a sinusoid", None)
     phase: keys.Number = key("phase of a sinusoid", 0.0, unit="angle")
@@ -136,12 +136,14 @@ class SensorPart(Part):
     kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
     sampling: keys.Seconds | None = key("sampling period; default: continuous", None)
     rate_bias: keys.Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
-    rate_noise: keys.NotNegative = key("standard deviation of each sample of the rate", 0.0, unit="angle/s")
+    rate_noise: keys.NotNegative = key("standard deviation of the rate noise about each axis", 0.0, unit="angle/s")
     attitude_bias: keys.Vector = key(
-        "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], unit="angle"
+        "bias of the attitude as a rotation vector; for gyros, the error of the initial attitude",
+        [0.0, 0.0, 0.0],
+        unit="angle",
     )
     attitude_noise: keys.NotNegative = key(
-        "standard deviation of each sample of the attitude; not for gyros", 0.0, unit="angle"
+        "standard deviation of the attitude noise about each axis; not for gyros", 0.0, unit="angle"
     )
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", 0, values="an integer from 0 to 2⁶³ − 1")
 

@@ -58,7 +58,8 @@ class BodyPart(Part):
 
     inertia: keys.Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
     max_torque: keys.Positive | keys.PositiveVector | None = key(
-        "limit on the torque, for the norm or for each component in body axes; to satisfy it, the slew is slowed down",
+        "limit on the torque, for the norm or for each component in body axes; a slew without 'duration', 'start_rate' "
+        "and 'end_rate' is slowed down to satisfy the limit",
         None,
         values="one or three positive finite numbers [N m]",
     )
@@ -73,7 +74,7 @@ class SlewPart(Part):
     )
     end: KnownAttitudePart = key("the last attitude", values="a table [end] with an attitude")
     law: SlewLawPart = key("the motion profile")
-    body: BodyPart | None = key("the body, for torques and a limit on the torque", None)
+    body: BodyPart | None = key("the body; required for torques and for a limit on the torque", None)
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
         """Return all attitudes in order of time, by the names of their tables."""
