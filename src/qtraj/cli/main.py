@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -24,60 +24,18 @@ ABOUT = """Compute paths, slews and closed-loop motion of vehicles from boundary
 The exit code is 0 for success, 1 for violated limits or no convergence, and 2 for invalid input.
 
 Results are also written if the exit code is 1.
+
+Examples:
+    qtraj tune  (runs the built-in scenario, writes qtraj-out)
+    qtraj report  (writes an HTML report of the results in qtraj-out)
+    qtraj --install-completion  (installs tab completion)
 """
 
-EXAMPLES = (
-    "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
-    "qtraj report  (writes an HTML report of the results in qtraj-out)",
-    "qtraj --install-completion  (installs tab completion)",
-)
-"""Examples in the help of the application."""
+COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "report")
+"""The commands; each command is a function in the module with its name."""
 
-
-class Entry:
-    """The examples in the help of a command, and its old name or None."""
-
-    def __init__(self, *examples: str, old_name: str | None = None):
-        self.examples, self.old_name = examples, old_name
-
-
-COMMANDS = {
-    "tune": Entry(
-        "qtraj tune  (the built-in scenario)",
-        "qtraj tune turn.toml --out results",
-        "qtraj tune turn.toml --objective fastest --motion hermite",
-    ),
-    "evaluate": Entry(
-        "qtraj evaluate turn.toml --samples 11",
-        "qtraj evaluate results/path.toml --step 0.1 --out table",
-    ),
-    "route": Entry(
-        "qtraj route  (the built-in scenario)",
-        "qtraj route drive.csv --out drive",
-        "qtraj route bus.toml --out results",
-    ),
-    "retime": Entry(
-        "qtraj retime  (the built-in scenario)",
-        "qtraj retime bus.toml --out results",
-        "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
-    ),
-    "slew": Entry(
-        "qtraj slew  (the built-in scenario)",
-        "qtraj slew camera.toml --out results --samples 401",
-        old_name="turn",
-    ),
-    "simulate": Entry(
-        "qtraj simulate  (the built-in scenario)",
-        "qtraj simulate loop.toml --out results --json",
-        old_name="track",
-    ),
-    "report": Entry(
-        "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
-        "qtraj report results",
-        "qtraj report helix.parquet --out pages",
-    ),
-}
-"""The commands by name; each command is a function in the module with its name."""
+OLD_NAMES = {"slew": "turn", "simulate": "track"}
+"""The old names of commands, which are hidden aliases."""
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib", "plotly")
 """Packages that the command line needs in addition to the core of qtraj."""
@@ -131,15 +89,14 @@ def application() -> "typer.Typer":
 
     shown = typer.Option(False, "--version", callback=print_version, is_eager=True, help="Print the version.")
 
-    @app.callback(help=_prose(ABOUT), epilog=_examples(EXAMPLES))
+    @app.callback(**_help(ABOUT))
     def root(version: bool = shown) -> None: ...
 
-    for name, entry in COMMANDS.items():
+    for name in COMMANDS:
         command = getattr(importlib.import_module(f"qtraj.cli.{name}"), name)
-        options: Any = {"help": _prose(command.__doc__), "epilog": _examples(entry.examples)}
-        app.command(name, **options)(command)
-        if entry.old_name:
-            app.command(entry.old_name, hidden=True, **options)(_renamed(command, entry.old_name))
+        app.command(name, **_help(command.__doc__))(command)
+        if old_name := OLD_NAMES.get(name):
+            app.command(old_name, hidden=True, **_help(command.__doc__))(_renamed(command, old_name))
     return app
 
 
@@ -155,14 +112,15 @@ def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
     return renamed
 
 
-def _prose(docstring: str | None) -> str:
-    """Return a docstring with each paragraph on one line, which the terminal wraps."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
+def _help(docstring: str) -> dict[str, Any]:
+    """Return the help of a command and the examples at its end, from a docstring that ends with examples.
 
-
-def _examples(lines: Sequence[str]) -> str:
-    """Return the examples of a command, one per line, as text for the end of the help."""
-    return "\n\n".join(("Examples:", *lines))
+    Each paragraph is one line, which the terminal wraps, and so is each example.
+    """
+    prose, _, examples = docstring.partition("Examples:")
+    paragraphs = [" ".join(paragraph.split()) for paragraph in prose.strip().split("\n\n")]
+    lines = ["Examples:", *(line.strip() for line in examples.strip().splitlines())]
+    return {"help": "\n\n".join(paragraphs), "epilog": "\n\n".join(lines)}
 
 
 def prepare() -> None:

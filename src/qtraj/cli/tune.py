@@ -1,20 +1,17 @@
 """Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
-from qtraj.foundation.number_text import number
 from qtraj.foundation.progress_bar import Watch
+from qtraj.path.frame_axes import UPRIGHT
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
@@ -23,7 +20,6 @@ if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.foundation.folder import Writer
     from qtraj.path.change import PathChange
     from qtraj.scenario.path import PathTask
-    from qtraj.scenario.path_parts import TunePart
     from qtraj.scenario.reader import ScenarioFile
 
     Motion = StrEnum
@@ -61,10 +57,16 @@ def tune(
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     or if a path does not fit its recording.
+
+    Examples:
+        qtraj tune  (the built-in scenario)
+        qtraj tune turn.toml --out results
+        qtraj tune turn.toml --objective fastest --motion hermite
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.design.tuning.box import bounds_text
     from qtraj.foundation.plain import plain
     from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
@@ -74,7 +76,7 @@ def tune(
     change = compare_paths(task.path, best.path, (task.start, task.end))
     content = {
         "fit": facts_of(task.fitted),
-        "frame": (frame or FrameName.upright).value,
+        "frame": str(frame or UPRIGHT),
         "purpose": loaded.scenario.purpose,
         "before": plain(before.record()),
         "tuned": plain(best.record()),
@@ -84,8 +86,9 @@ def tune(
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
-    show = partial(_show, task=task, before=before, best=best, change=change)
-    return Outcome(content, show, loaded, not met, _files(loaded, content, task, before, best))
+    restrictions = {"fixed": ", ".join(task.part.fixed), "bounds": bounds_text(task.part.ranges)}
+    writers = _files(loaded, content, restrictions, task, before, best)
+    return Outcome(content, _text(content, restrictions, task, before, best, change), loaded, not met, writers)
 
 
 def _tuned(
@@ -126,84 +129,47 @@ def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
 
 
 def _files(
-    loaded: "ScenarioFile[Any]", content: dict[str, Any], task: "PathTask", before: "Certificate", best: "Tuned"
+    loaded: "ScenarioFile[Any]",
+    content: dict[str, Any],
+    restrictions: dict[str, str],
+    task: "PathTask",
+    before: "Certificate",
+    best: "Tuned",
 ) -> "dict[str, Writer]":
     """Return the writers of the files."""
-    from qtraj.io.dataset import path_dataset
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import tuning_figure  # imported after the computation, because matplotlib is slow to import
+    from qtraj.motion.programs.rotation_minimizing import frame_named
+    from qtraj.viz.command_files import tuned_files  # imported after the computation, because matplotlib is slow
 
-    about = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
-    about |= {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": content["warning"]}
-    dataset = path_dataset(
-        {"before": task.path, "after": best.path},
-        task.limits,
-        task.track,
-        attributes=loaded.provenance() | {f"tuning_{name}": text for name, text in about.items() if text},
-        fitted=task.fitted,
-        frame=FrameName(content["frame"]).frame(),
-        findings={"before": before, "after": best.certificate},
-    )
-    return {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
-        **result_files.figure("tuning", tuning_figure(dataset)),
-    }
+    facts = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
+    facts |= restrictions | {"warning": content["warning"]}
+    about = loaded.provenance() | {f"tuning_{name}": text for name, text in facts.items() if text}
+    frame = frame_named(content["frame"])
+    return tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
 
 
-def _ranges(part: "TunePart") -> str:
-    """Describe the bounds of the variables; return an empty string if there are none."""
-    texts = []
-    for name, (low, high) in part.ranges.items():
-        unit = "s" if name == "duration" else "m/s"
-        if low is not None and high is not None:
-            texts.append(f"{name} from {low:.6g} to {high:.6g} {unit}")
-        else:
-            texts.append(f"{name} {'at most' if low is None else 'at least'} {high if low is None else low:.6g} {unit}")
-    return ", ".join(texts)
-
-
-def _show(
-    console: Console,
+def _text(
     content: dict[str, Any],
+    restrictions: dict[str, str],
     task: "PathTask",
     before: "Certificate",
     best: "Tuned",
     change: "PathChange",
-) -> None:
-    """Print the fit, the limits, the changes and the result."""
-    layout.print_fit(console, task.fitted)
-    _show_limits(console, before, best.certificate)
-    layout.print_purposes(console, content["purpose"])
-    layout.heading(console, "Boundary velocities before and after")
-    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
-    for group in change.rows():
-        table.add_section()
-        for name, *cells in group:
-            table.add_row(Text(name), *map(Text, cells))
-    console.print(table)
-    console.print(Text("A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."))
-    if change.given_text:
-        console.print(Text(change.given_text))
-    console.print(Text(f"The tuned path deviates from the original path by at most {float(change.deviation):.3g} m."))
-    console.print(Text(change.text))
-    layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
-    for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
-        if text:
-            console.print(Text(f"{what}: {text}."))
-    console.print(Text(best.result))
-    if content["warning"]:
-        console.print(Text(content["warning"], style="yellow"))
+) -> list[layout.Part]:
+    """Return the fit, the limits, the changes and the result as text."""
+    from qtraj.design.proof.limit_rows import limit_change_rows
 
-
-def _show_limits(console: Console, before: "Certificate", after: "Certificate") -> None:
-    layout.heading(console, "Limits before and after")
-    table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
-    for was, now in zip(before.findings(), after.findings(), strict=True):
-        name, unit = now.label.split()
-        for label, path, finding in ((name, "before", was), (unit, "after", now)):
-            margin = "active" if finding.active else number(finding.limit - finding.value, 3, sign="+")
-            numbers = number(finding.value), number(finding.limit), margin, number(finding.time, 4)
-            table.add_row(Text(label), path, *numbers, layout.verdict(finding.status))
-        table.add_section()
-    console.print(table)
+    limits = limit_change_rows(before, best.certificate)
+    columns = ("value", "limit", "margin", "at [s]")
+    velocities = "Boundary velocities before and after"
+    return [
+        *layout.fit(task.fitted),
+        layout.grouped_table("Limits before and after", limits, "limit", "path", right=columns),
+        *(f"{name}: {text}" for name, text in content["purpose"].items()),
+        layout.grouped_table(velocities, change.rows(), "", right=("before", "after", "change"), last=("unit",)),
+        *change.sentences(),
+        layout.heading(f"Result: objective '{task.objective}', motion '{task.motion}'"),
+        restrictions["fixed"] and f"Fixed: {restrictions['fixed']}.",
+        restrictions["bounds"] and f"Bounded: {restrictions['bounds']}.",
+        best.result,
+        layout.note(content["warning"]),
+    ]
