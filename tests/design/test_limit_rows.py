@@ -42,7 +42,9 @@ def test_a_fit_has_a_warning_or_a_note_unless_it_is_good():
     path = qt.SpiralHelix([10.0, 0.5], [0.0, 0.4], [0.0, 1.0], 3.0)
     notes = {}
     for code in (qt.ResultCode.successful, qt.ResultCode.held_by_bounds, qt.ResultCode.loose_fit):
-        fitted = qt.Fitted(path, qt.Residual(0.1, 0.1, 0.1, 0.3, 1.2, 21), np.int32(code), 7, [5.0, 50.0])
+        fitted = qt.Fitted(
+            path, qt.Residual(0.1, 0.1, 0.1, 0.3, 1.2, 21, None, None, 9.0, 11.0), np.int32(code), 7, [5.0, 50.0]
+        )
         title, rows, notes[code] = fit_rows(fitted)
         assert title == "Fitted spiral-helix against the recording"
         assert dict(rows)["samples"] == "21 in 3.00 s"

@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
 
 
-@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."))
+@terminal.command(
+    "qtraj evaluate turn.toml --samples 11",
+    "qtraj evaluate results/path.toml --step 0.1 --out table",
+    out=typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
+)
 def evaluate(
     watch: Watch,
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
@@ -46,10 +50,6 @@ def evaluate(
     another frame. The quaternion is scalar first, body to world. If the scenario has a table `vehicle`, the output
     includes forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The
     exit code is 1 if the path does not fit its recording.
-
-    Examples:
-        qtraj evaluate turn.toml --samples 11
-        qtraj evaluate results/path.toml --step 0.1 --out table
     """
     watch.say("reading the path")
     # Imported here, so that --help does not wait for pydantic and xarray.
@@ -67,24 +67,27 @@ def evaluate(
     for name in also:
         require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
     also = [*also, *vehicle_outputs(vehicle)]
-    if samples is not None and step is not None:
-        raise ValueError("--samples and --step were both given: pass one of them")
-    with naming("--"):
-        times = sample_times(float(path.duration), samples, step)
+    times = _times(float(path.duration), samples, step)
     watch.say("evaluating")
     table = evaluated(path, times, (*OUTPUTS, *also), frame_named(frame or UPRIGHT), continuous=True, vehicle=vehicle)
-    bends = np.asarray(evaluated(path, times, ("defined",)).defined)
     content = {
         "fit": facts_of(fitted),
         "frame": table.frame,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
         **tabular(table.record()),
-        "bends": bends.tolist(),
+        "bends": np.asarray(evaluated(path, times, ("defined",)).defined).tolist(),
     }
     dataset = table_dataset(table, fitted, loaded.provenance())
     writers = result_files.table(dataset, headers=path_headers(dataset, also))
-    failed = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, _text(content, fitted), loaded, failed, writers)
+    return Outcome(content, _text(content, fitted), loaded, not (fitted is None or bool(fitted.successful)), writers)
+
+
+def _times(duration: float, samples: int | None, step: float | None) -> np.ndarray:
+    """Return the `sample_times`, or raise a ValueError that names the option."""
+    if samples is not None and step is not None:
+        raise ValueError("--samples and --step were both given: pass one of them")
+    with naming("--"):
+        return sample_times(duration, samples, step)
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:

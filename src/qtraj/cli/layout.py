@@ -27,8 +27,11 @@ MAX_ROWS = 100
 ROWS = 21
 """Maximum number of instants of a motion that are printed; the files and --json contain all instants."""
 
+TITLE, ALERT, NOTE = "bold", "bold red", "yellow"
+"""The styles of titles, of warnings that a result may be wrong, and of notes."""
+
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green", "no limit": ""}
-"""The style of each status; other statuses are printed in bold red."""
+"""The style of each status; other statuses are printed as `ALERT`."""
 
 
 def show(console: Console, parts: Iterable[Part]) -> None:
@@ -41,7 +44,7 @@ def show(console: Console, parts: Iterable[Part]) -> None:
 def print_scenario(console: Console, scenario: Mapping[str, Any]) -> None:
     """Print the name, description, source and file of a scenario."""
     source = scenario["source"] and f"Source: {scenario['source']}"
-    show(console, [bold(scenario["name"] or scenario["file"]), scenario["description"], source])
+    show(console, [styled(scenario["name"] or scenario["file"], TITLE), scenario["description"], source])
     console.print(Text(f"Scenario: {scenario['file']} (sha256 {scenario['sha256']})"), soft_wrap=True)
 
 
@@ -53,24 +56,14 @@ def print_files(console: Console, title: str, files: Sequence[str]) -> None:
         console.print(Text(file), soft_wrap=True)
 
 
-def bold(text: str) -> Text:
-    """Return a title."""
-    return Text(text, style="bold")
+def styled(text: str | None, style: str) -> Text:
+    """Return a text in one of the styles `TITLE`, `ALERT` and `NOTE`; None becomes an empty text."""
+    return Text(text or "", style)
 
 
 def heading(text: str) -> Group:
     """Return an empty line and a title."""
-    return Group(Text(), bold(text))
-
-
-def alert(text: str | None) -> Text:
-    """Return a warning that results may be wrong or unusable."""
-    return Text(text or "", style="bold red")
-
-
-def note(text: str | None) -> Text:
-    """Return a text that the user should read."""
-    return Text(text or "", style="yellow")
+    return Group(Text(), styled(text, TITLE))
 
 
 def facts(title: str, rows: Iterable[tuple[str, str]]) -> Group:
@@ -89,7 +82,7 @@ def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:
     if fitted is None:
         return []
     title, rows, text = fit_rows(fitted)
-    return [facts(title, rows), (alert if text.startswith("Warning") else note)(text)]
+    return [facts(title, rows), styled(text, ALERT if text.startswith("Warning") else NOTE)]
 
 
 def grouped_table(
@@ -104,7 +97,7 @@ def grouped_table(
     for group in groups:
         table.add_section()
         for *cells, end in group:
-            table.add_row(*map(Text, cells), Text(end, "" if last[-1] else VERDICTS.get(end, "bold red")))
+            table.add_row(*map(Text, cells), Text(end, "" if last[-1] else VERDICTS.get(end, ALERT)))
     return Group(heading(title), table)
 
 

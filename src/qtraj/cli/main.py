@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -24,12 +24,14 @@ ABOUT = """Compute paths, slews and closed-loop motion of vehicles from boundary
 The exit code is 0 for success, 1 for violated limits or no convergence, and 2 for invalid input.
 
 Results are also written if the exit code is 1.
-
-Examples:
-    qtraj tune  (runs the built-in scenario, writes qtraj-out)
-    qtraj report  (writes an HTML report of the results in qtraj-out)
-    qtraj --install-completion  (installs tab completion)
 """
+
+EXAMPLES = (
+    "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
+    "qtraj report  (writes an HTML report of the results in qtraj-out)",
+    "qtraj --install-completion  (installs tab completion)",
+)
+"""Examples in the help of the application."""
 
 COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "report")
 """The commands; each command is a function in the module with its name."""
@@ -89,14 +91,15 @@ def application() -> "typer.Typer":
 
     shown = typer.Option(False, "--version", callback=print_version, is_eager=True, help="Print the version.")
 
-    @app.callback(**_help(ABOUT))
+    @app.callback(**_help(ABOUT, EXAMPLES))
     def root(version: bool = shown) -> None: ...
 
     for name in COMMANDS:
         command = getattr(importlib.import_module(f"qtraj.cli.{name}"), name)
-        app.command(name, **_help(command.__doc__))(command)
+        options = _help(command.__doc__, command.examples)
+        app.command(name, **options)(command)
         if old_name := OLD_NAMES.get(name):
-            app.command(old_name, hidden=True, **_help(command.__doc__))(_renamed(command, old_name))
+            app.command(old_name, hidden=True, **options)(_renamed(command, old_name))
     return app
 
 
@@ -112,15 +115,10 @@ def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
     return renamed
 
 
-def _help(docstring: str) -> dict[str, Any]:
-    """Return the help of a command and the examples at its end, from a docstring that ends with examples.
-
-    Each paragraph is one line, which the terminal wraps, and so is each example.
-    """
-    prose, _, examples = docstring.partition("Examples:")
-    paragraphs = [" ".join(paragraph.split()) for paragraph in prose.strip().split("\n\n")]
-    lines = ["Examples:", *(line.strip() for line in examples.strip().splitlines())]
-    return {"help": "\n\n".join(paragraphs), "epilog": "\n\n".join(lines)}
+def _help(docstring: str, examples: Sequence[str]) -> dict[str, Any]:
+    """Return the help of a command, with each paragraph on one line, which the terminal wraps, and its examples."""
+    paragraphs = (" ".join(paragraph.split()) for paragraph in docstring.split("\n\n"))
+    return {"help": "\n\n".join(paragraphs), "epilog": "\n\n".join(["Examples:", *examples])}
 
 
 def prepare() -> None:

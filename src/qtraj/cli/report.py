@@ -10,7 +10,12 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import Watch
 
 
-@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."))
+@terminal.command(
+    "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
+    "qtraj report results",
+    "qtraj report helix.parquet --out pages",
+    out=typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."),
+)
 def report(
     watch: Watch,
     result: Path = typer.Argument(
@@ -26,11 +31,6 @@ def report(
     dataset (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The report
     of a folder, or of its paths.nc or table.nc, is named report.html. Other reports
     are named after their files: the report of path.toml is path.html.
-
-    Examples:
-        qtraj report  (reads qtraj-out, writes qtraj-out/report.html)
-        qtraj report results
-        qtraj report helix.parquet --out pages
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for xarray.
@@ -54,10 +54,10 @@ def report(
     folder = result if is_folder(result) else result.parent
     hint = "Open this file in a browser; it does not need a network connection."
     text = [
-        layout.bold(content["title"]),
+        layout.styled(content["title"], layout.TITLE),
         *content["findings"],
         *content["notes"],
-        *(layout.alert(f"Warning: {warning}") for warning in content["warnings"]),
+        *(layout.styled(f"Warning: {warning}", layout.ALERT) for warning in content["warnings"]),
         *(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s" for body in content["bodies"]),
     ]
     return Outcome(content, text, writers=writers, folder=folder, hint=hint)

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from qtraj.scenario.route import RetimeTask
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj retime  (the built-in scenario)",
+    "qtraj retime bus.toml --out results",
+    "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+)
 def retime(
     watch: Watch,
     scenario: Path | None = typer.Argument(
@@ -49,11 +53,6 @@ def retime(
     (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over time and distance
     (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
     limit is not satisfied, the path does not fit its recording, the tuning fails, or an end speed cannot be reached.
-
-    Examples:
-        qtraj retime  (the built-in scenario)
-        qtraj retime bus.toml --out results
-        qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2
     """
     watch.say("reading")
     from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic

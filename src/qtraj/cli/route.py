@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from qtraj.scenario.route import RouteTask
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj route  (the built-in scenario)",
+    "qtraj route drive.csv --out drive",
+    "qtraj route bus.toml --out results",
+)
 def route(
     watch: Watch,
     recording: Path | None = typer.Argument(
@@ -35,11 +39,6 @@ def route(
     the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is
     1 if the fit fails or a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at
     stops.
-
-    Examples:
-        qtraj route  (the built-in scenario)
-        qtraj route drive.csv --out drive
-        qtraj route bus.toml --out results
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.

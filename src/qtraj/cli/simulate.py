@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from qtraj.motion.simulation.loop_history import LoopHistory
     from qtraj.motion.simulation.loop_verdict import LoopVerdict
     from qtraj.scenario.loop import LoopTask
+    from qtraj.scenario.reader import ScenarioFile
 
 SIZES = ("angle", "closed_form_angle", "open_loop_angle", "command")
 """Columns that span many orders of magnitude."""
@@ -51,7 +52,10 @@ NO_SIGN = (
 )
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj simulate  (the built-in scenario)",
+    "qtraj simulate loop.toml --out results --json",
+)
 def simulate(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("loop"),
@@ -68,16 +72,10 @@ def simulate(
     The program is a slew, the frame of a path, or a saved program. Disturbance, sensor and actuator are optional. The
     error is compared with its closed form. The command writes the motion (solution.toml), its table (table.nc,
     table.csv) and a figure (simulation.png, simulation.svg). The exit code is 1 if the integration did not finish.
-
-    Examples:
-        qtraj simulate  (the built-in scenario)
-        qtraj simulate loop.toml --out results --json
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
-    from qtraj.foundation.plain import plain, tabular
     from qtraj.motion.simulation.assess_loop import assess_loop
-    from qtraj.motion.simulation.loop_facts import gains_of, limit_of
     from qtraj.scenario.reader import read_scenario
 
     loaded = read_scenario(scenario, "loop")
@@ -86,9 +84,24 @@ def simulate(
         task: LoopTask = KINDS["loop"].build(loaded, samples, frame and frame.value)
         watch.say("simulating with and without feedback" if open_loop else "simulating")
         history, verdict = assess_loop(**task.arguments(), without_feedback=open_loop)
-    table, angles = history.at(task.times), history.open_loop_angle
+    content = _content(loaded, task, history, verdict)
+    from qtraj.viz.command_files import loop_files  # imported after the computation, because matplotlib is slow
+
+    about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
+    writers = loop_files(history.at(task.times), verdict, task.actuator, about)
+    return Outcome(content, _text(content, verdict, task.actuator), loaded, not content["finished"], writers)
+
+
+def _content(
+    loaded: "ScenarioFile[Any]", task: "LoopTask", history: "LoopHistory", verdict: "LoopVerdict"
+) -> dict[str, Any]:
+    """Return the result as JSON types."""
+    from qtraj.foundation.plain import plain, tabular
+    from qtraj.motion.simulation.loop_facts import gains_of, limit_of
+
+    angles = history.open_loop_angle
     ends = {} if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
-    content = {
+    return {
         "program": {
             "description": loaded.scenario.program.describe(task.program),
             "duration": float(task.program.duration),
@@ -105,13 +118,8 @@ def simulate(
         **({"open_loop": ends} if ends else {}),
         "finished": bool(history.solution.successful),
         "result": _result(history, verdict, loaded.scenario.error.sign),
-        **tabular(table.record()),
+        **tabular(history.at(task.times).record()),
     }
-    from qtraj.viz.command_files import loop_files  # imported after the computation, because matplotlib is slow
-
-    about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
-    writers = loop_files(table, verdict, task.actuator, about)
-    return Outcome(content, _text(content, verdict, task.actuator), loaded, not content["finished"], writers)
 
 
 def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
@@ -125,15 +133,9 @@ def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
 
 def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator | None") -> list[layout.Part]:
     """Return the loop and its motion as text, with angles in degrees."""
-    from qtraj.motion.simulation.loop_facts import (
-        deviation_text,
-        gains_text,
-        loop_fact_rows,
-        motion_headers,
-        stability_text,
-    )
+    from qtraj.motion.simulation import loop_facts
 
-    gains = gains_text({name: gain for name, gain in content["law"].items() if name != "kind"})
+    gains = loop_facts.gains_text({name: gain for name, gain in content["law"].items() if name != "kind"})
     loop = [
         ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
         ("law", f"'{content['law']['kind']}', {gains}"),
@@ -141,14 +143,14 @@ def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator |
         ("simulated", f"{content['duration']:.4f} s"),
     ]
     without_feedback = content.get("open_loop", {}).get("final_angle")
-    deviation = deviation_text(verdict)
-    title, headers = motion_headers(verdict, "open_loop" in content)
+    deviation = loop_facts.deviation_text(verdict)
+    title, headers = loop_facts.motion_headers(verdict, "open_loop" in content)
     commands = np.linalg.norm(np.array(content["columns"]["command"], float), axis=1)
     return [
         layout.facts("Closed loop", loop),
-        layout.alert(stability_text(verdict)),
-        layout.facts("Motion", loop_fact_rows(verdict, actuator, without_feedback)),
-        layout.alert(deviation and f"{deviation} Use smaller simulation.rtol and simulation.atol."),
+        layout.styled(loop_facts.stability_text(verdict), layout.ALERT),
+        layout.facts("Motion", loop_facts.loop_fact_rows(verdict, actuator, without_feedback)),
+        layout.styled(deviation and f"{deviation} Use smaller simulation.rtol and simulation.atol.", layout.ALERT),
         *layout.instants(title, content["columns"] | {"command": commands}, content["units"], headers, SIZES),
         layout.heading("Result"),
         content["result"],

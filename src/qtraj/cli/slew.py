@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from qtraj.scenario.slew import SlewScenario
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj slew  (the built-in scenario)",
+    "qtraj slew camera.toml --out results --samples 401",
+)
 def slew(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("slew"),
@@ -29,10 +32,6 @@ def slew(
     The duration is the minimum within the limits of rate, acceleration, jerk and torque, unless the scenario specifies
     a duration. Torques need the inertia of the body in the table `body`. The command writes the program (program.toml),
     its table (table.nc, table.csv) and a figure (slew.png, slew.svg). The exit code is 1 if a limit is violated.
-
-    Examples:
-        qtraj slew  (the built-in scenario)
-        qtraj slew camera.toml --out results --samples 401
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
@@ -81,22 +80,18 @@ def _notes(scenario: "SlewScenario", program: "EulerTurn | SlewSequence", verdic
 
 def _text(content: dict[str, Any], verdict: "SlewVerdict") -> list[layout.Part]:
     """Return the slews, their limits and the motion as text, with angles in degrees."""
-    from qtraj.motion.programs.slew_facts import (
-        MOTION_HEADERS,
-        MOTION_TITLE,
-        end_texts,
-        slew_fact_rows,
-        slew_limit_rows,
-    )
+    from qtraj.motion.programs import slew_facts
 
     count, columns = len(verdict.angles), ("peak", "limit", "margin", "at [s]")
     titles = [f"Slew {k + 1} of {count}" for k in range(count)] if count > 1 else ["Slew"]
     return [
-        *(layout.facts(title, slew_fact_rows(verdict, k)) for k, title in enumerate(titles)),
-        *end_texts(verdict),
+        *(layout.facts(title, slew_facts.slew_fact_rows(verdict, k)) for k, title in enumerate(titles)),
+        *slew_facts.end_texts(verdict),
         *content["notes"],
-        layout.grouped_table("Peaks and limits", [slew_limit_rows(verdict)], "", right=columns, last=("unit", "")),
-        *layout.instants(MOTION_TITLE, content["columns"], content["units"], MOTION_HEADERS),
+        layout.grouped_table(
+            "Peaks and limits", [slew_facts.slew_limit_rows(verdict)], "", right=columns, last=("unit", "")
+        ),
+        *layout.instants(slew_facts.MOTION_TITLE, content["columns"], content["units"], slew_facts.MOTION_HEADERS),
         layout.heading(f"Result: law '{content['law']}'"),
         verdict.result,
     ]

@@ -82,8 +82,8 @@ JSON = typer.Option(False, "--json", help="Print the results as JSON instead of 
 """The option `--json`."""
 
 
-def command(out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
-    """Return a decorator that converts a function to a command, with the options `out` and `--json`.
+def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
+    """Return a decorator that converts a function to a command with these examples and the options `out` and `--json`.
 
     The command writes the files of the function's outcome, prints it and exits. The parameters of the function are a
     `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
@@ -115,7 +115,7 @@ def command(out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., 
             inspect.Parameter("as_json", kind, default=JSON, annotation=bool),
         ]
         parameters = [argument, *common, *options]
-        command.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
+        vars(command).update(__signature__=signature.replace(parameters=parameters), examples=examples)
         return command
 
     return decorate

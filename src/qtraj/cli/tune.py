@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
@@ -34,7 +34,11 @@ CAUSES = (
 )
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj tune  (the built-in scenario)",
+    "qtraj tune turn.toml --out results",
+    "qtraj tune turn.toml --objective fastest --motion hermite",
+)
 def tune(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("path"),
@@ -57,23 +61,17 @@ def tune(
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     or if a path does not fit its recording.
-
-    Examples:
-        qtraj tune  (the built-in scenario)
-        qtraj tune turn.toml --out results
-        qtraj tune turn.toml --objective fastest --motion hermite
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.design.tuning.box import bounds_text
     from qtraj.foundation.plain import plain
-    from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
 
     loaded = read_scenario(scenario, "path")
-    task, before, best = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
-    change = compare_paths(task.path, best.path, (task.start, task.end))
+    found = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
+    task, before, best, change = found
     content = {
         "fit": facts_of(task.fitted),
         "frame": str(frame or UPRIGHT),
@@ -87,20 +85,28 @@ def tune(
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
     restrictions = {"fixed": ", ".join(task.part.fixed), "bounds": bounds_text(task.part.ranges)}
-    writers = _files(loaded, content, restrictions, task, before, best)
-    return Outcome(content, _text(content, restrictions, task, before, best, change), loaded, not met, writers)
+    writers = _files(loaded, content, restrictions, found)
+    return Outcome(content, _text(content, restrictions, found), loaded, not met, writers)
 
 
-def _tuned(
-    loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch
-) -> tuple["PathTask", "Certificate", "Tuned"]:
-    """Return the task of a scenario, the certificate of its path, and the result of the tuning.
+class Found(NamedTuple):
+    """The task of a scenario, the certificate of its path, the result of the tuning, and the change of the path."""
+
+    task: "PathTask"
+    before: "Certificate"
+    best: "Tuned"
+    change: "PathChange"
+
+
+def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Found:
+    """Check and tune the path of a scenario.
 
     `overrides`: motion, objective and number of starts, which replace those of the scenario unless they are None.
 
     **Raises:** ValueError, which names the file, for bad input.
     """
     from qtraj.design.proof.certify import certify
+    from qtraj.path.change import compare_paths
 
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
@@ -111,7 +117,8 @@ def _tuned(
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
-        return task, before, task.tuned(watch.tuning)
+        best = task.tuned(watch.tuning)
+        return Found(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)))
 
 
 def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
@@ -129,17 +136,13 @@ def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
 
 
 def _files(
-    loaded: "ScenarioFile[Any]",
-    content: dict[str, Any],
-    restrictions: dict[str, str],
-    task: "PathTask",
-    before: "Certificate",
-    best: "Tuned",
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], restrictions: dict[str, str], found: Found
 ) -> "dict[str, Writer]":
     """Return the writers of the files."""
     from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.viz.command_files import tuned_files  # imported after the computation, because matplotlib is slow
 
+    task, before, best, _ = found
     facts = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
     facts |= restrictions | {"warning": content["warning"]}
     about = loaded.provenance() | {f"tuning_{name}": text for name, text in facts.items() if text}
@@ -147,17 +150,11 @@ def _files(
     return tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
 
 
-def _text(
-    content: dict[str, Any],
-    restrictions: dict[str, str],
-    task: "PathTask",
-    before: "Certificate",
-    best: "Tuned",
-    change: "PathChange",
-) -> list[layout.Part]:
+def _text(content: dict[str, Any], restrictions: dict[str, str], found: Found) -> list[layout.Part]:
     """Return the fit, the limits, the changes and the result as text."""
     from qtraj.design.proof.limit_rows import limit_change_rows
 
+    task, before, best, change = found
     limits = limit_change_rows(before, best.certificate)
     columns = ("value", "limit", "margin", "at [s]")
     velocities = "Boundary velocities before and after"
@@ -171,5 +168,5 @@ def _text(
         restrictions["fixed"] and f"Fixed: {restrictions['fixed']}.",
         restrictions["bounds"] and f"Bounded: {restrictions['bounds']}.",
         best.result,
-        layout.note(content["warning"]),
+        layout.styled(content["warning"], layout.NOTE),
     ]
