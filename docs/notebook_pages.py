@@ -1,6 +1,8 @@
 """A hook of MkDocs (`hooks` in mkdocs.yml) that adds the notebooks and a gallery of all figures to the site.
 
-- Each `notebooks/NAME.ipynb` becomes a page with its stored text, tables and figures. Nothing is executed.
+- Each `notebooks/NAME.ipynb` becomes a page with its text, tables and figures. The outputs are those of the last
+  `docs/notebooks.py --check`, which executes the notebooks and writes them to `build/notebooks`. Without a check of the
+  present text and code, the outputs stored in the notebook are shown.
 - `gallery.md` shows every figure of the site. Each figure links to the code that draws it: a cell of a notebook, or a
   section of `figure_code.md`, which contains the functions that draw the figures of `docs/figures`.
 - Formulas between dollar signs become MathML, so that a page needs no script and fetches nothing.
@@ -18,6 +20,7 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = ROOT / "notebooks"
+CHECKED = ROOT / "build" / "notebooks"
 
 DRAWN_BY = {
     "tuning": "docs/pictures.py:tuning",
@@ -55,7 +58,7 @@ class Page(NamedTuple):
 
 def notebook_page(name: str) -> Page:
     """The page of `notebooks/NAME.ipynb`."""
-    cells = json.loads((NOTEBOOKS / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+    cells = _cells(name)
     prose = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
     top_headings = [title for level, title in HEADING.findall(prose) if level == "#"]
     title = section = top_headings[0]
@@ -99,6 +102,17 @@ def page_links(text: str) -> str:
     """Links of a page of `docs` to notebooks, as they are on the site, where both are in one folder."""
     text = re.sub(r"\]\(((?:\.\./)*)\.\./notebooks/README\.md\b", r"](\1notebooks/index.md", text)
     return re.sub(r"\]\(((?:\.\./)*)\.\./notebooks/(\w+)\.ipynb\b", r"](\1notebooks/\2.md", text)
+
+
+def _cells(name: str) -> list[dict[str, Any]]:
+    """The cells of a notebook, with the outputs of its last check if its sources have not changed since."""
+    stored, checked = (_stored_cells(folder / f"{name}.ipynb") for folder in (NOTEBOOKS, CHECKED))
+    unchanged = [cell["source"] for cell in stored] == [cell["source"] for cell in checked]
+    return checked if unchanged else stored
+
+
+def _stored_cells(file: Path) -> list[dict[str, Any]]:
+    return json.loads(file.read_text(encoding="utf-8"))["cells"] if file.exists() else []
 
 
 def _fence(language: str, text: str) -> str:

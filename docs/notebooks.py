@@ -3,12 +3,13 @@
 Run it from the folder of the project:
 
     .venv/bin/python docs/notebooks.py              # all, or those named: 10_recorded_turn
-    .venv/bin/python docs/notebooks.py --check      # execute, compare with the stored outputs, write nothing
+    .venv/bin/python docs/notebooks.py --check      # execute, compare with the stored outputs, change no notebook
     .venv/bin/python docs/notebooks.py --prose      # store changed text, if no code has changed
 
 Each notebook runs in its own Python process, on the CPU. As in Jupyter, the output of a cell is the printed text and
 then the last expression. Text, HTML and figures are stored; stderr (warnings, and times, which differ between runs) is
-not. No Jupyter kernel is needed. Outputs contain no times, no paths and no random names.
+not. No Jupyter kernel is needed. Outputs contain no times, no paths and no random names. The outputs of a check are
+written to `build/notebooks`, from where a build of the site takes them.
 """
 
 import argparse
@@ -32,6 +33,8 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "notebooks"
+CHECKED = ROOT / "build" / "notebooks"
+"""Where `--check` writes the notebooks it has executed."""
 
 ENVIRONMENT = {"JAX_PLATFORMS": "cpu", "MPLBACKEND": "agg", "PYTHONHASHSEED": "0", "COLUMNS": "100"}
 DPI, COLOURS = 120, 256
@@ -202,7 +205,7 @@ def outputs_of(stored: dict[str, Any]) -> list[list[Output]]:
 def _store(name: str) -> bool:
     outputs = _executed(name)
     if outputs is not None:
-        _write(name, outputs)
+        _write(name, outputs, FOLDER)
     return outputs is not None
 
 
@@ -210,6 +213,7 @@ def _check(name: str, tolerant: bool = False) -> bool:
     outputs = _executed(name)
     if outputs is None:
         return False
+    _write(name, outputs, CHECKED)
     faults = differences(outputs_of(_read(name)), outputs)
     for fault in faults:
         print(f"{name}: {fault}")
@@ -223,7 +227,7 @@ def _store_prose(name: str) -> bool:
     if stored["metadata"].get("qtraj", {}).get(DIGEST) != digest(_cells(name)):
         print(f"{name}: its code has changed too, so execute it: python docs/notebooks.py {name}")
         return False
-    _write(name, outputs_of(stored))
+    _write(name, outputs_of(stored), FOLDER)
     return True
 
 
@@ -235,9 +239,10 @@ def _read(name: str) -> dict[str, Any]:
     return json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))
 
 
-def _write(name: str, outputs: list[list[Output]]) -> None:
+def _write(name: str, outputs: list[list[Output]], folder: Path) -> None:
     text = json.dumps(notebook(_cells(name), outputs), ensure_ascii=False, indent=1, sort_keys=True)  # as Jupyter does
-    (FOLDER / f"{name}.ipynb").write_text(text + "\n", encoding="utf-8")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.ipynb").write_text(text + "\n", encoding="utf-8")
 
 
 def _executed(name: str) -> list[list[Output]] | None:
@@ -257,7 +262,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Execute the notebooks and store, or compare, their outputs.")
     parser.add_argument("names", nargs="*", help="notebooks without suffix; all by default")
     parser.add_argument("--prose", action="store_true", help="store changed prose without executing")
-    parser.add_argument("--check", action="store_true", help="compare with the stored outputs and write nothing")
+    parser.add_argument("--check", action="store_true", help="compare with the stored outputs and change no notebook")
     parser.add_argument("--warn", action="store_true", help="with --check: report differences, but exit with 0")
     parser.add_argument("--execute-here", metavar="FILE", help=argparse.SUPPRESS)
     arguments = parser.parse_args()

@@ -69,7 +69,7 @@ def _about(model: type[BaseModel]) -> list[str]:
 def _tables(model: type[BaseModel], under: str = "") -> Iterator[Table]:
     """The tables below a model, neighbours of one kind together, each followed by its own."""
     found: dict[type[BaseModel], list[str]] = {}
-    for name, field in model.model_fields.items():
+    for name, field in _fields(model):
         if (inner := _inner(field.annotation)) is not None:
             bare = f"{under}{name}"
             found.setdefault(inner, []).append(f"[[{bare}]]" if get_origin(field.annotation) is list else f"[{bare}]")
@@ -77,6 +77,12 @@ def _tables(model: type[BaseModel], under: str = "") -> Iterator[Table]:
         yield Table(tuple(headers), inner)
         if len(headers) == 1:
             yield from _tables(inner, f"{headers[0].strip('[]')}.")
+
+
+def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
+    """The keys of a table by name: name, description and angles first, and keys shared with other tables last."""
+    own = model.__annotations__
+    return sorted(model.model_fields.items(), key=lambda item: (item[0] not in FIRST, item[0] not in own))
 
 
 def _inner(annotation: Any) -> type[BaseModel] | None:
@@ -88,7 +94,7 @@ def _inner(annotation: Any) -> type[BaseModel] | None:
 
 def _keys(model: type[BaseModel]) -> str:
     rows = ["| key | meaning | value | default |", "|---|---|---|---|"]
-    for name, field in sorted(model.model_fields.items(), key=lambda item: item[0] not in FIRST):
+    for name, field in _fields(model):
         cells = (f"`{name}`", _cell(field.title), _cell(field.description), _default(field))
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"

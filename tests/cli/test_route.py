@@ -147,7 +147,7 @@ def test_the_settings_of_the_tuning_are_passed_on(qtraj, tmp_path, monkeypatch):
     def refuse(route, limits, tube, objective, *, max_steps):
         raise ValueError(f"{tube} {objective} {max_steps}")
 
-    monkeypatch.setattr("qtraj.design.tuning_route.tune_route.tune_route", refuse)
+    monkeypatch.setattr("qtraj.scenario.route.tune_route", refuse)
     recording(tmp_path / "drive.csv")
     scenario = tmp_path / "s.toml"
     settings = '[limits]\nspeed = 9.0\n[tune]\ntube = 0.3\nobjective = "fastest"\nmax_steps = 17\n'

@@ -145,7 +145,7 @@ def test_an_impossible_limit_is_infeasible():
     ("change", "fragment"),
     [
         ({"method": optax.adam}, "an optax optimiser such as optax.adam(1e-2)"),
-        ({"method": "adagrad"}, "'sqp' or 'lbfgs', or an optax optimiser"),
+        ({"method": "adagrad"}, "'sqp', 'lbfgs' or 'adam', or an optax optimiser"),
         ({"method": 3}, "but 3 was given"),
         ({"inner_steps": 0}, "inner_steps must be an integer, 1 or more, but 0 was given"),
         ({"max_steps": 2.5}, "max_steps must be an integer, 1 or more, but 2.5 was given"),

@@ -127,7 +127,7 @@ def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):
     with pytest.raises(
         ValueError, match=r"s\.toml: unknown key 'start\.positon'; did you mean 'position'\? \(and 2 more\)"
     ):
-        read(STATES.replace("position = [12", "positon = [12") + "[limits]\nspeed = -1\n")
+        read(STATES.replace("position = [12", "positon = [12") + "[tune]\nstarts = -1\n")
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_key_with_several_forms_counts_once(read, line):
 
 
 def test_a_faulty_entry_is_named_and_its_key_counts_once(read):
-    text = STATES.replace("[12, 0.0, 0.0]", "[12, 'x', 'y']") + "[limits]\nspeed = -1\n"
+    text = STATES.replace("[12, 0.0, 0.0]", "[12, 'x', 'y']") + "[tune]\nstarts = -1\n"
     with pytest.raises(ValueError, match=r"'start\.position\[1\]' has the value 'x': .* \(and 1 more\)$"):
         read(text)
 

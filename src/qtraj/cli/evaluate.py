@@ -95,13 +95,14 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
 
     For a saved path, there is no scenario, fit or vehicle.
     """
+    from qtraj.io.input_file import read_input
     from qtraj.io.saved import saved_path
-    from qtraj.scenario.reader import read_input
+    from qtraj.scenario.reader import ScenarioFile, scenario_in
 
     given = read_input(file)
     if given.is_saved:
-        return given.without_scenario(), saved_path(file), None, None
-    loaded = given.scenario("path")
+        return ScenarioFile(file, None, given.hash), saved_path(file), None, None
+    loaded = scenario_in(given, "path")
     task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted, task.limits.vehicle
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from qtraj.design.timing.outcome import Retimed
     from qtraj.foundation.folder import Writer
     from qtraj.scenario.reader import ScenarioFile
-    from qtraj.scenario.route import RetimeTask
+    from qtraj.scenario.route import RouteTask
 
 
 @terminal.command(
@@ -89,7 +89,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
 class Found(NamedTuple):
     """The task, the tuning result or None, the retimed path, the certificate for all limits, and the speed profile."""
 
-    task: "RetimeTask"
+    task: "RouteTask"
     tuned: Any
     timed: "Retimed"
     certificate: "Certificate"

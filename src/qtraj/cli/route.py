@@ -81,15 +81,15 @@ def _tuned(
 
     watch.say("fitting the route")
     task = fit_recording(loaded)
-    if task.limits is None:
+    if not task.limits.given():
         return task, None, None
     watch.say("checking the limits")
     certificate = certify(task.fitted.path, task.limits)
-    if task.tune is None:
+    if task.tuning is None:
         return task, certificate, None
     watch.say("tuning")
     with naming(f"{loaded.file}: "):
-        return task, certificate, task.tuned()
+        return task, certificate, task.tuning(watch.tuning)
 
 
 def _limits(title: str, certificate: "RouteCertificate | None") -> list[layout.Part]:

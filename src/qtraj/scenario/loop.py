@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import degrees
 from qtraj.foundation.types import Quat
+from qtraj.io.input_file import read_input
 from qtraj.io.saved import saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.laws import AbstractLaw
@@ -30,7 +31,7 @@ from qtraj.scenario import keys
 from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, one_of, radians, with_hyphens
 from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.path import lay
-from qtraj.scenario.reader import ScenarioFile, read_input
+from qtraj.scenario.reader import ScenarioFile, scenario_in
 from qtraj.scenario.slew import SlewPart
 
 FRAMES = (UPRIGHT, NATURAL, MINIMIZING, THRUST_ALIGNED)
@@ -216,7 +217,7 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
     if part.path is None:
         return saved_program(loaded.beside(str(part.file)))
     given = read_input(loaded.beside(part.path))
-    path = saved_path(given.file) if given.is_saved else lay(given.scenario("path")).path
+    path = saved_path(given.file) if given.is_saved else lay(scenario_in(given, "path")).path
     return part.along(path, frame, angles)
 
 

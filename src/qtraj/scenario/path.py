@@ -104,24 +104,35 @@ def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
     require(vehicle, needs, what)
 
 
-def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
-    """Raise a ValueError if a key of `purpose` names no limit, or if a limit needs a vehicle that is missing."""
-    for name in limits.limits():
-        if QUANTITIES[name].needs_vehicle:
-            known = None if vehicle is None else vehicle.vehicle()
-            require_vehicle(known, QUANTITIES[name].needs, f"limits.{name}")
-    if extra := sorted(set(purpose) - set(limits.limits())):
-        raise ValueError(
-            f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the purpose"
-        )
+class LimitedScenario(NamedPart):
+    """The limits of a path, the reason for each limit, and the settings of the retiming."""
+
+    limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
+        "limits on the whole path", LimitsPart()
+    )
+    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
+    purpose: dict[str, keys.Text] = key(
+        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
+    )
+    retime: RetimePart = key("settings of the retiming", RetimePart())
+
+    def _faults(self) -> Iterator[str]:
+        limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.vehicle()
+        for name in limits:
+            if QUANTITIES[name].needs_vehicle:
+                require_vehicle(vehicle, QUANTITIES[name].needs, f"limits.{name}")
+        if extra := sorted(set(self.purpose) - set(limits)):
+            yield (
+                f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the "
+                "purpose"
+            )
+
+    def all_limits(self) -> Limits:
+        """Return the limits, combined with the vehicle."""
+        return Limits(**self.limits.limits(), vehicle=self.vehicle and self.vehicle.vehicle())
 
 
-def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
-    """Return the limits of a scenario, combined with its vehicle."""
-    return Limits(**limits.limits(), vehicle=None if vehicle is None else vehicle.vehicle())
-
-
-class PathScenario(NamedPart):
+class PathScenario(LimitedScenario):
     """A scenario with one path (a track, two boundary states, or a saved path), limits and settings of the tuning."""
 
     track: TrackPart | None = key("the recording to which the path is fitted", None)
@@ -134,15 +145,7 @@ class PathScenario(NamedPart):
         "duration of a path between two states; default: computed from their rates about the axis", None
     )
     turns: keys.Wholes | None = key("additional whole turns of a path between two states", None)
-    limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "the limits of the tuned path", LimitsPart()
-    )
-    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
-    purpose: dict[str, keys.Text] = key(
-        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
-    )
     tune: TunePart = key("settings of the tuning", TunePart())
-    retime: RetimePart = key("settings of the retiming", RetimePart())
 
     @property
     def motion(self) -> str:
@@ -172,7 +175,7 @@ class PathScenario(NamedPart):
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
                 yield f"{name} and tune.{name} are the same setting: specify one of them"
-        require_limits(self.purpose, self.limits, self.vehicle)
+        yield from super()._faults()
 
 
 @dataclass(frozen=True)
@@ -227,7 +230,7 @@ def lay(
         "part": scenario.tune,
     }
     with naming(f"{loaded.file}: "):
-        chosen["limits"] = limits_with(scenario.limits, scenario.vehicle)
+        chosen["limits"] = scenario.all_limits()
         if scenario.track is not None:
             track = scenario.track.read(loaded.beside)
             fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])

@@ -1,7 +1,6 @@
 """Define tables of a path scenario: the recording, and the settings of its fit, the tuning and the retiming."""
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +11,7 @@ from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.timing.parts import SLOW, STOP_DISTANCE, STOP_SPEED
 from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
+from qtraj.design.tuning.methods import LEARNING_RATE, adam
 from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_file import read_track
@@ -25,8 +25,6 @@ Recorded = Literal["time", "position", "velocity", "attitude", "rate"]
 
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
-LEARNING_RATE = 0.01
-"""Default learning rate of "adam"."""
 
 
 class AnglesPart(Part):
@@ -192,14 +190,8 @@ class TunePart(Part):
         """Return the arguments of `qtraj.tune` that depend only on this table."""
         options = self.options
         rate = options.pop("learning_rate", LEARNING_RATE)
-        method = _adam(rate) if self.method == "adam" else self.method
-        return {
-            "fixed": tuple(self.fixed),
-            "bounds": self.ranges,
-            "corridor": self.corridor,
-            "method": method,
-            **options,
-        }
+        settings = {"fixed": tuple(self.fixed), "bounds": self.ranges, "corridor": self.corridor}
+        return settings | options | {"method": adam(rate) if self.method == "adam" else self.method}
 
 
 class RetimePart(Part):
@@ -225,11 +217,3 @@ class RetimePart(Part):
     stop_distance: keys.NotNegative | None = key(
         f"largest distance within which slow motion counts as a stop; default: {STOP_DISTANCE} m", None, unit="m"
     )
-
-
-@lru_cache(maxsize=8)
-def _adam(learning_rate: float) -> Any:
-    """Return the optimiser 'adam'; equal learning rates give the same object, so the compiled search is reused."""
-    import optax  # imported here, because most scenarios do not need it
-
-    return optax.adam(learning_rate)

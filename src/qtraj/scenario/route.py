@@ -4,28 +4,27 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from qtraj.design.fitting.fit_route import fit_route
-from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
-from qtraj.design.tuning_route.tune_route import require_suitable
+from qtraj.design.tuning_route.tune_route import require_suitable, tune_route
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
+from qtraj.io.input_file import read_input
 from qtraj.io.saved import saved_hodograph
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.track import Track
 from qtraj.scenario import DATA, KINDS, keys
-from qtraj.scenario.keys import NamedPart, Part, key
-from qtraj.scenario.path import LimitsPart, VehiclePart, lay, limits_with, require_limits
-from qtraj.scenario.path_parts import RetimePart, TrackPart
-from qtraj.scenario.reader import ScenarioFile, nearest_kind, read_input
+from qtraj.scenario.keys import Part, key
+from qtraj.scenario.path import LimitedScenario, lay
+from qtraj.scenario.path_parts import TrackPart
+from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""
@@ -69,58 +68,33 @@ class RouteTunePart(Part):
     max_steps: keys.Counts = key("maximum number of steps of all searches together", 300)
 
 
-class RouteScenario(NamedPart):
+class RouteScenario(LimitedScenario):
     """A scenario with a recording, and limits that are checked on the whole route fitted to it."""
 
     track: TrackPart = key("the recording")
     fit: RouteFitPart = key("settings of the fit", RouteFitPart())
-    limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "limits to check on the whole route", LimitsPart()
-    )
-    vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
-    purpose: dict[str, keys.Text] = key(
-        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
-    )
     tune: RouteTunePart | None = key("settings of the tuning", None)
-    retime: RetimePart = key("settings of the retiming", RetimePart())
 
     def _faults(self) -> Iterator[str]:
-        require_limits(self.purpose, self.limits, self.vehicle)
+        yield from super()._faults()
         if self.tune is not None and not self.limits.limits():
             yield "[tune] needs limits: add a table [limits]"
         if self.tune is not None:
             require_suitable(tuple(self.limits.limits()), self.tune.objective)
 
 
-@dataclass(frozen=True)
-class RouteTask:
-    """The recording of a scenario, the route fitted to the recording, and the limits and the settings of the tuning.
+class RouteTask(NamedTuple):
+    """A path and its limits, the recording to which the path was fitted, and a function that tunes the path.
 
-    `limits` and `tune` are None if the scenario does not contain them.
+    `track` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; its argument reports the
+    progress.
     """
 
-    track: Track
-    fitted: FittedRoute
-    limits: Limits | None
-    tune: RouteTunePart | None
-
-    @property
-    def path(self) -> Route:
-        """The fitted route."""
-        return self.fitted.path
-
-    def tuned(self, progress: Report | None = None) -> TunedRoute:
-        """Return the tuned route; its progress is not reported.
-
-        **Raises:** ValueError if the scenario has no limits or no table [tune], or for limits that the tuning does not
-        support.
-        """
-        from qtraj.design.tuning_route.tune_route import tune_route
-
-        if self.limits is None or self.tune is None:
-            raise ValueError("a tuning needs the tables [limits] and [tune]")
-        part = self.tune
-        return tune_route(self.fitted.path, self.limits, part.tube, part.objective, max_steps=part.max_steps)
+    path: AbstractHodograph
+    limits: Limits
+    track: Track | None = None
+    fitted: Any = None
+    tuning: Callable[[Report], Any] | None = None
 
 
 def read_route(file: Path | None) -> ScenarioFile[Any]:
@@ -129,7 +103,7 @@ def read_route(file: Path | None) -> ScenarioFile[Any]:
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not a valid
     scenario or recording.
     """
-    return read_input(KINDS["route"].embedded if file is None else file).scenario("route", recording=True)
+    return scenario_in(read_input(KINDS["route"].embedded if file is None else file), "route", recording=True)
 
 
 def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
@@ -139,26 +113,16 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     """
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
-        limits = limits_with(scenario.limits, scenario.vehicle)  # checked first, because the fit takes longer
+        limits = scenario.all_limits()  # checked first, because the fit takes longer
         track = scenario.track.read(loaded.beside)
-        part = scenario.fit
-        sigmas = part.position_sigma, part.velocity_sigma
-        fitted = fit_route(track, part.spacing, part.tolerance, part.smoothing, *sigmas)
-        return RouteTask(track, fitted, limits if limits.given() else None, scenario.tune)
+        fitted = fit_route(track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
+        tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
+        return RouteTask(fitted.path, limits, track, fitted, tuning)
 
 
-@dataclass(frozen=True)
-class RetimeTask:
-    """The path to retime, its limits, the recording to which the path was fitted, and a function that tunes the path.
-
-    `track` and `fitted` are None without a recording, and `tuning` is None if the path is not tuned.
-    """
-
-    path: AbstractHodograph
-    limits: Limits
-    track: Track | None = None
-    fitted: Fitted | FittedRoute | None = None
-    tuning: Callable[[Report], Any] | None = None
+def _tuned(path: Route, limits: Limits, part: RouteTunePart, progress: Report) -> TunedRoute:
+    """Return the tuned route; `tune_route` does not report its progress."""
+    return tune_route(path, limits, part.tube, part.objective, max_steps=part.max_steps)
 
 
 def read_retiming(file: Path | None, limits: Mapping[str, float]) -> ScenarioFile[Any]:
@@ -171,14 +135,14 @@ def read_retiming(file: Path | None, limits: Mapping[str, float]) -> ScenarioFil
     """
     given = read_input(EMBEDDED if file is None else file)
     if given.is_saved:
-        return given.without_scenario()
+        return ScenarioFile(given.file, None, given.hash)
     part = given.data.get("retime")
     shape = str(part.get("shape")) if isinstance(part, dict) else ""
     kinds = SHAPES.get(shape, ("route", "path")) if "track" in given.data else ("path",)
-    return given.scenario(nearest_kind(given.data, kinds), limits, recording=True, others=("slew", "loop"))
+    return scenario_in(given, nearest_kind(given.data, kinds), limits, recording=True, others=("slew", "loop"))
 
 
-def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RetimeTask:
+def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RouteTask:
     """Return the task of a scenario; it includes the tuning of the path if the scenario has a table [tune].
 
     `limits`: the limits for a saved path, which has no scenario.
@@ -187,10 +151,12 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RetimeTa
     path.
     """
     if loaded.scenario is None:
-        return RetimeTask(saved_hodograph(loaded.file), _without_vehicle(limits, loaded.file.name))
-    task = fit_recording(loaded) if isinstance(loaded.scenario, RouteScenario) else lay(loaded)
-    tuned = task.tuned if "tune" in loaded.scenario.model_fields_set and task.limits else None
-    return RetimeTask(task.path, task.limits or Limits(), task.track, task.fitted, tuned)
+        return RouteTask(saved_hodograph(loaded.file), _without_vehicle(limits, loaded.file.name))
+    if isinstance(loaded.scenario, RouteScenario):
+        return fit_recording(loaded)
+    task = lay(loaded)
+    tuning = task.tuned if "tune" in loaded.scenario.model_fields_set else None
+    return RouteTask(task.path, task.limits, task.track, task.fitted, tuning)
 
 
 def _without_vehicle(limits: Mapping[str, float], name: str) -> Limits:

@@ -1,16 +1,20 @@
-"""Search methods by name: "sqp", "lbfgs", or an optax optimiser."""
+"""Search methods by name: "sqp", "lbfgs", "adam", or an optax optimiser."""
 
 from functools import lru_cache
 from typing import Any
 
 from qtraj.design.tuning.augmented import AugmentedLagrangian
+from qtraj.design.tuning.choices import either
 from qtraj.design.tuning.search import AbstractSearch
 from qtraj.design.tuning.sqp import SequentialQuadratic
 
-METHODS = ("sqp", "lbfgs")
+METHODS = ("sqp", "lbfgs", "adam")
 
 MEMORY = 12
 """Number of past steps that "lbfgs" stores."""
+
+LEARNING_RATE = 0.01
+"""Default learning rate of "adam", in units of the reference speed."""
 
 Method = Any
 """One of `METHODS`, or an `optax.GradientTransformation` (with or without extra arguments)."""
@@ -36,14 +40,24 @@ def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps:
 def _optimiser(method: Method) -> Any:
     if isinstance(method, str) and method == "lbfgs":
         return _lbfgs()
+    if isinstance(method, str) and method == "adam":
+        return adam()
     if isinstance(method, str) or not all(callable(getattr(method, name, None)) for name in ("init", "update")):
         raise ValueError(
-            f"method must be {' or '.join(map(repr, METHODS))}, or an optax optimiser such as optax.adam(1e-2), "
+            f"method must be {either(METHODS)}, or an optax optimiser such as optax.adam(1e-2), "
             f"but {method!r} was given"
         )
     import optax  # imported here, so that `import qtraj` does not import optax
 
     return optax.with_extra_args_support(method)
+
+
+@lru_cache(maxsize=8)
+def adam(learning_rate: float = LEARNING_RATE) -> Any:
+    """Return `optax.adam`; equal learning rates give the same object, so that the compiled search is reused."""
+    import optax
+
+    return optax.with_extra_args_support(optax.adam(learning_rate))
 
 
 @lru_cache(maxsize=1)

@@ -89,11 +89,11 @@ def tune(
     is called with a `Progress` a few times per second.
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
-    the default and by far the fastest. An `optax.GradientTransformation` such as `optax.adam(1e-2)`, or "lbfgs" for
-    `optax.lbfgs()`, selects an augmented Lagrangian method with at most `inner_steps` steps of the optimiser in each
-    outer iteration. The augmented Lagrangian method needs only first derivatives and is the default for a callable
-    objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations of the other method. Reuse
-    the same optimiser object to avoid recompilation.
+    the default and by far the fastest. An `optax.GradientTransformation` such as `optax.adam(1e-3)`, or "lbfgs" or
+    "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with at most `inner_steps` steps of the
+    optimiser in each outer iteration. The augmented Lagrangian method needs only first derivatives and is the default
+    for a callable objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations of the other
+    method. Reuse the same optimiser object to avoid recompilation.
 
     **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
     the same batch dimension. Limits, duration, turn and placement are shared or have the same dimension. An ill-posed

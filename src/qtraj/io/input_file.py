@@ -1,0 +1,61 @@
+"""Read the input file of a command, and determine what the file contains."""
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qtraj.foundation.toml_fault import syntax_fault
+from qtraj.foundation.untrusted import decoded, parse_json, parse_toml, read_bytes
+from qtraj.io.recording import is_recording
+
+HASH_DIGITS = 16
+RECORDING_START = 2**16
+"""Number of bytes at the start of a file by which a recording is recognised."""
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """The content of a file, which is a scenario, a saved object or a recording.
+
+    `hash`: the first 16 hexadecimal digits of the SHA-256 of the file's bytes. `data`: the parsed document; for a
+    recording, a scenario with this recording.
+    """
+
+    file: Path
+    hash: str
+    data: dict[str, Any]
+    is_recording: bool = False
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file contains a saved object."""
+        return "format" in self.data and "type" in self.data
+
+
+def read_input(file: Path) -> InputFile:
+    """Read a file and determine whether it is a recording; otherwise, parse its TOML or JSON.
+
+    **Raises:** OSError if the file cannot be read; ValueError, which names the file, for a syntax error.
+    """
+    content = read_bytes(file)
+    start = content[:RECORDING_START].decode(errors="replace")
+    recording = is_recording(file, start)
+    data = {"track": {"file": file.name}} if recording else _parsed(file, decoded(file, content))
+    return InputFile(file, hashlib.sha256(content).hexdigest()[:HASH_DIGITS], data, recording)
+
+
+def _parsed(file: Path, text: str) -> dict[str, Any]:
+    is_json = file.suffix == ".json"
+    try:
+        data = parse_json(text) if is_json else parse_toml(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{file}: not valid TOML: {syntax_fault(text, error)}") from None
+    except ValueError as error:
+        raise ValueError(f"{file}: not {'valid JSON' if is_json else 'a scenario'}: {error}") from None
+    if is_json and not (isinstance(data, dict) and "format" in data):
+        raise ValueError(
+            f"{file}: not a saved object, which has the keys 'format' and 'type'; scenarios are TOML files"
+        )
+    return data
