@@ -123,6 +123,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.path.residual import Residual as Residual
     from qtraj.path.route import Route as Route
     from qtraj.path.route_nearest import Nearest as Nearest
+    from qtraj.path.sample_times import sample_times as sample_times
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
     from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
@@ -215,6 +216,7 @@ _HOMES = {
     "qtraj.path.residual": ("Residual",),
     "qtraj.path.route": ("Route",),
     "qtraj.path.route_nearest": ("Nearest",),
+    "qtraj.path.sample_times": ("sample_times",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),

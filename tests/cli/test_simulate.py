@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.cli import simulate as command
+from qtraj.cli.layout import show
 from qtraj.foundation.plain import plain
 from qtraj.motion.simulation import assess_loop as assessment, loop_verdict
 from qtraj.motion.simulation.actuator import Actuator
@@ -129,7 +130,7 @@ def test_a_jump_of_the_command_is_seen_from_both_sides(simulated):
 
 def printed(content, found):
     screen = Console(file=io.StringIO(), width=80)
-    command._show(screen, content, found, Actuator())
+    show(screen, command._text(content, found, Actuator()))
     return " ".join(screen.file.getvalue().split())
 
 

@@ -17,7 +17,7 @@ from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
-from qtraj.cli.layout import print_fit
+from qtraj.cli import layout
 from qtraj.foundation.plain import plain
 from qtraj.io.saved import saved_path
 from qtraj.scenario.path import lay
@@ -194,7 +194,7 @@ def test_a_fit_that_misses_its_recording_is_told_everywhere(qtraj, tmp_path, mot
     assert (fit["status"], fit["successful"]) == (status, status == "loose_fit")
     assert words in fit["warning"]
     console = Console(file=io.StringIO(), width=1000, force_terminal=True, color_system="standard")
-    print_fit(console, lay(read_scenario(tmp_path / "s.toml", "path")).fitted)
+    layout.show(console, layout.fit(lay(read_scenario(tmp_path / "s.toml", "path")).fitted))
     assert f"\x1b[1;31mWarning: {fit['warning']}" in console.file.getvalue()
     assert qtraj("report", out).exit_code == 0
     assert f'<p class="note warning">Warning: {escape(fit["warning"])}</p>' in (out / "report.html").read_text("utf-8")

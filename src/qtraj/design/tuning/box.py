@@ -49,6 +49,18 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         _require_order(name, low, high)
 
 
+def bounds_text(bounds: Mapping[str, tuple[float | None, float | None]]) -> str:
+    """Describe the lower and upper bounds of variables by their names; empty if there are none."""
+    texts = []
+    for name, (low, high) in bounds.items():
+        unit = "s" if name == DURATION else "m/s"
+        if low is not None and high is not None:
+            texts.append(f"{name} from {low:.6g} to {high:.6g} {unit}")
+        else:
+            texts.append(f"{name} {'at most' if low is None else 'at least'} {high if low is None else low:.6g} {unit}")
+    return ", ".join(texts)
+
+
 def dependent_velocity(heading: str) -> str:
     """Return the name of the variable that a fixed heading determines."""
     return heading.replace("heading", "V_rho")

@@ -94,14 +94,18 @@ class Solution(AbstractOutcome):
         if self.body is not None:
             body_motion: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
             text = f"{text} {body_motion.exactness().capitalize()}."
+        return f"{text} {self.reached_text(at)}".rstrip()
+
+    def reached_text(self, at: tuple[int, ...] = ()) -> str:
+        """Return a sentence with the last instant that one motion reached; empty if it reached every instant."""
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
-            return text
+            return ""
         if not reached.any():
-            return f"{text} No instant was reached."
+            return "No instant was reached."
         times = np.asarray(self.times)
         times = times if times.ndim == 1 else times[at]
-        return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
+        return f"Last instant reached: t = {times[reached][-1]:.9g} s."
 
     def record(self) -> Record:
         """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
