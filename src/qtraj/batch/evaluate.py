@@ -179,9 +179,9 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
     if not given:
         return used
     if given != rows:
-        expected = f"one vehicle or {rows[0]}, one for each path" if rows else "one vehicle for the one path"
+        expected = f"one vehicle, or {rows[0]} vehicles (one for each path)" if rows else "one vehicle for the one path"
         raise ValueError(
-            f"the output {needing[0]!r} needs {expected}, but vehicles of the batch shape {given} were given"
+            f"the output {needing[0]!r} needs {expected}, but the vehicles have the batch shape {given}"
             + ("" if rows else ": pass one vehicle, or map evaluate over the vehicles with jax.vmap")
         )
     return with_batch(used, rows[0])
@@ -214,7 +214,10 @@ def _reused_arrays(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> di
         or any(x is None for x in arrays.values())
         or task.reduce is not None
     ):
-        raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
+        raise ValueError(
+            "reuse must be the table of an earlier call with the same outputs, components, axes and paths, and "
+            "cannot be combined with reduce"
+        )
     shape = np.shape(next(iter(arrays.values())))
     reused_lead = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]
     if reused_lead != lead:

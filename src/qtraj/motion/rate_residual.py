@@ -93,8 +93,8 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     """
     if track.rates is None:
         raise ValueError(
-            "this track has no angular rates to compare: read them with qtraj.read_track, "
-            'columns={"rate": ["wx", "wy", "wz"]} or columns={"rate": "wz"}'
+            "this track has no angular rates to compare: read them with "
+            'qtraj.read_track(..., columns={"rate": ["wx", "wy", "wz"]}) or columns={"rate": "wz"}'
         )
     found = compare_fast(program, track, min_speed)
     if found is None:

@@ -1,10 +1,10 @@
 """Define three established attitude feedbacks with nonlinear closed loops, as baselines for comparison.
 
 With each law, the rate error Ω = ω_v − w satisfies Ω̇ = −K1Ω − K2 e, where ω_v is the rate of the body and w = μ⁻¹ω⁰μ
-is the rate of the program, both in body axes. The laws differ in the attitude error e. If the angle Φ of the error is
-small, e is Φ times the axis. The acceleration of the program is fed forward, so the error does not depend on the motion
-of the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual part of the command is 0, and |λ|
-has no effect.
+is the rate of the program, both in body axes. The laws differ in the attitude error e. For a small error angle Φ, e is
+approximately Φ times the unit vector of the rotation axis. The acceleration of the program is fed forward, so the error
+does not depend on the motion of the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual
+part of the command is 0, and |λ| has no effect.
 """
 
 import jax.numpy as jnp

@@ -41,7 +41,7 @@ class _Task(eqx.Module):
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def commands(self, t: Scalar, state: State) -> tuple[Quat, Vec3]:
-        """Return the commands ε (4,) and a (3,)."""
+        """Return the commands ε (4,) [rad/s²] in body axes and a (3,) [m/s²] in inertial axes."""
         quaternion, rate, position, velocity = _split(state)
         return self.law(*self.reference(t, state), position, velocity, quaternion, rate)
 

@@ -44,7 +44,7 @@ class Actuator(eqx.Module):
                     "the actuator's limit must be a scalar, or have shape (3,) with saturation='axis', but shape "
                     f"{self.limit.shape} was given with saturation={saturation!r}"
                 )
-            require_positive(self.limit, "the actuator's limit", "rad/s²")
+            require_positive(self.limit, "the actuator's limit", "rad/s², or rad/s for a rate law")
         self.sampling = sampling_instants(sampling)
 
     def __repr__(self) -> str:

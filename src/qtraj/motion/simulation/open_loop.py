@@ -54,8 +54,7 @@ def open_loop(
     in `simulate`. `jumps`: None for the `switches` of the program, if it has this property. All other arguments are as
     in `integrate`.
 
-    In the solution, `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between the
-    body and the program.
+    In the solution, `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the attitude error angle.
 
     **Raises:** ValueError in the same cases as `integrate`, for a `program` of another type, and for a `sign` other
     than "nearer" or "as given". RuntimeError if `throw` is true and an instant was not reached.

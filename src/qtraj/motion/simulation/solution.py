@@ -45,7 +45,7 @@ class Solution(AbstractOutcome):
     `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: the virtual rate ω0 = d/dt ln|λ|² first, then the
     physical rate. Solutions of `simulate` and `open_loop` also contain `command` (n, 4), the limited command in body
     axes, in rad/s² or in rad/s for a rate law; `error` (n, 4), the error quaternion of the law; and `angle` (n,) [rad],
-    the angle between the body and the program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
+    the attitude error angle, from 0 to π. Values at instants that were not reached are NaN. `code`: a
     `ResultCode`. `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body"
     or "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion`
     with torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
@@ -114,7 +114,7 @@ class Solution(AbstractOutcome):
             "rate": Quantity(self.rate, "rad s-1", rate, axes),
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
-            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "angle": Quantity(self.angle, "rad", "attitude error angle", (along,)),
             "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
@@ -122,7 +122,7 @@ class Solution(AbstractOutcome):
         variables |= {} if self.body is None else self.body.variables()
         reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
         result = reached if self.code.ndim else _brief(str(self.result))
-        error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
+        error = "" if self.angle is None else f", attitude error {extent(self.angle, 'rad')}"
         summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {result}{error}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
