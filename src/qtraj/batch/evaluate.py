@@ -51,9 +51,9 @@ def evaluate(
     contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays in `Table`: vectors,
     attitudes, and all path quantities.
 
-    `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving`, `ThrustAligned()` or
-    `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any
-    other route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
+    `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving.along(route)`, `ThrustAligned()` or
+    `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any other
+    route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
     normal, binormal, or forward, left, up. The first non-zero component of every quaternion is positive. With
     `continuous=True`, and always for a rotation-minimizing frame, the signs are continuous in time instead.
 
@@ -65,10 +65,10 @@ def evaluate(
     `binormal_moment`, its principal axes must be τ, n and b. A batch of vehicles, created by `jax.vmap`, contains one
     vehicle for each path.
 
-    If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function returns a `Reduced` over the
-    instants and stores no samples. `devices` are the devices to use, by default all local devices for large inputs.
-    `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation of new memory, the
-    arrays of this table are overwritten; do not use them again.
+    If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function reduces the outputs over the
+    instants, returns a `Reduced`, and stores no samples. `devices` are the devices to use, by default all local devices
+    for large inputs. `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation
+    of new memory, the arrays of this table are overwritten; do not use them again.
 
     Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
     differentiated in forward and reverse mode.

@@ -1,9 +1,9 @@
-"""Evaluate paths and their frames at many instants at once, in components.
+"""Evaluate paths and their frames at many instants at once; each component is a separate array.
 
 The formulas are defined in `frame_components` and `quantity`. The derivatives are computed in the moving basis of the
-path, in which they are polynomials. The cosine and sine of half the angle of the basis transform the results to world
-axes. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame relative to
-this basis.
+path, in which they are polynomials. The results are transformed to world axes with the cosine and sine of half the
+angle of the basis. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame
+relative to this basis.
 
 Arrays are (paths, instants). Where a frame is not defined, its outputs are the fallback values of `trihedral`.
 """

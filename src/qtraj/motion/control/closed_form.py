@@ -1,4 +1,4 @@
-"""Compute the closed-form motion of a closed loop without disturbances, by composing the program with the error."""
+"""Compute the motion of a closed loop without disturbances in closed form, from the program and the error."""
 
 import os
 

@@ -32,7 +32,7 @@ STEP_GROWTH = 2.0
 WHOLE_INTERVAL = 0.75
 """A first step of at least this fraction of an interval spans the whole interval, to avoid a tiny last step."""
 MIN_STEP = 16
-"""The minimum step, in machine epsilons of the interval; the integration fails if a smaller step is needed."""
+"""The minimum step divided by the interval, in machine epsilons; if a smaller step is needed, the integration fails."""
 SIDE = 4
 """Minimum distance of a field evaluation from an instant, in units of round-off, to remain on one side of a jump."""
 

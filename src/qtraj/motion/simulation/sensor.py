@@ -79,8 +79,8 @@ class Sensor(AbstractSensor):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
             raise ValueError(
-                "a key was given, but noise needs sampling: pass sampling, a period [s], or omit key, because a "
-                "continuous sensor can only have a bias"
+                "a key was given, but noise needs sampling: pass sampling, a period [s], or omit key. A continuous "
+                "sensor can only have a bias."
             )
 
     def __repr__(self) -> str:

@@ -111,7 +111,7 @@ def checked(
 
 
 def switches_of(*parts: Any) -> Float[Array, " m"] | None:
-    """Return the instants [s] at which the accelerations of programs jump, and the knots of routes.
+    """Return the instants [s] at which the accelerations of programs jump, and the knots of paths.
 
     The result is None if there are no concrete instants. Traced instants are omitted, because there may be many of
     them; the step control of the solver finds these jumps.
