@@ -145,7 +145,7 @@ def test_closed_motions_are_labelled_data(closed):
     np.testing.assert_array_equal(dataset["time"], one.times)
     np.testing.assert_array_equal(dataset["error"].sel(component="y"), one.error[:, 2])
     assert batch.to_xarray()["angle"].dims == ("batch", "sample")
-    assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: angle to the program ")
+    assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: attitude error ")
     assert repr(batch).startswith("ClosedMotion(batch of 3, 4 instants, ")
 
 

@@ -39,7 +39,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
     """
     if isinstance(law, AccelerationLaw) and law.error == "additive":
         raise ValueError(
-            "the minimum of |μ| has no closed form for error='additive', because the minimum depends on the program: "
+            "the minimum of |μ| cannot be computed in advance for error='additive', because it depends on the program: "
             "use error='body' or error='inertial'"
         )
 

@@ -2,9 +2,9 @@
 
 The angular rate of the frame is ω_ξ = c/v² with c = r' × r'' and v = |r'|. A node is an instant at which the attitude
 of the frame is stored. Near a node, let ω be the rate of the upright frame whose up direction is the binormal at the
-node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. So it
-is regular wherever the speed is not zero, even on straight segments, and does not need r''''. The attitudes at the
-nodes are computed once, by quaternion products from one node to the next.
+node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. It is
+therefore regular wherever the speed is not zero, even on straight segments, and r'''' is not needed. The attitudes at
+the nodes are computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx

@@ -169,7 +169,7 @@ def _bound(max_torque: ArrayInput) -> np.ndarray:
 
 
 def _ratio(peak: TorquePeak, bound: np.ndarray) -> float:
-    """Return the largest torque, relative to its limit."""
+    """Return the largest ratio of a peak torque to its limit."""
     return peak.norm / float(bound) if bound.ndim == 0 else float(np.max(np.asarray(peak.axes) / bound))
 
 
@@ -177,9 +177,9 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
     """Return the trapezoidal profile of minimum duration Φ/V + V/A(V).
 
     Φ is the angle, V the coasting rate and A(V) the largest acceleration within the torque limit. The rate reaches V at
-    the end of the acceleration and at the start of the deceleration, so the largest torque about each axis is A|p| +
-    V²|q|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not increase, so the
-    duration is convex in V.
+    the end of the acceleration and at the start of the deceleration, so the largest torque about axis k is
+    A|p_k| + V²|q_k|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not
+    increase, so the duration is convex in V.
     """
     max_acceleration = float(law.max_acceleration)
 

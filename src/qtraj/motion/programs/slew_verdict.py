@@ -159,7 +159,8 @@ def judge_slew(
     with the sign of the program's final quaternion.
 
     The peaks are maxima of polynomials, exact up to rounding errors. For the minimum duration with a torque limit,
-    `within_torque` slows down the fastest slew within the other limits; a slew with another profile may be faster.
+    `within_torque` slows down the fastest slew within the other limits; a slew with another profile may be faster. If
+    the profile has end rates, the minimum duration does not account for the torque limit.
 
     **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, unknown limits, an invalid
     inertia, a `max_torque` without an inertia, or inside a trace.

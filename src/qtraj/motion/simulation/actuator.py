@@ -45,7 +45,7 @@ class Actuator(eqx.Module):
                 )
             if self.limit.ndim and saturation == "norm":
                 raise ValueError("a limit for each axis requires saturation = 'axis', but 'norm' was given")
-            require_positive(self.limit, "the actuator's limit", "rad/s²")
+            require_positive(self.limit, "the actuator's limit", "rad/s², or rad/s for a rate law")
         self.sampling = sampling_instants(sampling)
 
     def __repr__(self) -> str:

@@ -85,9 +85,9 @@ class Loop(eqx.Module):
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     """Return the instants [s] of new commands or sign updates, or None for a continuous loop.
 
-    **Raises:** ValueError if sensor, actuator and hysteretic law have different sampling, if a hysteretic law has no
-    sampling, if a period is traced or results in more than `MAX_RENEWALS` instants, or if the first instant is later
-    than times[0].
+    **Raises:** ValueError if sensor, actuator and hysteretic law have different sampling, if the law is hysteretic and
+    nothing is sampled, if a period is traced or results in more than `MAX_RENEWALS` instants, or if the first instant
+    is later than times[0].
     """
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
@@ -118,7 +118,7 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     if period is None or span is None:
         raise ValueError(
             "the sampling period and the time span must be concrete, because they determine the number of "
-            "commands, but traced values were given: pass the instants as sampling"
+            "commands, but traced values were given: pass the instants (m,) as sampling instead of a period"
         )
     periods = float(span) / float(period)
     rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods
@@ -148,5 +148,5 @@ def _require_early(instants: Float[Array, " m"], times: Float[Array, " n"]) -> N
     if first is not None and start is not None and first > start:
         raise ValueError(
             f"the first sampling instant, {float(first):.9g} s, is later than times[0] = {float(start):.9g} s, so no "
-            "command is defined between them"
+            "command is defined between them: pass a first instant that is not later than times[0]"
         )
