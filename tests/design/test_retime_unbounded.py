@@ -90,16 +90,11 @@ def test_stops_bound_the_speed_of_the_drives_between_them():
 def test_the_largest_speed_is_relative_to_the_limits(length, pace):
     """The code and the duration do not depend on the units of length and time, nor on the speed of the given path."""
 
-    def timed(speed, **limits):
-        path = qt.SpiralHelix([10.0 * length, length * pace], [0.3], [0.0, 0.0], 1 / pace)
-        return qt.retime(path, qt.Limits(speed=speed, **limits), start_speed=0.0, end_speed=0.0, knots=KNOTS)
-
-    fast = timed(1e4 * length, longitudinal_acceleration=length)
-    assert fast.code == qt.ResultCode.successful
-    np.testing.assert_allclose(float(fast.duration), 2.0, rtol=2e-4)
-    tall = timed(0.5 * length, longitudinal_acceleration=1e9 * length)
-    np.testing.assert_allclose(float(tall.duration), 2.0, rtol=1e-2)
-    assert tall.code == qt.ResultCode.successful
+    path = qt.SpiralHelix([10.0 * length, length * pace], [0.3], [0.0, 0.0], 1 / pace)
+    limits = qt.Limits(speed=1e4 * length, longitudinal_acceleration=length)
+    timed = qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS)
+    assert timed.code == qt.ResultCode.successful
+    np.testing.assert_allclose(float(timed.duration), 2.0, rtol=2e-4)
 
 
 def test_each_element_of_a_batch_has_its_own_code():
