@@ -82,7 +82,7 @@ def path_derivatives(
     coordinates = [path.x, y, path.z.at[0].set(0.0), path.angle.at[0].set(0.0)]
     scaled = [in_units(c, unit)[:, None] for c in coordinates]
     sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
-    length = _power_of_two(jnp.max(sizes, axis=0))
+    length = power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
     # The absolute values of all coefficients are treated as additional paths: their sums bound the rounding errors.
     x, y, z, angle = (centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
@@ -187,7 +187,7 @@ def _is_normal(x: Array) -> Bool[Array, " paths"]:
     return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
-def _power_of_two(size: PerPath) -> PerPath:
+def power_of_two(size: PerPath) -> PerPath:
     """Return the largest power of two that does not exceed `size`, or 1 if `size` is not positive and finite."""
     exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
     power = jax.lax.bitcast_convert_type(exponent, size.dtype)

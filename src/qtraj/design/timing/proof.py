@@ -19,14 +19,14 @@ from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import enclose_minimum, semi_axes
 from qtraj.algebra.chebyshev_model import NODES, ChebyshevModel, interpolated
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
-from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
+from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, power_of_two, squared_bound
 from qtraj.design.proof.road import in_units
 from qtraj.design.timing.constraints import NAMES, UPPER
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.majorant import ELLIPSES, Majorant, from_model, to_model
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.road_proof import road_bounds
-from qtraj.design.timing.timing_polynomials import of_timing, scaled
+from qtraj.design.timing.timing_polynomials import of_timing, on_wide_ellipses, scaled
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import cross, dot
 from qtraj.path.frenet import Invariants
@@ -97,9 +97,8 @@ def prove(
     names = tuple(name for name in known if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
     wanted = jnp.append(jnp.isfinite(given), True)[:, None]
-    enclose = _enclosures(
-        path, grid, timing, dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True)), vehicle
-    )
+    finite = dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True))
+    enclose = _enclosures(path, grid, *_in_unit_of_time(timing, finite, vehicle))
     width, capacity = max(grid.cells // 4, 16), 8 * grid.cells
 
     def examine(q: _Queue) -> _Queue:
@@ -140,6 +139,22 @@ def prove(
     codes = jnp.where(found.broken, BROKEN, jnp.where(undecided, UNDECIDED, PROVED)).astype(jnp.int32)
     own = jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED)
     return Proofs(jnp.stack([own[names.index(name)] if name in names else codes[-1] for name in NAMES]))
+
+
+def _in_unit_of_time(
+    timing: tuple[Array, Any], bounds: dict[str, Scalar], vehicle: RoadParameters | None
+) -> tuple[tuple[Array, Any], dict[str, Scalar], RoadParameters | None]:
+    """Return timing, limits and vehicle in a unit of time in which a is about 1.
+
+    The unit is a power of two, so the change is exact. Otherwise a tiny a would be less than the smallest majorant.
+    """
+    powers, rest = timing
+    per_unit = power_of_two(jnp.sqrt(jnp.max(jnp.abs(powers))))
+    square = per_unit * per_unit
+    limits = {name: bound / per_unit ** QUANTITIES[name].per_time for name, bound in bounds.items()}
+    if vehicle is not None:
+        vehicle = vehicle._replace(gravity=vehicle.gravity / square)
+    return (powers / square, rest), limits, vehicle
 
 
 def _whole_cells(wanted: Bool[Array, "rows 1"], cells: int, capacity: int, dtype: Any) -> _Queue:
@@ -186,6 +201,7 @@ def _enclosures(
             return jax.tree.map(lambda x: of_segment(x, own), tree)
 
         r, motion = _models(chosen(shape), at), _models(jax.tree.map(lambda x: x[..., cell], of_a), within)
+        motion = [on_wide_ellipses(x) for x in motion]
         q, w = (r[:3], None) if factor is None else (r[3:], chosen(factor).on(*at))
         a, slope, bend, rest = (from_model(x)[0] for x in motion)
         path, ahead = ([from_model(x) for x in vectors] for vectors in (r[:3], q))

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import LARGEST, NAMES, listed
+from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
     STOP_DISTANCE,
@@ -232,7 +232,7 @@ def _judged(
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))
-    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches])) | (jnp.max(powers[:, 0]) > 0.5 * LARGEST)
+    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches]))
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
     code = jnp.where(found, code, int(ResultCode.not_converged))
