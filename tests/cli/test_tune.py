@@ -347,7 +347,7 @@ def test_the_examples_run(qtraj, tmp_path, name):
 def test_no_example_is_left_out():
     """Those of `slew`, `simulate` and `route` are run where these commands are tested."""
     scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states", "truck_on_a_ramp", "free_flyer"}
-    others = {"turn_through_attitudes", "track_ramp", "track_disturbed", "bus_route", "bus_timing"}
+    others = {"slew_through_attitudes", "simulate_ramp", "simulate_disturbed", "bus_route", "bus_timing"}
     assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | others | {"helix", "slew"}
 
 

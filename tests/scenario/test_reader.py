@@ -19,10 +19,10 @@ DEFAULT, SLEW, LOOP = (KINDS[name].embedded for name in ("path", "slew", "loop")
 OF_KIND = {
     "bus_route": "route",
     "slew": "slew",
-    "turn_through_attitudes": "slew",
+    "slew_through_attitudes": "slew",
     "simulate": "loop",
-    "track_ramp": "loop",
-    "track_disturbed": "loop",
+    "simulate_ramp": "loop",
+    "simulate_disturbed": "loop",
 }
 STATES = """
 [start]
