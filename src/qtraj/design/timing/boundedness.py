@@ -48,7 +48,7 @@ def largest(
     of friction and power are those of the accelerations that they allow. The highest rate counts, or that of the
     prescribed bounds `ends` on a. Infinite limits and bounds are absent.
     """
-    square = sum(x * x for x in r1)
+    square = jnp.sum(r1 * r1, axis=0)
     highest = jnp.max(square)
     length = span * jnp.sqrt(highest)
     rates = [jnp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
