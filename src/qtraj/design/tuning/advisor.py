@@ -69,7 +69,7 @@ class Advisor:
             return [advice(one, names, at, options), *sentences]
         if code == ResultCode.not_converged and not sentences[0]:
             more = "a larger max_steps, " if int(at.steps[0]) >= options.max_steps else ""
-            sentences.append(f"Try {more}more starts, other starting velocities, or wider limits.")
+            sentences.append(f"Try {more}more starts, other boundary velocities, or wider limits.")
         return sentences
 
 

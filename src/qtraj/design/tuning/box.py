@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
-"""Default bounds on the change of a velocity, in units of the reference speed, and on ln(duration/initial duration)."""
+"""Default bounds on the magnitudes of velocity changes, in reference speeds, and of ln(duration/initial duration)."""
 
 BOUND_TOLERANCE = 1e-6
 """A variable within this distance of a default bound counts as at the bound."""
