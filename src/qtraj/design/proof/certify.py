@@ -98,7 +98,7 @@ def certify(
     axis. RuntimeError with `throw` if a limit is violated, undecided or undefined.
     """
     if corridor is None and reference is not None:
-        raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance")
+        raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:

@@ -81,6 +81,6 @@ def standstill_warning(problem: Problem, names: Sequence[str]) -> str:
         return ""
     return (
         f"The velocity at the {' and the '.join(ends)} is zero: {', '.join(singular)} may grow without bound there, "
-        "or limits on them may be impossible to prove. Pass a small velocity instead of zero, or limit speed, "
+        "or limits may be impossible to prove. Pass a small velocity instead of zero, or limit speed, "
         "acceleration or jerk instead."
     )

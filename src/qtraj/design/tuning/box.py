@@ -142,7 +142,9 @@ def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -
     ends = [None if x is None else concrete(as_float(x)) for x in (low, high)]
     for value in ends:
         if value is not None and not np.all(np.isfinite(value)):
-            raise ValueError(f"the bounds of {name} must be finite, or None for no bound, but {value} was given")
+            raise ValueError(
+                f"the bounds of {name} must be finite, or None for the default bound, but {value} was given"
+            )
         if name == DURATION and value is not None and not np.all(value > 0):
             raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
     if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):

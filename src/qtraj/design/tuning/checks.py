@@ -221,8 +221,7 @@ FAULTS = (
         ResultCode.velocity_vanishes,
         lambda d: ~_positive(d.problem.speed, d.xp),
         lambda d: (
-            "the boundary velocities must be finite and not both zero, but their RMS magnitude is "
-            f"{d.problem.speed} m/s"
+            f"the boundary velocities must be finite and not all zero, but their RMS magnitude is {d.problem.speed} m/s"
         ),
     ),
     _Fault(

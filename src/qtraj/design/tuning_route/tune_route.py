@@ -233,7 +233,7 @@ def _widths(tube: Any, joints: int, closed: bool) -> np.ndarray:
     if closed and np.any(widths[0] != widths[-1]):
         raise ValueError(
             "the first and the last joint of a closed route are the same, but the half-widths "
-            f"{widths[0].tolist()} and {widths[-1].tolist()} m were given for them"
+            f"{widths[0].tolist()} and {widths[-1].tolist()} m were given for them: pass equal values"
         )
     return widths
 
