@@ -385,7 +385,7 @@ def test_too_few_steps_are_reported():
         ({"weights": {"end.V_h": -1.0}}, "must be finite and 0 or more"),
         ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights apply to objective='nearest'"),
         ({"weights": {"duration": 2.0}}, "'duration' cannot be weighted"),
-        ({"method": "newton"}, "'sqp' or 'lbfgs'"),
+        ({"method": "newton"}, "'sqp', 'lbfgs' or 'adam'"),
         ({"starts": 0}, "must be 1 or more"),
         ({"objective": lambda path: path.duration * jnp.nan}, "the objective must be finite"),
     ],
