@@ -268,7 +268,7 @@ def test_a_parked_car_whose_position_drifts_raises():
 def test_a_vertical_climb_raises():
     times = np.linspace(0.0, 8.0, 50)
     track = Track(times, np.stack([0 * times, 0 * times, 3 * times], axis=1))
-    with pytest.raises(ValueError, match=r"vertical climb: the height changes by 24 m"):
+    with pytest.raises(ValueError, match=r"moves vertically in this window: the height changes by 24 m"):
         fit(track)
 
 

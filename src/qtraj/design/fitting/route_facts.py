@@ -62,7 +62,7 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
         values = zip(np.atleast_1d(fitted.rates.rms), np.atleast_1d(fitted.rates.correlation), strict=True)
         texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
         axes = "x, y, z" if len(texts) == 3 else "yaw"
-        rows.append(("recorded rates", f"differ by {', '.join(texts)} rad/s RMS (correlation), {axes}"))
+        rows.append(("recorded rates", f"{', '.join(texts)} rad/s RMS difference (correlation) for {axes}"))
     return rows
 
 

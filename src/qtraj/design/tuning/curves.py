@@ -22,7 +22,7 @@ ORDERS = 4
 TERMS = 4  # coefficients of cubics
 
 HERMITE = np.asarray([[1, 0, 0, 0], [0, 0, 1, 0], [0, 3, -2, -1], [0, -2, 1, 1]], float)
-"""The matrix from the first value, the difference of the two values, and both slopes to the coefficients of a cubic."""
+"""The matrix that converts (first value, difference of the values, both slopes) to the coefficients of a cubic."""
 
 ANGLE = 1  # the index of φ in (ρ, φ, h)
 
@@ -89,9 +89,9 @@ def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
 def curve_derivatives(
     problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]
 ) -> tuple[Curves, CurveDerivatives]:
-    """Return the path for the variables `z`, which has the given slopes at both ends, and the path's derivatives."""
+    """Return the path for the variables `z`, with the `slopes` of `z` at both ends, and its derivatives."""
     cubic, directions = cubics(problem, slopes), _directions(problem)
-    # The derivatives of the cubics do not depend on the slopes.
+    # The cubics are linear in the slopes, so their derivatives with respect to the slopes are constant.
     moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)
     orders = _orders(
         jnp.concatenate([cubic[None], jnp.asarray(moved, z.dtype)]),
