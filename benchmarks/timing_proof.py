@@ -14,8 +14,8 @@ from qtraj.design.proof.certificate import BROKEN, PROVED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.parts import of_path
-from qtraj.design.timing.proof import Source, prove
-from qtraj.design.timing.sources import source
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.sources import Source, source
 
 SMALLEST, LARGEST, RATIO = 1e-12, 1e3, 1.01
 """Range of the relative excess that the bisection considers, and the ratio of its final bounds."""

@@ -47,7 +47,7 @@ def trihedra() -> Figure:
 
 
 def orientation() -> Figure:
-    """The natural trihedral along one and a half rounds of a helix: the Gibbs vector is infinite where Φ = 180°."""
+    """The natural trihedral along one and a half turns of a helix: the Gibbs vector is infinite where Φ = 180°."""
     program = qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.5], [0.0, 1.0], 18.0))
     times = jnp.linspace(0.0, program.duration, 601)
     return figures.orientation_figure(times, jax.vmap(lambda t: program(t).quaternion)(times))
@@ -69,7 +69,7 @@ def turns() -> Figure:
 
 
 def conventions() -> Figure:
-    """The passive and the active reading of one λ: two sets of components of one vector, or two vectors."""
+    """Draw the passive and the active interpretation of λ: two sets of components of one vector, or two vectors."""
     turn = qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, ANGLE]))
     with mpl.rc_context(RC):
         figure = Figure(figsize=(9.4, 4.1))

@@ -29,8 +29,8 @@ values of the wrong type are errors. The error message names the key and the exp
 the folder of the scenario. Numbers are in SI units, with one exception: in scenarios of `qtraj slew` and
 `qtraj simulate` the key `angles` sets the unit of all angles, including the angles in rates and accelerations. The
 folder `examples` contains complete scenarios. The folder `src/qtraj/io/data` contains the built-in scenarios, which the
-commands run if no scenario is given. Until version 1.0, the old key `[program.turn]` is accepted for `[program.slew]`,
-with a warning.
+commands run if no scenario is given. Until version 1.0, the old keys `[program.turn]` for `[program.slew]` and
+`error.gauge` for `error.normalization` are accepted, with a warning.
 
 `docs/scenarios.py` generates this page from the models that read the files. So change the models, not this page.
 """

@@ -51,7 +51,7 @@ def settling():
 
     The values of paper C's law are in closed form; SciPy computes those of the other laws.
     """
-    names = ("this law", "quaternion feedback (Wie–Barba)", "geometric feedback", "logarithmic feedback")
+    names = ("`AccelerationLaw`", "quaternion feedback (Wie–Barba)", "geometric feedback", "logarithmic feedback")
     figures = [tests.exact_figures(np.radians(angle)) for angle in (90, 150, 179.99)]
     rows = [
         [name, *(f"{turn[law][0]:.4f} s, {turn[law][1]:.3f}" for turn in figures)] for law, name in enumerate(names)

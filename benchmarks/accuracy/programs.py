@@ -34,7 +34,7 @@ def turns():
         profile = law(duration=1.0).profile(1.0)
         peaks = np.abs(jax.vmap(lambda t, p=profile: p.derivatives(t, 3))(jnp.linspace(0, 1 - 1e-12, 40_001))).max(0)
         rows += [[f"{law.__name__}, peak {names[k]}", f"{float(peaks[k]):.6f}", value] for k, value in expected]
-    return table(["turn", "measured", "exact"], rows)
+    return table(["slew", "measured", "exact"], rows)
 
 
 def brute_force():
@@ -60,7 +60,7 @@ def frames():
         ]
         lengths = np.abs(np.linalg.norm(found, axis=1) / abs(scale) - 1)
         rows.append([f"{scale:g}", float(angles(np.stack(found), np.stack(last)).max()), float(lengths.max())])
-    return table([f"λ scale, {len(CASES)} paths", "angle [rad]", "relative change of norm"], rows)
+    return table([f"factor of λ ({len(CASES)} paths)", "error angle [rad]", "relative change of norm"], rows)
 
 
 class Rate(eqx.Module):

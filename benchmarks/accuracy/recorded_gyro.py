@@ -31,4 +31,4 @@ def gyro():
         ["the whole movement, 60 s", tests.deviation(data, rates, rest)[0]],
         ["the whole recording with its rest, 74 s", float(deviations()[1].max())],
     ]
-    return table(["span", "largest angle [deg]"], [[name, f"{float(angle):.2f}"] for name, angle in rows])
+    return table(["time span", "largest error angle [°]"], [[name, f"{float(angle):.2f}"] for name, angle in rows])

@@ -57,6 +57,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         LogarithmicFeedback as LogarithmicFeedback,
         QuaternionFeedback as QuaternionFeedback,
     )
+    from qtraj.motion.control.feedback_law import feedback_law as feedback_law
     from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
@@ -74,6 +75,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.motion.pose.simulate_pose import simulate_pose as simulate_pose
     from qtraj.motion.profiles.cubic_spline import CubicSpline as CubicSpline
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
+    from qtraj.motion.profiles.slew_profile import slew_profile as slew_profile
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
     from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
     from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
@@ -121,6 +123,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.path.residual import Residual as Residual
     from qtraj.path.route import Route as Route
     from qtraj.path.route_nearest import Nearest as Nearest
+    from qtraj.path.sample_times import sample_times as sample_times
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
     from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
@@ -164,6 +167,7 @@ _HOMES = {
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
     "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
+    "qtraj.motion.control.feedback_law": ("feedback_law",),
     "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
@@ -176,6 +180,7 @@ _HOMES = {
     "qtraj.motion.pose.simulate_pose": ("simulate_pose",),
     "qtraj.motion.profiles.cubic_spline": ("CubicSpline",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),
+    "qtraj.motion.profiles.slew_profile": ("slew_profile",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
     "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),
     "qtraj.motion.programs.euler_turn": ("EulerTurn", "SlewSequence"),
@@ -211,6 +216,7 @@ _HOMES = {
     "qtraj.path.residual": ("Residual",),
     "qtraj.path.route": ("Route",),
     "qtraj.path.route_nearest": ("Nearest",),
+    "qtraj.path.sample_times": ("sample_times",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),

@@ -8,7 +8,6 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.cli.evaluate import instants
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -191,20 +190,6 @@ def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     assert "the natural frame does not exist (zero speed or zero curvature) at 7 instants" in " ".join(
         result.stdout.split()
     )
-
-
-@pytest.mark.parametrize(
-    ("duration", "samples", "step", "expected"),
-    [
-        (2.0, 3, None, [0, 1, 2]),
-        (2.0, None, 1.0, [0, 1, 2]),
-        (2.5, None, 1.0, [0, 1, 2, 2.5]),
-        (0.3, None, 0.1, [0, 0.1, 0.2, 0.3]),
-        (2.0, None, 5.0, [0, 2]),
-    ],
-)
-def test_instants(duration, samples, step, expected):
-    assert instants(duration, samples, step) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("step", ["0", "-1", "nan", "1e-9"])

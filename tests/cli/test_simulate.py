@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.cli import simulate as command
+from qtraj.cli.layout import show
 from qtraj.foundation.plain import plain
 from qtraj.motion.simulation import assess_loop as assessment, loop_verdict
 from qtraj.motion.simulation.actuator import Actuator
@@ -129,7 +130,7 @@ def test_a_jump_of_the_command_is_seen_from_both_sides(simulated):
 
 def printed(content, found):
     screen = Console(file=io.StringIO(), width=80)
-    command._show(screen, content, found, Actuator())
+    show(screen, command._text(content, found, Actuator()))
     return " ".join(screen.file.getvalue().split())
 
 
@@ -181,7 +182,7 @@ def test_the_files_hold_the_motion(default):
 
 
 def test_a_path_is_followed(qtraj, tmp_path):
-    result = qtraj("simulate", EXAMPLES / "track_ramp.toml", "--out", tmp_path / "out")
+    result = qtraj("simulate", EXAMPLES / "simulate_ramp.toml", "--out", tmp_path / "out")
     assert (result.exit_code, result.stderr) == (0, "")
     text = " ".join(result.stdout.split())
     assert "natural frame of ramp_from_states.toml" in text
@@ -201,7 +202,7 @@ def test_a_path_is_followed(qtraj, tmp_path):
 
 
 def test_a_real_loop_has_no_closed_form(qtraj, tmp_path):
-    result = qtraj("simulate", EXAMPLES / "track_disturbed.toml", "--out", tmp_path / "out", "--json")
+    result = qtraj("simulate", EXAMPLES / "simulate_disturbed.toml", "--out", tmp_path / "out", "--json")
     content = json.loads(result.stdout)
     assert (result.exit_code, content["finished"]) == (0, True)
     found = content["verdict"]

@@ -20,25 +20,32 @@ BAD = {
         SLEW + "[program]\nframe = 'natural'\n" + LAW,
         ["the key 'frame' requires a program along a path"],
     ),
+    "gyros of a rate law": (
+        SLEW + LAW + "kind = 'rate'\n[sensor]\nkind = 'gyros'\nsampling = 0.1\n",
+        ["[law]: gyros need a continuous rate", "under a rate law the rate is discontinuous"],
+    ),
     "a misspelt limit": (
         SLEW.replace("max_acc", "max_ac") + LAW,
         ["unknown key 'program.slew.law.max_aceleration'", "did you mean 'max_acceleration'?"],
     ),
     "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a slew of", "Increase the duration"]),
-    "no gains": (SLEW + "[law]\n", ["[law]: there are no gains", "settling_time", "[law.weights]"]),
+    "no gains": (SLEW + "[law]\n", ["[law]: there are no gains", "settling_time", "weights"]),
     "a turn that breaks its limits": (
         SLEW.replace("max_acceleration = 20", "kind = 'quintic'\nduration = 10\nmax_rate = 1") + LAW,
         ["in [program.slew], limits are violated: max_rate by 462 %", "takes at least 56.25 s", "Increase the"],
     ),
     "a turn that ends in motion, and longer": (
         SLEW + "max_rate = 4\nend_rate = 2\n" + LAW + "[simulation]\nduration = 60\n",
-        ["'simulation.duration' has the value 60", "the duration of the program, which does not end at rest"],
+        [
+            "'simulation.duration' has the value 60",
+            "the duration of the program, which is not a slew that ends at rest",
+        ],
     ),
     "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
     "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' has the value 0", "a positive finite"]),
     "a far sign in the normalization of Gibbs": (
-        SLEW + LAW + "[error]\ngauge = 'gibbs'\nsign = 'far'\n",
-        ["error.sign = 'far' contradicts error.gauge = 'gibbs'"],
+        SLEW + LAW + "[error]\nnormalization = 'gibbs'\nsign = 'far'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' means μ0 = 1, which contradicts the sign 'far'"],
     ),
     "a sign for a baseline": (
         SLEW + LAW + "kind = 'geometric'\n[error]\nsign = 'auto'\n",
@@ -60,7 +67,7 @@ BAD = {
         SLEW + LAW + "damping = 1\nfrequency = 1\n",
         ["the gains are specified in several ways (settling_time, damping)"],
     ),
-    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be specified together"]),
+    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["[law]: 'k2' is missing: k1 and k2 must be specified together"]),
     "a gain that is a text": (
         SLEW + "[law]\nk1 = 'x'\nk2 = 1\n",
         ["'law.k1' has the value 'x'", "a positive finite"],
@@ -68,13 +75,16 @@ BAD = {
     "a gain beyond floats": (SLEW + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' has the value 1000"]),
     "a ragged gain": (
         SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n",
-        ["[law]: the key 'k1' has the value [[1.0, 2.0], [3.0]]", "or a 4 × 4 matrix"],
+        ["[law]: k1 must be a number, 4 numbers for a diagonal, or a 4 × 4 matrix, but [[1.0, 2.0], [3.0]] was"],
     ),
     "a small gain": (
         SLEW + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n",
-        ["'k1' has the value [1.0, 2.0, 3.0]", "4 numbers for a diagonal"],
+        ["[law]: k1 must be a number, 4 numbers for a diagonal", "but [1.0, 2.0, 3.0] with shape (3,) was given"],
     ),
-    "a gain of another law": (SLEW + "[law]\nk = 1\n", ["the key 'k' cannot be used with a law of kind 'body'"]),
+    "a gain of another law": (
+        SLEW + "[law]\nk = 1\n",
+        ["[law]: 'k' cannot be used with a law of kind 'body': specify k1 and k2, or settling_time"],
+    ),
     "a residual of nothing": (
         SLEW + "[law]\nk1 = 1\nk2 = 1\nresidual = 0.1\n",
         ["'residual' requires 'settling_time'"],
@@ -84,9 +94,13 @@ BAD = {
         SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n",
         ["[error]: the attitude is specified"],
     ),
-    "a gauge at a half turn": (
-        SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
-        ["error.gauge = 'gibbs' is not possible for an error of a half turn"],
+    "a normalization at a half turn": (
+        SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\nnormalization = 'gibbs'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' is not possible for an error of a half turn"],
+    ),
+    "a Gibbs normalization of another error": (
+        SLEW + LAW + "kind = 'additive'\n[error]\nnormalization = 'gibbs'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' is possible only for a law with the body or the"],
     ),
     "a rate error of a rate law": (
         SLEW + LAW + "kind = 'rate'\n[error]\nrate = [1, 0, 0]\n",
@@ -94,7 +108,7 @@ BAD = {
     ),
     "a disturbed rate law": (
         SLEW + LAW + "kind = 'rate'\n[disturbance]\nacceleration = [1, 0, 0]\n",
-        ["[disturbance] cannot be used with a law of kind 'rate'"],
+        ["[law]: a rate law commands the rate directly, so a disturbance has no effect", "or omit the disturbance"],
     ),
     "a torque on nothing": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\n",
@@ -123,9 +137,12 @@ BAD = {
     ),
     "two samplings": (
         SLEW + LAW + "[sensor]\nsampling = 0.1\n[actuator]\nsampling = 0.2\n",
-        ["sensor.sampling and actuator.sampling differ"],
+        ["the key 'sensor.sampling': sensor and actuator must have the same sampling"],
     ),
-    "a limit of each axis": (SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n", ["requires saturation = 'axis'"]),
+    "a limit of each axis": (
+        SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n",
+        ["[actuator]: a limit for each axis requires saturation = 'axis'"],
+    ),
     "a limit of zero": (
         SLEW + LAW + "[actuator]\nlimit = 0\n",
         ["'actuator.limit' has the value 0", "a positive finite"],
@@ -142,11 +159,11 @@ BAD = {
     ),
     "a heading of another frame": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\nheading = 3\n" + LAW,
-        ["the key 'heading' is valid only with frame = 'thrust-aligned'"],
+        ["[program]: 'heading' is valid only with the frame 'thrust-aligned', but the frame is 'natural'"],
     ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' has the value 9", "at most 3 s, the duration of the program\n"],
+        ["'simulation.duration' has the value 9", "at most 3 s, the duration of the program, which is not a slew"],
     ),
 }
 

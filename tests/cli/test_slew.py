@@ -98,7 +98,7 @@ def test_the_files_hold_the_table_and_the_program(default):
 
 
 def test_the_example_passes_its_attitudes_and_tells_the_sign(qtraj, tmp_path):
-    result = qtraj("slew", EXAMPLES / "turn_through_attitudes.toml", "--out", tmp_path / "out", "--samples", 11)
+    result = qtraj("slew", EXAMPLES / "slew_through_attitudes.toml", "--out", tmp_path / "out", "--samples", 11)
     assert (result.exit_code, result.stderr) == (0, "")
     text = result.stdout
     assert "Slew 2 of 2" in text

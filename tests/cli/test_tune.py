@@ -17,7 +17,7 @@ from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
-from qtraj.cli.layout import print_fit
+from qtraj.cli import layout
 from qtraj.foundation.plain import plain
 from qtraj.io.saved import saved_path
 from qtraj.scenario.path import lay
@@ -194,7 +194,7 @@ def test_a_fit_that_misses_its_recording_is_told_everywhere(qtraj, tmp_path, mot
     assert (fit["status"], fit["successful"]) == (status, status == "loose_fit")
     assert words in fit["warning"]
     console = Console(file=io.StringIO(), width=1000, force_terminal=True, color_system="standard")
-    print_fit(console, lay(read_scenario(tmp_path / "s.toml", "path")).fitted)
+    layout.show(console, layout.fit(lay(read_scenario(tmp_path / "s.toml", "path")).fitted))
     assert f"\x1b[1;31mWarning: {fit['warning']}" in console.file.getvalue()
     assert qtraj("report", out).exit_code == 0
     assert f'<p class="note warning">Warning: {escape(fit["warning"])}</p>' in (out / "report.html").read_text("utf-8")
@@ -347,7 +347,7 @@ def test_the_examples_run(qtraj, tmp_path, name):
 def test_no_example_is_left_out():
     """Those of `slew`, `simulate` and `route` are run where these commands are tested."""
     scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states", "truck_on_a_ramp", "free_flyer"}
-    others = {"turn_through_attitudes", "track_ramp", "track_disturbed", "bus_route", "bus_timing"}
+    others = {"slew_through_attitudes", "simulate_ramp", "simulate_disturbed", "bus_route", "bus_timing"}
     assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | others | {"helix", "slew"}
 
 

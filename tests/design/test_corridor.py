@@ -62,7 +62,7 @@ def test_an_impossible_corridor_is_explained():
     best = qt.tune(START, END, LIMITS, corridor=0.05)
     assert best.status == "infeasible"
     assert "corridor is " in best.result
-    assert "corridor can be satisfied alone; no path was found that satisfies all limits" in best.result
+    assert "The limit on corridor can be satisfied alone; no path was found that satisfies all limits" in best.result
 
 
 def test_a_batch_may_have_a_corridor_per_element():

@@ -99,10 +99,20 @@ def test_the_proof_agrees_with_dense_samples_and_refutes_smaller_limits(corner):
         assert (np.delete(codes, NAMES.index(name), axis=0) == PROVED).all()
 
 
-def test_stops_slopes_and_crests_are_proved(corner):
+def with_a_stop():
     position = [[-12.0, -0.6, -0.2], [0, 0, 0], [0, 0, 0], [12, 1, 1]]
     velocity = [[6.0, 0.3, 0.1], [0, 0, 0], [0, 0, 0], [6, 0.8, 0.2]]
-    route = qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
+    return qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
+
+
+def test_power_alone_does_not_bound_the_acceleration_at_a_stop():
+    limits = qt.Limits(speed=7.0, power=3e4, vehicle=CAR)
+    with pytest.raises(ValueError, match="at a stop.*Add a limit on acceleration, .* or jerk"):
+        qt.retime(with_a_stop(), limits, knots=128)
+
+
+def test_stops_slopes_and_crests_are_proved(corner):
+    route = with_a_stop()
     limits = qt.Limits(speed=7.0, friction=0.3, power=3e4, vehicle=CAR)
     timed = qt.retime(route, limits, knots=128)
     assert timed.certificate.holds, timed.result

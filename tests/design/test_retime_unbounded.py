@@ -85,6 +85,18 @@ def test_stops_bound_the_speed_of_the_drives_between_them():
     assert code(BETWEEN_STOPS, longitudinal_acceleration=2.0) == qt.ResultCode.successful
 
 
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("pace", [1e-7, 1.0, 1e9])
+def test_the_largest_speed_is_relative_to_the_limits(length, pace):
+    """The code and the duration do not depend on the units of length and time, nor on the speed of the given path."""
+
+    path = qt.SpiralHelix([10.0 * length, length * pace], [0.3], [0.0, 0.0], 1 / pace)
+    limits = qt.Limits(speed=1e4 * length, longitudinal_acceleration=length)
+    timed = qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS)
+    assert timed.code == qt.ResultCode.successful
+    np.testing.assert_allclose(float(timed.duration), 2.0, rtol=2e-4)
+
+
 def test_each_element_of_a_batch_has_its_own_code():
     """The bank decides, inside jit and vmap."""
 

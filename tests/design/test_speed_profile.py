@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.design.retimed_facts import retimed_fact_rows
+from qtraj.design.retimed_facts import retimed_fact_rows, retimed_limit_rows
 from qtraj.design.whole_certificate import whole_certificate
 from qtraj.viz import figures
 
@@ -139,6 +139,8 @@ def test_facts_as_text(timed, profile):
     assert rows["duration"] == "12.6491 s instead of 10.0000 s"
     assert rows["length"] == "20.00 m, at 1.58 m/s on average"
     assert "stops" not in rows  # the start at rest has no duration
+    limits = retimed_limit_rows(timed.certificate, profile)
+    assert [row[4] for row in limits] == [f"{100 * profile.share(name):.1f} %" for name in NAMES]
 
 
 def test_limits_on_the_shape_are_added_to_the_certificate(timed):

@@ -233,7 +233,7 @@ def test_an_impossible_limit_is_explained():
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
-    assert "curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
+    assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SHORT_DURATION).certificate.met
     assert "What would help: raise curvature to" in best.result
     # The remedy does help.
@@ -247,9 +247,10 @@ def test_conflicting_limits_are_distinguished_from_impossible_ones():
     """At fixed duration, curvature alone can be met, and lateral acceleration cannot."""
     best = qt.tune(START, END, LIMITS, objective="smoothest", duration=math.pi / 2 / RATE)
     assert best.status == "infeasible"
-    assert "curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
+    assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert (
-        "lateral_acceleration was not satisfied, even without the other limits (searched from 8 starts)" in best.result
+        "The limit on lateral_acceleration was not satisfied, even as the only limit (searched from 8 starts)"
+        in best.result
     )
     assert "longer duration" in best.result
 
@@ -270,7 +271,9 @@ def test_the_advised_limits_can_be_met():
     best = qt.tune(start, end, qt.Limits(**given), **options)
     assert best.status == "infeasible"
     assert np.all(np.asarray(best.certificate.values) < 1.2 * np.asarray(best.certificate.limits))
-    assert "angular_rate can be satisfied alone; no path was found that satisfies all limits" in best.result
+    assert (
+        "The limit on angular_rate can be satisfied alone; no path was found that satisfies all limits" in best.result
+    )
     assert qt.tune(start, end, qt.Limits(angular_rate=given["angular_rate"]), **options).certificate.met
     advised = {name: float(number) for name, number in re.findall(r"(\w+) to (\S+) (?:1/m|m/s²|rad/s)", best.result)}
     assert set(advised) <= set(given)
@@ -282,7 +285,7 @@ def test_the_advised_limits_can_be_met():
     more = qt.tune(start, end, curvature, **options, starts=32)
     assert alone.status == "infeasible"
     assert (
-        "curvature was not satisfied, even without the other limits (searched from 8 starts); "
+        "The limit on curvature was not satisfied, even as the only limit (searched from 8 starts); "
         "the smallest maximum found is" in alone.result
     )
     assert "More starts may find a path: pass starts=32." in alone.result
@@ -382,7 +385,7 @@ def test_too_few_steps_are_reported():
         ({"weights": {"end.V_h": -1.0}}, "must be finite and 0 or more"),
         ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights apply to objective='nearest'"),
         ({"weights": {"duration": 2.0}}, "'duration' cannot be weighted"),
-        ({"method": "newton"}, "'sqp' or 'lbfgs'"),
+        ({"method": "newton"}, "'sqp', 'lbfgs' or 'adam'"),
         ({"starts": 0}, "must be 1 or more"),
         ({"objective": lambda path: path.duration * jnp.nan}, "the objective must be finite"),
     ],

@@ -84,7 +84,7 @@ def test_a_standstill_gives_a_warning_if_a_limit_divides_by_the_speed():
     )
     best = qt.tune(start, end, qt.Limits(curvature=0.1), motion="hermite", duration=4.0, starts=1)
     assert not best.converged
-    assert "The velocity at the end is zero: curvature may grow without bound there, or limits on " in best.result
+    assert "The velocity at the end is zero: curvature may grow without bound there, or limits may " in best.result
     assert "max_steps" not in best.result
 
 

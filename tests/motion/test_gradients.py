@@ -14,7 +14,11 @@ START = np.array([0.5, -0.5, 0.1, 0.7])
 TIMES = np.array([0.0, 0.7, 1.6])
 WEIGHTS = np.random.default_rng(6).normal(size=(2, 4))
 
-ENDS = {"equal attitudes": START, "the far sign": -2 * START, "a slew": np.array([0.3, 0.2, -0.6, 0.4])}
+ENDS = {
+    "equal attitudes": START,
+    "equal attitudes, opposite signs": -2 * START,
+    "a slew": np.array([0.3, 0.2, -0.6, 0.4]),
+}
 
 
 def check_gradient(f, points):

@@ -46,6 +46,13 @@ def test_changes_of_heading_and_height_in_words():
     assert "by an undefined angle at B" in change(headings=[0.1, np.nan]).text
 
 
+def test_the_sentences_explain_the_symbols_and_give_the_deviation():
+    legend, deviation, text = (found := change(deviation=0.25)).sentences()
+    assert legend.startswith("A: start, B: end.")
+    assert deviation == "The tuned path deviates from the original path by at most 0.25 m."
+    assert text == found.text
+
+
 def test_the_numbers_follow_from_the_paths():
     """Helices about one axis: before with radius 10 and climb 0.5 m/s, after with radius 12, lower, a quarter later."""
     before = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 2.0)

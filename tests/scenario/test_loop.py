@@ -60,7 +60,7 @@ def test_the_sign_is_chosen(prepared):
 
 
 def test_the_gibbs_normalization(prepared):
-    job = prepared(SLEW + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\ngauge = 'gibbs'\n")
+    job = prepared(SLEW + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\nnormalization = 'gibbs'\n")
     assert np.asarray(job.quaternion) == pytest.approx([1, 1, 0, 0])  # μ0 = 1, μ_v = tan 45°
     assert np.asarray(job.rate) == pytest.approx([np.radians(10), np.radians(10), 0, 0])
 
@@ -84,7 +84,7 @@ def test_a_turn_is_followed_beyond_its_end_only_where_it_rests(prepared, tmp_pat
     qt.EulerTurn([1.0, 0, 0, 0], [0.9, 0.3, 0, 0], law).save(tmp_path / "moving.toml")
     text = "angles = 'deg'\n[program]\nfile = 'moving.toml'\n"
     assert prepared(text + LAW).times[-1] == float(qt.load(tmp_path / "moving.toml").duration)
-    with pytest.raises(ValueError, match="the duration of the program, which does not end at rest"):
+    with pytest.raises(ValueError, match="the duration of the program, which is not a slew that ends at rest"):
         prepared(text + longer)
 
 

@@ -19,10 +19,10 @@ DEFAULT, SLEW, LOOP = (KINDS[name].embedded for name in ("path", "slew", "loop")
 OF_KIND = {
     "bus_route": "route",
     "slew": "slew",
-    "turn_through_attitudes": "slew",
+    "slew_through_attitudes": "slew",
     "simulate": "loop",
-    "track_ramp": "loop",
-    "track_disturbed": "loop",
+    "simulate_ramp": "loop",
+    "simulate_disturbed": "loop",
 }
 STATES = """
 [start]
@@ -174,6 +174,8 @@ end = {rotation_vector = [0, 0, 30]}
 law = {max_acceleration = 20}
 [law]
 settling_time = 3
+[error]
+gauge = "gibbs"
 """
 
 
@@ -181,7 +183,11 @@ def test_an_old_key_is_read_and_told(tmp_path):
     (tmp_path / "s.toml").write_text(RENAMED)
     given = read_scenario(tmp_path / "s.toml", "loop")
     assert given.scenario.program.slew.end.rotation_vector == [0.0, 0.0, 30.0]
-    assert given.warnings == (f"{tmp_path / 's.toml'}: 'program.turn' is now 'program.slew'",)
+    assert given.scenario.error.normalization == "gibbs"
+    assert given.warnings == tuple(
+        f"{tmp_path / 's.toml'}: '{old}' is now '{new}'"
+        for old, new in (("program.turn", "program.slew"), ("error.gauge", "error.normalization"))
+    )
 
 
 def test_a_fault_below_an_old_key_is_told_by_the_users_name(tmp_path):

@@ -80,7 +80,7 @@ def reduced(
 ) -> Any:
     """Reduce every block by `work` and combine the results by `join`, which yields one result for each path, (paths,).
 
-    The argument of `join` is the stack of the results of one path's blocks; the first axis is the block.
+    The argument of `join` is a stack of results of blocks; its first axis is the block.
     """
 
     def joined(main: Any, rest: Any) -> Any:
@@ -93,9 +93,9 @@ def reduced(
 def _map_blocks(
     work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int, by_path: Callable, by_time: Callable
 ) -> Any:
-    """Evaluate blocks of whole rows if a row has fewer than `samples` instants, otherwise blocks within one row.
+    """Evaluate blocks of whole paths if there are fewer than `samples` instants, otherwise blocks within one path.
 
-    `by_path` combines blocks of different paths, and `by_time` combines the blocks of one row.
+    `by_path` combines blocks of different paths, and `by_time` combines the blocks of the same paths.
     """
     count, instants = shape
     if instants >= samples:

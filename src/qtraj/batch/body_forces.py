@@ -1,6 +1,6 @@
 """Compute components of the force that moves a vehicle along a path, and of the moment that rotates the vehicle.
 
-`contact` computes the components of the same force relative to the road.
+The module `qtraj.path.contact` computes the components of the same force relative to the road.
 """
 
 from typing import Any

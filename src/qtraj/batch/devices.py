@@ -14,7 +14,7 @@ AXIS = "batch"
 
 
 class Spread(NamedTuple):
-    """A mesh with one axis, and the dimension that it divides, "paths" or "instants"."""
+    """A device mesh with one axis, and the dimension that is divided among the devices, "paths" or "instants"."""
 
     mesh: Mesh
     over: str

@@ -51,9 +51,9 @@ def evaluate(
     contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays in `Table`: vectors,
     attitudes, and all path quantities.
 
-    `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving`, `ThrustAligned()` or
-    `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any
-    other route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
+    `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving.along(route)`, `ThrustAligned()` or
+    `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any other
+    route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
     normal, binormal, or forward, left, up. The first non-zero component of every quaternion is positive. With
     `continuous=True`, and always for a rotation-minimizing frame, the signs are continuous in time instead.
 
@@ -65,10 +65,10 @@ def evaluate(
     `binormal_moment`, its principal axes must be τ, n and b. A batch of vehicles, created by `jax.vmap`, contains one
     vehicle for each path.
 
-    If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function returns a `Reduced` over the
-    instants and stores no samples. `devices` are the devices to use, by default all local devices for large inputs.
-    `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation of new memory, the
-    arrays of this table are overwritten; do not use them again.
+    If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function reduces the outputs over the
+    instants, returns a `Reduced`, and stores no samples. `devices` are the devices to use, by default all local devices
+    for large inputs. `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation
+    of new memory, the arrays of this table are overwritten; do not use them again.
 
     Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
     differentiated in forward and reverse mode.
@@ -179,9 +179,9 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
     if not given:
         return used
     if given != rows:
-        expected = f"one vehicle or {rows[0]}, one for each path" if rows else "one vehicle for the one path"
+        expected = f"one vehicle, or {rows[0]} vehicles (one for each path)" if rows else "one vehicle for the one path"
         raise ValueError(
-            f"the output {needing[0]!r} needs {expected}, but vehicles of the batch shape {given} were given"
+            f"the output {needing[0]!r} needs {expected}, but the vehicles have the batch shape {given}"
             + ("" if rows else ": pass one vehicle, or map evaluate over the vehicles with jax.vmap")
         )
     return with_batch(used, rows[0])
@@ -214,7 +214,10 @@ def _reused_arrays(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> di
         or any(x is None for x in arrays.values())
         or task.reduce is not None
     ):
-        raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
+        raise ValueError(
+            "reuse must be the table of an earlier call with the same outputs, components, axes and paths, and "
+            "cannot be combined with reduce"
+        )
     shape = np.shape(next(iter(arrays.values())))
     reused_lead = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]
     if reused_lead != lead:

@@ -1,11 +1,11 @@
-"""Evaluate paths and their frames at many instants at once, in components.
+"""Evaluate paths and their frames at many instants at once; each component is a separate array.
 
 The formulas are defined in `frame_components` and `quantity`. The derivatives are computed in the moving basis of the
-path, in which they are polynomials. The cosine and sine of half the angle of the basis transform the results to world
-axes. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame relative to
-this basis.
+path, in which they are polynomials. The results are transformed to world axes with the cosine and sine of half the
+angle of the basis. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame
+relative to this basis.
 
-Arrays are (paths, instants). Where a frame does not exist, its outputs are the same fallback values as in `trihedral`.
+Arrays are (paths, instants). Where a frame is not defined, its outputs are the fallback values of `trihedral`.
 """
 
 from functools import cached_property
@@ -81,7 +81,7 @@ class Instants:
 
     @cached_property
     def invariants(self) -> Invariants:
-        """The invariants of the path, with the world's vertical."""
+        """The invariants of the path; the vertical is world z."""
         return self.basis.invariants(self.rows)
 
     @cached_property
@@ -164,7 +164,7 @@ class Instants:
 
     @property
     def defined(self) -> Array:
-        """Whether the frame exists."""
+        """Whether the frame is defined."""
         return self._frame.defined
 
     @cached_property
@@ -185,7 +185,7 @@ class Instants:
 
 
 def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
-    """Return the derivatives of the paths in the moving basis, and the angle of the basis."""
+    """Return the derivatives of the paths in the moving basis, and the angle of the basis [rad]."""
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
     single = [c for p in present for c in split(p.astype(t.dtype), [1] * p.shape[1], axis=1)]
     coefficients = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))

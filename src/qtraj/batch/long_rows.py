@@ -24,7 +24,7 @@ WINDOW = 16
 """Number of successive instants of a segment that are loaded together; in float64 they fill two cache lines."""
 
 LONG = 2**18
-"""Minimum number of instants for this method; from this number on, at least two thirds of them are in the segments."""
+"""Minimum number of instants for this method, for which at least two thirds of the instants are in the segments."""
 
 
 def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array], blocks: Work) -> Any:

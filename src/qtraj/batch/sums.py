@@ -1,8 +1,7 @@
 """Integrate over the instants of each path by the trapezoidal rule, differentiably, without storing samples.
 
-The blocks of samples are added elementwise, because CPU compilers vectorise elementwise operations; they would sum a
-single block sample by sample. Only the sum of all blocks is then summed to one number. The reverse pass recomputes each
-block.
+The blocks of samples are added elementwise, because CPU compilers vectorise elementwise operations, but sum a single
+block sample by sample. Only the sum of all blocks is then summed to one number. The reverse pass recomputes each block.
 """
 
 from typing import Any

@@ -1,18 +1,19 @@
 """Implement `qtraj evaluate`, which tabulates the path of a scenario, or a saved path."""
 
 import math
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.foundation.naming import naming
 from qtraj.foundation.progress_bar import Watch
+from qtraj.path.frame_axes import UPRIGHT
+from qtraj.path.sample_times import SAMPLES, sample_times
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
@@ -22,15 +23,13 @@ if TYPE_CHECKING:
     from qtraj.scenario.reader import ScenarioFile
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
-SAMPLES = 25
-MAX_INSTANTS = 1_000_000
-"""Maximum number of instants; a larger number is probably a mistake."""
-
-MOTION = {"position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
-QUATERNION = ["λ0", "λ1", "λ2", "λ3"]
 
 
-@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."))
+@terminal.command(
+    "qtraj evaluate turn.toml --samples 11",
+    "qtraj evaluate results/path.toml --step 0.1 --out table",
+    out=typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
+)
 def evaluate(
     watch: Watch,
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
@@ -59,42 +58,36 @@ def evaluate(
     from qtraj.foundation.plain import tabular
     from qtraj.io.dataset import table_dataset
     from qtraj.io.instants_csv import path_headers
+    from qtraj.motion.programs.rotation_minimizing import frame_named
+    from qtraj.path.channel import CHANNELS, vehicle_outputs
+    from qtraj.scenario.path import require_vehicle
     from qtraj.viz import result_files
 
     loaded, path, fitted, vehicle = _path(scenario)
-    also = _additional_outputs(also, vehicle)
-    times = instants(float(path.duration), samples, step)
+    for name in also:
+        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
+    also = [*also, *vehicle_outputs(vehicle)]
+    times = _times(float(path.duration), samples, step)
     watch.say("evaluating")
-    table = evaluated(
-        path, times, (*OUTPUTS, *also), (frame or FrameName.upright).frame(), continuous=True, vehicle=vehicle
-    )
-    bends = np.asarray(evaluated(path, times, ("defined",)).defined)
+    table = evaluated(path, times, (*OUTPUTS, *also), frame_named(frame or UPRIGHT), continuous=True, vehicle=vehicle)
     content = {
         "fit": facts_of(fitted),
         "frame": table.frame,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
         **tabular(table.record()),
-        "bends": bends.tolist(),
+        "bends": np.asarray(evaluated(path, times, ("defined",)).defined).tolist(),
     }
     dataset = table_dataset(table, fitted, loaded.provenance())
     writers = result_files.table(dataset, headers=path_headers(dataset, also))
-    failed = fitted is not None and not bool(fitted.successful)
-    return Outcome(content, partial(_show, fitted=fitted), loaded, failed, writers)
+    return Outcome(content, _text(content, fitted), loaded, not (fitted is None or bool(fitted.successful)), writers)
 
 
-def _additional_outputs(also: list[str], vehicle: "Vehicle | None") -> list[str]:
-    """Return the outputs of the option --also, and the quantities of the vehicle.
-
-    **Raises:** ValueError if the vehicle lacks the data for an output.
-    """
-    from qtraj.path.channel import CHANNELS, provided
-    from qtraj.path.quantity import QUANTITIES
-    from qtraj.scenario.path import require_vehicle
-
-    for name in also:
-        require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
-    available = provided(vehicle)
-    return [*also, *(x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in available)]
+def _times(duration: float, samples: int | None, step: float | None) -> np.ndarray:
+    """Return the `sample_times`, or raise a ValueError that names the option."""
+    if samples is not None and step is not None:
+        raise ValueError("--samples and --step were both given: pass one of them")
+    with naming("--"):
+        return sample_times(duration, samples, step)
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
@@ -114,61 +107,22 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
     return loaded, task.path, task.fitted, task.limits.vehicle
 
 
-def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
-    """Return the instants [s] to evaluate, from 0 to the duration.
-
-    **Raises:** ValueError for both `samples` and `step`, or for an invalid number of instants.
-    """
-    if samples is not None and samples > MAX_INSTANTS:
-        raise ValueError(f"--samples must be at most {MAX_INSTANTS}, but {samples} was given")
-    if step is None:
-        return np.linspace(0.0, duration, SAMPLES if samples is None else samples)
-    if samples is not None:
-        raise ValueError("--samples and --step were both given: pass one of them")
-    if not (step > 0 and duration / step < MAX_INSTANTS):
-        raise ValueError(
-            f"--step must be positive and result in at most {MAX_INSTANTS} instants, but {step:g} s was given for a "
-            f"path of {duration:.6g} s"
-        )
-    times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
-    return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
-
-
-def _show(console: Console, content: dict[str, Any], fitted: "Fitted | None") -> None:
-    """Print the path, and two or more tables, because one table would be wider than 80 columns."""
+def _text(content: dict[str, Any], fitted: "Fitted | None") -> Iterator[layout.Part]:
+    """Yield the path, and two or more tables, because one table would be wider than 80 columns."""
+    from qtraj.io.printed_headers import path_tables
     from qtraj.path.existence import MISSING
 
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
-    console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
-    layout.print_fit(console, fitted)
+    yield f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"
+    yield from layout.fit(fitted)
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
     defined = columns["defined"].astype(bool)
     exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}
-    for title, headers in _tables(frame).items():
-        if set(headers) <= set(columns):
-            layout.heading(console, title)
-            console.print(layout.numbers_table(columns, headers, exists))
-    if len(defined) > layout.MAX_ROWS:
-        hidden = len(defined) - layout.MAX_ROWS
-        console.print(Text(f"… : {hidden} instants are not printed; use --out DIR or --json for all instants"))
+    for title, headers in path_tables(frame, columns).items():
+        yield layout.heading(title)
+        yield layout.numbers_table(columns, headers, exists)
+    if (hidden := len(defined) - layout.MAX_ROWS) > 0:
+        yield f"… : {hidden} instants are not printed; use --out DIR or --json for all instants"
     if missing := int(np.sum(~defined)):
-        console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))
-
-
-def _tables(frame: str) -> dict[str, dict[str, list[str]]]:
-    """Return the headers of the columns of each table by its title; a table is printed if all its columns exist."""
-    from qtraj.path.frame_axes import axes_of
-    from qtraj.path.moment_quantities import MOMENT_QUANTITIES
-    from qtraj.path.road_quantities import ROAD_QUANTITIES
-
-    rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
-    forces = {x.name: [x.name if x.unit == "1" else x.symbol] for x in ROAD_QUANTITIES}
-    moments = {x.name: [x.symbol] for x in MOMENT_QUANTITIES}
-    tables = {
-        "t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]": MOTION,
-        f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame": {"quaternion": QUATERNION, "rate": rates},
-        "t [s], forces F of the road [N], friction utilisation, power P of the drive [W]": forces,
-        "t [s], moments M that rotate the vehicle with the natural trihedral [N·m]": moments,
-    }
-    return {title: {"time": ["t"]} | headers for title, headers in tables.items()}
+        yield f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"

@@ -1,21 +1,25 @@
-"""Format the output of commands for a terminal with 80 columns: headings, tables, scenarios and file names."""
+"""Format the output of commands for a terminal with 80 columns: headings, tables, scenarios and file names.
+
+A command returns its output as a sequence of parts, which `show` prints.
+"""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich import box
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from qtraj.foundation.number_text import decimals, digits, number
-from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.number_text import decimals, digits
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.design.fitting.fitted_route import FittedRoute
-    from qtraj.design.proof.certificate import Finding
+
+Part = RenderableType | None
+"""A part of the output; strings do not contain markup, and None and empty strings are omitted."""
 
 MAX_ROWS = 100
 """Maximum number of rows of a table of numbers; for longer tables, only the first and last rows are printed."""
@@ -23,62 +27,83 @@ MAX_ROWS = 100
 ROWS = 21
 """Maximum number of instants of a motion that are printed; the files and --json contain all instants."""
 
+TITLE, ALERT, NOTE = "bold", "bold red", "yellow"
+"""The styles of titles, of warnings that a result may be wrong, and of notes."""
+
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green", "no limit": ""}
-"""The style of each status; other statuses are printed in bold red."""
+"""The style of each status; other statuses are printed as `ALERT`."""
+
+
+def show(console: Console, parts: Iterable[Part]) -> None:
+    """Print the parts of an output, one below the other."""
+    for part in parts:
+        if part:
+            console.print(Text(part) if isinstance(part, str) else part)
 
 
 def print_scenario(console: Console, scenario: Mapping[str, Any]) -> None:
     """Print the name, description, source and file of a scenario."""
-    console.print(Text(scenario["name"] or scenario["file"], style="bold"))
-    if scenario["description"]:
-        console.print(Text(scenario["description"]))
-    if scenario["source"]:
-        console.print(Text(f"Source: {scenario['source']}"))
+    source = scenario["source"] and f"Source: {scenario['source']}"
+    show(console, [styled(scenario["name"] or scenario["file"], TITLE), scenario["description"], source])
     console.print(Text(f"Scenario: {scenario['file']} (sha256 {scenario['sha256']})"), soft_wrap=True)
-
-
-def print_purposes(console: Console, purposes: Mapping[str, str]) -> None:
-    """Print the reasons for limits, one per line."""
-    for name, text in purposes.items():
-        console.print(Text(f"{name}: {text}"))
 
 
 def print_files(console: Console, title: str, files: Sequence[str]) -> None:
     """Print a title and the names of files, one per line; print nothing if there are none."""
     if files:
-        heading(console, title)
+        console.print(heading(title))
     for file in files:
         console.print(Text(file), soft_wrap=True)
 
 
-def print_fit(console: Console, fitted: "Fitted | FittedRoute | None") -> None:
-    """Print how well a path follows its recording; print nothing for None."""
-    from qtraj.design.fitting.facts import TITLE, fact_rows, facts
-    from qtraj.design.fitting.fitted import Fitted
-    from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE, route_fact_rows
+def styled(text: str | None, style: str) -> Text:
+    """Return a text in one of the styles `TITLE`, `ALERT` and `NOTE`; None becomes an empty text."""
+    return Text(text or "", style)
+
+
+def heading(text: str) -> Group:
+    """Return an empty line and a title."""
+    return Group(Text(), styled(text, TITLE))
+
+
+def facts(title: str, rows: Iterable[tuple[str, str]]) -> Group:
+    """Return a title, and a table of names and their values without a header."""
+    table = plain_table("", "")
+    table.show_header = False
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return Group(heading(title), table)
+
+
+def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:
+    """Return how well a path follows its recording; nothing for None."""
+    from qtraj.design.fitting.route_facts import fit_rows  # imported here, because it delays --help
 
     if fitted is None:
-        return
-    if not isinstance(fitted, Fitted):
-        print_facts(console, ROUTE_TITLE, route_fact_rows(fitted))
-        return
-    fit = facts(fitted)
-    print_facts(console, TITLE, fact_rows(fit))
-    if fit["warning"]:
-        console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
-    elif fit["status"] != ResultCode.successful.name:
-        console.print(Text(f"Note: {fit['result']}", style="yellow"))
+        return []
+    title, rows, text = fit_rows(fitted)
+    return [facts(title, rows), styled(text, ALERT if text.startswith("Warning") else NOTE)]
 
 
-def heading(console: Console, text: str) -> None:
-    """Print an empty line and a title."""
-    console.print()
-    console.print(Text(text, style="bold"))
+def grouped_table(
+    title: str,
+    groups: Iterable[Iterable[Sequence[str]]],
+    *names: str,
+    right: tuple[str, ...],
+    last: tuple[str, ...] = ("",),
+) -> Group:
+    """Return a title and a `plain_table` of groups of rows; a last column without a name contains statuses."""
+    table = plain_table(*names, right=right, last=last)
+    for group in groups:
+        table.add_section()
+        for *cells, end in group:
+            table.add_row(*map(Text, cells), Text(end, "" if last[-1] else VERDICTS.get(end, ALERT)))
+    return Group(heading(title), table)
 
 
-def verdict(text: str) -> Text:
-    """Return a status such as 'met', 'active' or 'broken' as coloured text."""
-    return Text(text, VERDICTS.get(text, "bold red"))
+def limits(title: str, rows: Iterable[Sequence[str]], column: str) -> Group:
+    """Return a title and the findings on limits, with one more column, named `column`."""
+    return grouped_table(title, [rows], "limit", right=("largest", "limit", "at [s]", column))
 
 
 def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
@@ -88,33 +113,6 @@ def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] 
         # Folded on narrow terminals, so that numbers are not truncated.
         table.add_column(Text(name), justify="right" if name in right else "left", overflow="fold")
     return table
-
-
-def print_facts(console: Console, title: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Print a title, and a table of names and their values without a header."""
-    heading(console, title)
-    table = plain_table("", "")
-    table.show_header = False
-    for name, text in rows:
-        table.add_row(Text(name), Text(text))
-    console.print(table)
-
-
-def print_findings(
-    console: Console,
-    title: str,
-    findings: Iterable["Finding"],
-    column: str,
-    cell_of: Mapping[str, str],
-    digits_of_time: int,
-) -> None:
-    """Print the findings on limits, with one more column, named `column`, whose cells have the names of the limits."""
-    heading(console, title)
-    table = plain_table("limit", right=("largest", "limit", "at [s]", column), last=("",))
-    for x in findings:
-        cells = (number(x.value), number(x.limit), number(x.time, digits_of_time), cell_of.get(x.name, "-"))
-        table.add_row(Text(x.label), *cells, verdict(x.status))
-    console.print(table)
 
 
 def numbers_table(
@@ -143,23 +141,20 @@ def numbers_table(
     return table
 
 
-def print_instants(
-    console: Console,
+def instants(
     title: str,
     columns: Mapping[str, Any],
+    units: Mapping[str, str],
     headers: Mapping[str, Sequence[str]],
-    angles: Container[str],
     significant: Container[str] = (),
-) -> None:
-    """Print the `numbers_table` of at most `ROWS` instants, selected evenly from all instants.
-
-    Columns in `angles` are converted from radians to degrees.
-    """
-    heading(console, title)
+) -> list[Part]:
+    """Return a title and the `numbers_table` of at most `ROWS` instants, selected evenly; angles are in degrees."""
     values = {name: np.array(columns[name], dtype=float) for name in headers}
-    values = {name: np.degrees(x) if name in angles else x for name, x in values.items()}
+    values = {name: np.degrees(x) if units.get(name, "").startswith("rad") else x for name, x in values.items()}
     count = len(values["time"])
     shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
-    console.print(numbers_table({name: x[shown] for name, x in values.items()}, headers, {}, significant))
-    if len(shown) < count:
-        console.print(Text(f"{len(shown)} of {count} instants; the files and --json contain all instants"))
+    table = numbers_table({name: x[shown] for name, x in values.items()}, headers, {}, significant)
+    omitted = (
+        f"{len(shown)} of {count} instants; the files and --json contain all instants" if len(shown) < count else ""
+    )
+    return [heading(title), table, omitted]

@@ -33,51 +33,11 @@ EXAMPLES = (
 )
 """Examples in the help of the application."""
 
+COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "report")
+"""The commands; each command is a function in the module with its name."""
 
-class Entry:
-    """The examples in the help of a command, and its old name or None."""
-
-    def __init__(self, *examples: str, old_name: str | None = None):
-        self.examples, self.old_name = examples, old_name
-
-
-COMMANDS = {
-    "tune": Entry(
-        "qtraj tune  (the built-in scenario)",
-        "qtraj tune turn.toml --out results",
-        "qtraj tune turn.toml --objective fastest --motion hermite",
-    ),
-    "evaluate": Entry(
-        "qtraj evaluate turn.toml --samples 11",
-        "qtraj evaluate results/path.toml --step 0.1 --out table",
-    ),
-    "route": Entry(
-        "qtraj route  (the built-in scenario)",
-        "qtraj route drive.csv --out drive",
-        "qtraj route bus.toml --out results",
-    ),
-    "retime": Entry(
-        "qtraj retime  (the built-in scenario)",
-        "qtraj retime bus.toml --out results",
-        "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
-    ),
-    "slew": Entry(
-        "qtraj slew  (the built-in scenario)",
-        "qtraj slew camera.toml --out results --samples 401",
-        old_name="turn",
-    ),
-    "simulate": Entry(
-        "qtraj simulate  (the built-in scenario)",
-        "qtraj simulate loop.toml --out results --json",
-        old_name="track",
-    ),
-    "report": Entry(
-        "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
-        "qtraj report results",
-        "qtraj report helix.parquet --out pages",
-    ),
-}
-"""The commands by name; each command is a function in the module with its name."""
+OLD_NAMES = {"slew": "turn", "simulate": "track"}
+"""The old names of commands, which are hidden aliases."""
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib", "plotly")
 """Packages that the command line needs in addition to the core of qtraj."""
@@ -131,15 +91,15 @@ def application() -> "typer.Typer":
 
     shown = typer.Option(False, "--version", callback=print_version, is_eager=True, help="Print the version.")
 
-    @app.callback(help=_prose(ABOUT), epilog=_examples(EXAMPLES))
+    @app.callback(**_help(ABOUT, EXAMPLES))
     def root(version: bool = shown) -> None: ...
 
-    for name, entry in COMMANDS.items():
+    for name in COMMANDS:
         command = getattr(importlib.import_module(f"qtraj.cli.{name}"), name)
-        options: Any = {"help": _prose(command.__doc__), "epilog": _examples(entry.examples)}
+        options = _help(command.__doc__, command.examples)
         app.command(name, **options)(command)
-        if entry.old_name:
-            app.command(entry.old_name, hidden=True, **options)(_renamed(command, entry.old_name))
+        if old_name := OLD_NAMES.get(name):
+            app.command(old_name, hidden=True, **options)(_renamed(command, old_name))
     return app
 
 
@@ -155,14 +115,10 @@ def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
     return renamed
 
 
-def _prose(docstring: str | None) -> str:
-    """Return a docstring with each paragraph on one line, which the terminal wraps."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
-
-
-def _examples(lines: Sequence[str]) -> str:
-    """Return the examples of a command, one per line, as text for the end of the help."""
-    return "\n\n".join(("Examples:", *lines))
+def _help(docstring: str, examples: Sequence[str]) -> dict[str, Any]:
+    """Return the help of a command, with each paragraph on one line, which the terminal wraps, and its examples."""
+    paragraphs = (" ".join(paragraph.split()) for paragraph in docstring.split("\n\n"))
+    return {"help": "\n\n".join(paragraphs), "epilog": "\n\n".join(["Examples:", *examples])}
 
 
 def prepare() -> None:

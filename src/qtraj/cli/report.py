@@ -4,15 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
-from qtraj.cli import terminal
+from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import Watch
 
 
-@terminal.command(out=typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."))
+@terminal.command(
+    "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
+    "qtraj report results",
+    "qtraj report helix.parquet --out pages",
+    out=typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."),
+)
 def report(
     watch: Watch,
     result: Path = typer.Argument(
@@ -31,33 +34,30 @@ def report(
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for xarray.
+    from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.viz.report.page import html, report_of
     from qtraj.viz.report.source import DATASETS, find, is_folder
     from qtraj.viz.result_files import REPORT
 
     try:
-        source = find(result, None if frame is None else frame.frame())
+        source = find(result, None if frame is None else frame_named(frame))
         watch.say("drawing")
         summary = report_of(source.dataset, source.tuned)
         page = html(summary)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if str(result) in text else f"{result}: {text}") from error
-    content = {"result": str(source.file)} | summary.summary()
+    content: dict[str, Any] = {"result": str(source.file)} | summary.summary()
     whole = is_folder(result) or result.name in DATASETS
     name = REPORT if whole else f"{result.stem}.html"  # several files in one folder need separate reports
     writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
     folder = result if is_folder(result) else result.parent
     hint = "Open this file in a browser; it does not need a network connection."
-    return Outcome(content, _show, writers=writers, folder=folder, hint=hint)
-
-
-def _show(console: Console, content: dict[str, Any]) -> None:
-    """Print a summary of the report."""
-    console.print(Text(content["title"], style="bold"))
-    for fact in (*content["findings"], *content["notes"]):
-        console.print(Text(fact))
-    for warning in content["warnings"]:
-        console.print(Text(f"Warning: {warning}", style="bold red"))
-    for body in content["bodies"]:
-        console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
+    text = [
+        layout.styled(content["title"], layout.TITLE),
+        *content["findings"],
+        *content["notes"],
+        *(layout.styled(f"Warning: {warning}", layout.ALERT) for warning in content["warnings"]),
+        *(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s" for body in content["bodies"]),
+    ]
+    return Outcome(content, text, writers=writers, folder=folder, hint=hint)

@@ -1,12 +1,9 @@
 """Implement `qtraj retime`, which finds the fastest timing along a path and the limits that bound the speed."""
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
@@ -22,7 +19,11 @@ if TYPE_CHECKING:
     from qtraj.scenario.route import RouteTask
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj retime  (the built-in scenario)",
+    "qtraj retime bus.toml --out results",
+    "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+)
 def retime(
     watch: Watch,
     scenario: Path | None = typer.Argument(
@@ -64,7 +65,7 @@ def retime(
     watch.say("sampling")
     solved = [x for x in (result.timed, result.certificate, result.tuned, result.task.fitted) if x is not None]
     failed = not all(bool(x.successful) for x in solved)
-    return Outcome(_content(loaded, result), partial(_show, result=result), loaded, failed, _files(loaded, result))
+    return Outcome(_content(loaded, result), _text(loaded, result), loaded, failed, _files(loaded, result))
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -135,38 +136,24 @@ def _content(loaded: "ScenarioFile[Any]", result: Found) -> dict[str, Any]:
 
 def _files(loaded: "ScenarioFile[Any]", result: Found) -> "dict[str, Writer]":
     """Return the writers of the files."""
-    from qtraj.design.fitting.fitted import Fitted
-    from qtraj.io.retimed_dataset import retimed_dataset
-    from qtraj.path.trihedral import Upright
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import speed_profile_figure  # imported here, because matplotlib is slow to import
+    from qtraj.viz.command_files import retimed_files  # imported after the computation, because matplotlib is slow
 
     task, tuned, timed, certificate, profile = result
-    fitted = task.fitted if isinstance(task.fitted, Fitted) else None
     about = loaded.provenance() | ({} if tuned is None else {"tuning_result": tuned.result})
-    dataset = retimed_dataset(timed, task.limits, certificate, profile, task.track, fitted, Upright(), about)
-    timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
-    return {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents({"path.json": timed.path, "retimed.json": timed}),
-        **result_files.table(timing, "timing"),
-        **result_files.figure("retime", speed_profile_figure(timing)),
-        **result_files.report(dataset),
-    }
+    return retimed_files(timed, profile, task.limits, certificate, task.track, task.fitted, about)
 
 
-def _show(console: Console, content: dict[str, Any], result: Found) -> None:
-    """Print the fit, the tuning, the limits and the result."""
-    from qtraj.design.retimed_facts import retimed_fact_rows
+def _text(loaded: "ScenarioFile[Any]", result: Found) -> list[layout.Part]:
+    """Return the fit, the tuning, the limits and the result as text."""
+    from qtraj.design.retimed_facts import retimed_fact_rows, retimed_limit_rows
 
-    profile = result.profile
-    layout.print_fit(console, result.task.fitted)
-    if result.tuned is not None:
-        layout.heading(console, "Tuning")
-        console.print(Text(result.tuned.result))
-    title = "Limits on the retimed path, and where they bound the speed"
-    shares = {name: f"{100 * profile.share(name):.1f} %" for name in profile.names}
-    layout.print_findings(console, title, result.certificate.findings(), "reached on", shares, digits_of_time=4)
-    layout.print_purposes(console, content["purpose"])
-    layout.print_facts(console, "Result", retimed_fact_rows(result.timed, profile))
-    console.print(Text(result.timed.result))
+    task, tuned, timed, certificate, profile = result
+    limits = retimed_limit_rows(certificate, profile)
+    return [
+        *layout.fit(task.fitted),
+        *([] if tuned is None else [layout.heading("Tuning"), tuned.result]),
+        layout.limits("Limits on the retimed path, and where they bound the speed", limits, "reached on"),
+        *(f"{name}: {text}" for name, text in getattr(loaded.scenario, "purpose", {}).items()),
+        layout.facts("Result", retimed_fact_rows(timed, profile)),
+        timed.result,
+    ]

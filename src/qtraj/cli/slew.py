@@ -1,13 +1,10 @@
 """Implement `qtraj slew`, which computes slews between attitudes within limits."""
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
@@ -16,26 +13,15 @@ from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
-    from qtraj.foundation.folder import Writer
-    from qtraj.foundation.record import Record
+    from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
     from qtraj.motion.programs.slew_verdict import SlewVerdict
-    from qtraj.scenario.reader import ScenarioFile
     from qtraj.scenario.slew import SlewScenario
 
-BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration", "max_torque": "torque"}
-"""The column to which each limit applies."""
-HEADERS = {
-    "time": ["t"],
-    "angle": ["Φ"],
-    "angle_rate": ["rate"],
-    "angle_acceleration": ["accel."],
-    "quaternion": ["λ0", "λ1", "λ2", "λ3"],
-}
-ANGLES = ("angle", "angle_rate", "angle_acceleration")
-"""Columns that are printed in degrees."""
 
-
-@terminal.command()
+@terminal.command(
+    "qtraj slew  (the built-in scenario)",
+    "qtraj slew camera.toml --out results --samples 401",
+)
 def slew(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("slew"),
@@ -63,40 +49,21 @@ def slew(
     verdict = judge_slew(program, limits, inertia, max_torque, end)
     times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
     both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once
-    table, drawn = both[: len(times)].record(), both[len(times) :]
+    table, drawn = both[: len(times)], both[len(times) :]
     content = {
         "law": part.law.kind,
         "verdict": plain(verdict.record()),
-        "notes": _notes(part, verdict),
-        **tabular(table),
+        "notes": _notes(part, program, verdict),
+        **tabular(table.record()),
     }
-    writers = _files(loaded, program, verdict, table, drawn.record())
-    return Outcome(content, partial(_show, verdict=verdict), loaded, not verdict.met, writers)
+    from qtraj.viz.command_files import slew_files  # imported after the computation, because matplotlib is slow
+
+    about = loaded.provenance() | {"law": part.law.kind, "result": verdict.result}
+    writers = slew_files(program, table, drawn, limits, max_torque, about)
+    return Outcome(content, _text(content, verdict), loaded, not verdict.met, writers)
 
 
-def _files(
-    loaded: "ScenarioFile[SlewScenario]", program: Any, verdict: "SlewVerdict", table: "Record", drawn: "Record"
-) -> "dict[str, Writer]":
-    """Return the writers of the files: the program, its `table`, and a figure of the finer table `drawn`."""
-    from qtraj.foundation.record import to_dataset
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import slew_figure  # imported after the computation, because matplotlib is slow to import
-
-    law, body, angles = loaded.scenario.law, loaded.scenario.body, loaded.scenario.angles
-    about = loaded.provenance() | {"law": law.kind, "result": verdict.result}
-    dataset, limits = to_dataset(table, about), law.limits(angles)
-    bounds = {**limits, "max_torque": None if body is None else body.max_torque}
-    for name, column in BOUNDED.items():
-        if bounds.get(name) is not None:
-            dataset[column].attrs["limit"] = bounds[name]
-    return {
-        **result_files.documents({"program.toml": program}),
-        **result_files.table(dataset),
-        **result_files.figure("slew", slew_figure(to_dataset(drawn, about), limits)),
-    }
-
-
-def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
+def _notes(scenario: "SlewScenario", program: "EulerTurn | SlewSequence", verdict: "SlewVerdict") -> list[str]:
     """Return notes on effects that a user may not expect."""
     from qtraj.motion.programs.slew_facts import end_rates_text
 
@@ -108,33 +75,23 @@ def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
                 f"The rotation vector of [{name}] has an angle of {degrees(length)}°, more than a half turn. "
                 f"The slew is the shorter rotation to the same attitude{slewed}"
             )
-    law, unit = scenario.law, 1.0 if scenario.angles == "rad" else np.radians(1.0)
-    if text := end_rates_text(unit * (law.start_rate or 0.0), unit * (law.end_rate or 0.0)):
-        notes.append(text)
-    return notes
+    return [*notes, text] if (text := end_rates_text(program.law)) else notes
 
 
-def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> None:
-    """Print the slews, their limits and the motion, with angles in degrees."""
-    from qtraj.motion.programs.slew_facts import slew_fact_rows, slew_limit_rows, vector_text
+def _text(content: dict[str, Any], verdict: "SlewVerdict") -> list[layout.Part]:
+    """Return the slews, their limits and the motion as text, with angles in degrees."""
+    from qtraj.motion.programs import slew_facts
 
-    count = len(verdict.angles)
-    for k in range(count):
-        layout.print_facts(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew", slew_fact_rows(verdict, k))
-    if verdict.sign < 0:
-        text = f"The program ends at λ = {vector_text(verdict.end)}, the specified quaternion with the opposite sign, "
-        hint = "which is the same attitude. Start the next program from the quaternion with this sign."
-        console.print(Text(text + hint))
-    if np.isfinite(verdict.least_duration):
-        console.print(Text(f"The fastest slew within the limits takes {float(verdict.least_duration):.4f} s."))
-    for note in content["notes"]:
-        console.print(Text(note))
-    layout.heading(console, "Peaks and limits")
-    table = layout.plain_table("", right=("peak", "limit", "margin", "at [s]"), last=("unit", ""))
-    for *cells, status in slew_limit_rows(verdict):
-        table.add_row(*map(Text, cells), layout.verdict(status))
-    console.print(table)
-    title = "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ"
-    layout.print_instants(console, title, content["columns"], HEADERS, ANGLES)
-    layout.heading(console, f"Result: law '{content['law']}'")
-    console.print(Text(verdict.result))
+    count, columns = len(verdict.angles), ("peak", "limit", "margin", "at [s]")
+    titles = [f"Slew {k + 1} of {count}" for k in range(count)] if count > 1 else ["Slew"]
+    return [
+        *(layout.facts(title, slew_facts.slew_fact_rows(verdict, k)) for k, title in enumerate(titles)),
+        *slew_facts.end_texts(verdict),
+        *content["notes"],
+        layout.grouped_table(
+            "Peaks and limits", [slew_facts.slew_limit_rows(verdict)], "", right=columns, last=("unit", "")
+        ),
+        *layout.instants(slew_facts.MOTION_TITLE, content["columns"], content["units"], slew_facts.MOTION_HEADERS),
+        layout.heading(f"Result: law '{content['law']}'"),
+        verdict.result,
+    ]

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -12,39 +12,27 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED, layout
 from qtraj.foundation.folder import Writer, check_folder, write_all
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress_bar import watching
+from qtraj.path.frame_axes import FRAMES
 from qtraj.scenario import KINDS
 
-if TYPE_CHECKING:
-    from qtraj.motion.programs.rotation_minimizing import Frame
+if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.scenario.reader import ScenarioFile
+
+    FrameName = StrEnum
+else:  # an enumeration, for shell completion
+    FrameName = StrEnum("FrameName", {name: name for name in FRAMES})
 
 FAILED = 1
 """Exit code of a run that did not converge, or whose limits are not satisfied."""
 
 UNTIL = "the old name works until 1.0"
 """The last clause of a warning about an old name."""
-
-
-class FrameName(StrEnum):
-    """The names of the frames along a path."""
-
-    upright = "upright"
-    natural = "natural"
-    minimizing = "rotation-minimizing"
-    thrust_aligned = "thrust-aligned"
-
-    def frame(self) -> "Frame":
-        """Return the frame with this name."""
-        from qtraj.motion.programs.rotation_minimizing import frame_named  # imported here, because it delays --help
-
-        return frame_named(self.value)
 
 
 ABOUT_FRAMES = (
@@ -70,15 +58,15 @@ def scenario_argument(kind: str) -> Any:
 class Outcome(NamedTuple):
     """The result of a command.
 
-    `content`: the result as JSON types; numbers that are not finite become null. `show`: a function that prints the
-    content on a console. `loaded`: the scenario, or None. `failed`: whether the exit code is 1. `writers`: the files to
-    write, by name. `optional`: names of files that the command writes only for some inputs; if an earlier run wrote
-    them and this run does not, they are removed. `folder`: the folder for the files if the option --out is omitted;
-    None for no files. `hint`: the last line of the text.
+    `content`: the result as JSON types; numbers that are not finite become null. `text`: the parts of the result as
+    text. `loaded`: the scenario, or None. `failed`: whether the exit code is 1. `writers`: the files to write, by name.
+    `optional`: names of files that the command writes only for some inputs; if an earlier run wrote them and this run
+    does not, they are removed. `folder`: the folder for the files if the option --out is omitted; None for no files.
+    `hint`: the last line of the text.
     """
 
     content: dict[str, Any]
-    show: Callable[[Console, dict[str, Any]], None]
+    text: Iterable[layout.Part]
     loaded: "ScenarioFile[Any] | None" = None
     failed: bool = False
     writers: Mapping[str, Writer] = MappingProxyType({})
@@ -94,8 +82,8 @@ JSON = typer.Option(False, "--json", help="Print the results as JSON instead of 
 """The option `--json`."""
 
 
-def command(out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
-    """Return a decorator that converts a function to a command, with the options `out` and `--json`.
+def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
+    """Return a decorator that converts a function to a command with these examples and the options `out` and `--json`.
 
     The command writes the files of the function's outcome, prints it and exits. The parameters of the function are a
     `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
@@ -121,16 +109,16 @@ def command(out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., 
 
         signature = inspect.signature(run)
         _, argument, *options = signature.parameters.values()
-        common = [_option("out", out, Path | None), _option("as_json", JSON, bool)]
+        kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+        common = [
+            inspect.Parameter("out", kind, default=out, annotation=Path | None),
+            inspect.Parameter("as_json", kind, default=JSON, annotation=bool),
+        ]
         parameters = [argument, *common, *options]
-        command.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
+        vars(command).update(__signature__=signature.replace(parameters=parameters), examples=examples)
         return command
 
     return decorate
-
-
-def _option(name: str, option: Any, annotation: Any) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=option, annotation=annotation)
 
 
 def _write(command: str, outcome: Outcome, folder: Path | None, as_json: bool) -> tuple[dict[str, Any], str]:
@@ -155,11 +143,10 @@ def _show(console: Console, outcome: Outcome, content: dict[str, Any]) -> None:
     """Print the scenario, the content and the files of an outcome, for a terminal with 80 columns."""
     if outcome.loaded is not None:
         layout.print_scenario(console, content["scenario"])
-    outcome.show(console, content)
+    layout.show(console, outcome.text)
     layout.print_files(console, "Files written", content["files"])
     layout.print_files(console, "Files removed, because an earlier run wrote them", content["removed"])
-    if outcome.hint:
-        console.print(Text(outcome.hint))
+    layout.show(console, [outcome.hint])
 
 
 def stdout() -> Console:

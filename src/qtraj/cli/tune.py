@@ -1,20 +1,17 @@
 """Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
-from qtraj.foundation.number_text import number
 from qtraj.foundation.progress_bar import Watch
+from qtraj.path.frame_axes import UPRIGHT
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
@@ -23,7 +20,6 @@ if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.foundation.folder import Writer
     from qtraj.path.change import PathChange
     from qtraj.scenario.path import PathTask
-    from qtraj.scenario.path_parts import TunePart
     from qtraj.scenario.reader import ScenarioFile
 
     Motion = StrEnum
@@ -38,7 +34,11 @@ CAUSES = (
 )
 
 
-@terminal.command()
+@terminal.command(
+    "qtraj tune  (the built-in scenario)",
+    "qtraj tune turn.toml --out results",
+    "qtraj tune turn.toml --objective fastest --motion hermite",
+)
 def tune(
     watch: Watch,
     scenario: Path | None = terminal.scenario_argument("path"),
@@ -65,16 +65,16 @@ def tune(
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
     from qtraj.design.fitting.route_facts import facts_of
+    from qtraj.design.tuning.box import bounds_text
     from qtraj.foundation.plain import plain
-    from qtraj.path.change import compare_paths
     from qtraj.scenario.reader import read_scenario
 
     loaded = read_scenario(scenario, "path")
-    task, before, best = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
-    change = compare_paths(task.path, best.path, (task.start, task.end))
+    found = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
+    task, before, best, change = found
     content = {
         "fit": facts_of(task.fitted),
-        "frame": (frame or FrameName.upright).value,
+        "frame": str(frame or UPRIGHT),
         "purpose": loaded.scenario.purpose,
         "before": plain(before.record()),
         "tuned": plain(best.record()),
@@ -84,20 +84,29 @@ def tune(
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
-    show = partial(_show, task=task, before=before, best=best, change=change)
-    return Outcome(content, show, loaded, not met, _files(loaded, content, task, before, best))
+    restrictions = {"fixed": ", ".join(task.part.fixed), "bounds": bounds_text(task.part.ranges)}
+    writers = _files(loaded, content, restrictions, found)
+    return Outcome(content, _text(content, restrictions, found), loaded, not met, writers)
 
 
-def _tuned(
-    loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch
-) -> tuple["PathTask", "Certificate", "Tuned"]:
-    """Return the task of a scenario, the certificate of its path, and the result of the tuning.
+class Found(NamedTuple):
+    """The task of a scenario, the certificate of its path, the result of the tuning, and the change of the path."""
+
+    task: "PathTask"
+    before: "Certificate"
+    best: "Tuned"
+    change: "PathChange"
+
+
+def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Found:
+    """Check and tune the path of a scenario.
 
     `overrides`: motion, objective and number of starts, which replace those of the scenario unless they are None.
 
     **Raises:** ValueError, which names the file, for bad input.
     """
     from qtraj.design.proof.certify import certify
+    from qtraj.path.change import compare_paths
 
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
@@ -108,7 +117,8 @@ def _tuned(
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
-        return task, before, task.tuned(watch.tuning)
+        best = task.tuned(watch.tuning)
+        return Found(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)))
 
 
 def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
@@ -126,84 +136,37 @@ def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
 
 
 def _files(
-    loaded: "ScenarioFile[Any]", content: dict[str, Any], task: "PathTask", before: "Certificate", best: "Tuned"
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], restrictions: dict[str, str], found: Found
 ) -> "dict[str, Writer]":
     """Return the writers of the files."""
-    from qtraj.io.dataset import path_dataset
-    from qtraj.viz import result_files
-    from qtraj.viz.figures import tuning_figure  # imported after the computation, because matplotlib is slow to import
+    from qtraj.motion.programs.rotation_minimizing import frame_named
+    from qtraj.viz.command_files import tuned_files  # imported after the computation, because matplotlib is slow
 
-    about = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
-    about |= {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": content["warning"]}
-    dataset = path_dataset(
-        {"before": task.path, "after": best.path},
-        task.limits,
-        task.track,
-        attributes=loaded.provenance() | {f"tuning_{name}": text for name, text in about.items() if text},
-        fitted=task.fitted,
-        frame=FrameName(content["frame"]).frame(),
-        findings={"before": before, "after": best.certificate},
-    )
-    return {
-        **result_files.netcdf("paths.nc", dataset),
-        **result_files.documents({"path.toml": best.path, "tuning.toml": best}),
-        **result_files.figure("tuning", tuning_figure(dataset)),
-    }
+    task, before, best, _ = found
+    facts = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
+    facts |= restrictions | {"warning": content["warning"]}
+    about = loaded.provenance() | {f"tuning_{name}": text for name, text in facts.items() if text}
+    frame = frame_named(content["frame"])
+    return tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
 
 
-def _ranges(part: "TunePart") -> str:
-    """Describe the bounds of the variables; return an empty string if there are none."""
-    texts = []
-    for name, (low, high) in part.ranges.items():
-        unit = "s" if name == "duration" else "m/s"
-        if low is not None and high is not None:
-            texts.append(f"{name} from {low:.6g} to {high:.6g} {unit}")
-        else:
-            texts.append(f"{name} {'at most' if low is None else 'at least'} {high if low is None else low:.6g} {unit}")
-    return ", ".join(texts)
+def _text(content: dict[str, Any], restrictions: dict[str, str], found: Found) -> list[layout.Part]:
+    """Return the fit, the limits, the changes and the result as text."""
+    from qtraj.design.proof.limit_rows import limit_change_rows
 
-
-def _show(
-    console: Console,
-    content: dict[str, Any],
-    task: "PathTask",
-    before: "Certificate",
-    best: "Tuned",
-    change: "PathChange",
-) -> None:
-    """Print the fit, the limits, the changes and the result."""
-    layout.print_fit(console, task.fitted)
-    _show_limits(console, before, best.certificate)
-    layout.print_purposes(console, content["purpose"])
-    layout.heading(console, "Boundary velocities before and after")
-    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
-    for group in change.rows():
-        table.add_section()
-        for name, *cells in group:
-            table.add_row(Text(name), *map(Text, cells))
-    console.print(table)
-    console.print(Text("A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."))
-    if change.given_text:
-        console.print(Text(change.given_text))
-    console.print(Text(f"The tuned path deviates from the original path by at most {float(change.deviation):.3g} m."))
-    console.print(Text(change.text))
-    layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
-    for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
-        if text:
-            console.print(Text(f"{what}: {text}."))
-    console.print(Text(best.result))
-    if content["warning"]:
-        console.print(Text(content["warning"], style="yellow"))
-
-
-def _show_limits(console: Console, before: "Certificate", after: "Certificate") -> None:
-    layout.heading(console, "Limits before and after")
-    table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
-    for was, now in zip(before.findings(), after.findings(), strict=True):
-        name, unit = now.label.split()
-        for label, path, finding in ((name, "before", was), (unit, "after", now)):
-            margin = "active" if finding.active else number(finding.limit - finding.value, 3, sign="+")
-            numbers = number(finding.value), number(finding.limit), margin, number(finding.time, 4)
-            table.add_row(Text(label), path, *numbers, layout.verdict(finding.status))
-        table.add_section()
-    console.print(table)
+    task, before, best, change = found
+    limits = limit_change_rows(before, best.certificate)
+    columns = ("value", "limit", "margin", "at [s]")
+    velocities = "Boundary velocities before and after"
+    return [
+        *layout.fit(task.fitted),
+        layout.grouped_table("Limits before and after", limits, "limit", "path", right=columns),
+        *(f"{name}: {text}" for name, text in content["purpose"].items()),
+        layout.grouped_table(velocities, change.rows(), "", right=("before", "after", "change"), last=("unit",)),
+        *change.sentences(),
+        layout.heading(f"Result: objective '{task.objective}', motion '{task.motion}'"),
+        restrictions["fixed"] and f"Fixed: {restrictions['fixed']}.",
+        restrictions["bounds"] and f"Bounded: {restrictions['bounds']}.",
+        best.result,
+        layout.styled(content["warning"], layout.NOTE),
+    ]

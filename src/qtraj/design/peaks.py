@@ -1,10 +1,11 @@
 """Find the maxima of a smooth function of time, cell by cell.
 
-The interval [0, duration] is divided into cells about equally spaced nodes. In each cell, Newton's method starts from
-the node and refines the maximum. The node and the borders of the cell are candidates, too. The largest value is the
-maximum over the whole interval, unless a peak is narrower than a cell. Differentiation treats the times t* of the
-maxima as constants. The gradient of f(t*, x) with respect to parameters x is still exact, because ∂f/∂t = 0 at a
-maximum inside a cell (envelope theorem), and t* is fixed on the border of a cell.
+The interval [0, duration] is divided into cells about equally spaced nodes, or on a route into four cells of each
+segment. In each cell, Newton's method starts from the node and refines the maximum. The node and the borders of the
+cell are candidates, too. The largest value is the maximum over the whole interval, unless a peak is narrower than a
+cell. Differentiation treats the times t* of the maxima as constants. The gradient of f(t*, x) with respect to
+parameters x is still exact, because ∂f/∂t = 0 at a maximum inside a cell (envelope theorem), and t* is fixed on the
+border of a cell.
 """
 
 from __future__ import annotations  # so that `help` shows short names

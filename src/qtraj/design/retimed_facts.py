@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.limit_rows import limit_rows
 from qtraj.design.speed_profile import SpeedProfile
 from qtraj.design.timing.outcome import Retimed
 from qtraj.foundation.number_text import intervals
@@ -18,3 +20,9 @@ def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, 
     ]
     stops = [(a, b) for a, b in np.asarray(profile.stops).tolist() if b > a]
     return [*rows, ("stops", f"{len(stops)}, at t [s] = {intervals(stops)}")] if stops else rows
+
+
+def retimed_limit_rows(certificate: Certificate, profile: SpeedProfile) -> list[tuple[str, ...]]:
+    """Return the `limit_rows` of a retimed path, with the fraction of the distance on which each limit is reached."""
+    shares = {name: f"{100 * profile.share(name):.1f} %" for name in profile.names}
+    return limit_rows(certificate.findings(), shares)

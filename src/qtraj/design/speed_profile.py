@@ -183,9 +183,9 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
 
 
 class _Samples(NamedTuple):
-    """Samples of a retimed path; `unit_values` and `unit_speed` are those of the original path.
+    """Samples of a retimed path; `unit_values` and `unit_speed` are the values and the speed on the original path.
 
-    `grip` is the upper bound on u̇², inverted, that the friction of the lateral force implies.
+    `grip` is the inverse of the upper bound on u̇² that the friction of the lateral force implies.
     """
 
     times: Any

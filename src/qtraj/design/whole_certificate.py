@@ -12,10 +12,10 @@ from qtraj.design.timing.outcome import Retimed
 
 
 def whole_certificate(timed: Retimed, limits: Limits) -> Certificate:
-    """Return the certificate of a result of `retime`, with those of `limits` added that `retime` does not support.
+    """Return the certificate of a result of `retime`, extended by the limits that `retime` does not support.
 
-    Limits on the shape, such as curvature, are proved on the original path, which has the same shape. Others, such as
-    the angular acceleration, are sampled. If there are none, the result is the certificate of the retiming.
+    Of these limits, limits on the shape, such as curvature, are proved on the original path, which has the same shape.
+    Others, such as the angular acceleration, are sampled. Without such limits, the certificate is returned unchanged.
 
     **Raises:** ValueError in the same cases as `certify`.
     """

@@ -61,10 +61,13 @@ class AttitudeResidual(AbstractResult):
                 "constant attitude of the recorder relative to the program's axes, scalar first",
                 ("component",),
             ),
-            "rms": Quantity(self.rms, "rad", "root mean square of the angle between recorded and mounted attitude"),
-            "maximum": Quantity(self.maximum, "rad", "largest angle between recorded and mounted attitude"),
+            "rms": Quantity(self.rms, "rad", "root mean square of the angle of the residual rotation"),
+            "maximum": Quantity(self.maximum, "rad", "largest angle of the residual rotation"),
             "axis_rms": Quantity(
-                self.axis_rms, "rad", "root mean square of the angle about each axis of the recorder", ("body",)
+                self.axis_rms,
+                "rad",
+                "root mean square of each component of the residual rotation vector, recorder axes",
+                ("body",),
             ),
             "time": Quantity(self.time, "s", "time of the largest angle, from the first sample"),
             "samples": Quantity(self.samples, "1", "number of samples compared"),
@@ -129,9 +132,9 @@ def _require_any(defined: np.ndarray | None) -> None:
 
 
 def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
-    """Return the average rotation, the unit eigenvector of Σwqqᵀ for the largest eigenvalue, with scalar part ≥ 0.
+    """Return the average rotation: the unit eigenvector of Σ w q qᵀ for the largest eigenvalue, with scalar part ≥ 0.
 
-    The sum is over the normalised `quaternions` q and the `weights` w.
+    q are the normalised `quaternions`, and w are their `weights`.
     """
     unit = weights[:, None] ** 0.5 * jax.vmap(quaternion.unit)(quaternions)
     return quaternion.canonical(jnp.linalg.eigh(jnp.matmul(unit.T, unit, precision="highest"))[1][:, -1])

@@ -4,9 +4,9 @@ An inertia [kg m²] is a scalar J for a spherical body (paper C, remark 2), an a
 tensor (3, 3) in body axes. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
 
 `forces`, `power` and `friction_demand` compute the quantities of the papers at one instant, for a point mass without
-drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and for limits, proofs and tuning.
-`evaluate` then also returns `force`, `moment`, `power`, `friction` and other outputs. For the same mass and gravity, a
-`Vehicle` with default values of all other parameters results in the same force, power and friction.
+drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and for limits, proofs and tuning. With a
+`Vehicle`, `evaluate` also returns `force`, `moment`, `power`, `friction` and other outputs. For the same mass and
+gravity, a `Vehicle` with default values of all other parameters results in the same force, power and friction.
 """
 
 import jax.numpy as jnp
@@ -117,7 +117,7 @@ class FrictionDemand(AbstractResult):
         variables = {
             "side": Quantity(self.side, "1", f"lateral force divided by normal force; {NO_CONTACT}"),
             "total": Quantity(
-                self.total, "1", f"√(longitudinal² + lateral²) force divided by normal force; {NO_CONTACT}"
+                self.total, "1", f"total force in the plane of the road divided by normal force; {NO_CONTACT}"
             ),
         }
         airborne = np.isinf(np.asarray(self.total))

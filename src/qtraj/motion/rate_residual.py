@@ -83,8 +83,8 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     the rotated recorded rates and the program's rates (Kabsch, "A solution for the best rotation to relate two sets of
     vectors", Acta Cryst. A32, 1976). If all rates are about one axis, the rotation about this axis is undetermined, and
     the mounting is the smallest rotation from the axis of the recorded rates to the axis of the program's rates. Rates
-    (n, 1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated; it does
-    not change the correlation.
+    (n, 1) are compared with the rate about the program's z axis. A constant bias of the gyro is not estimated. It does
+    not change the correlation of rates (n, 1); for rates (n, 3), it changes the estimated mounting.
 
     The result is not differentiable.
 
@@ -93,8 +93,8 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     """
     if track.rates is None:
         raise ValueError(
-            "this track has no angular rates to compare: read them with qtraj.read_track, "
-            'columns={"rate": ["wx", "wy", "wz"]} or columns={"rate": "wz"}'
+            "this track has no angular rates to compare: read them with "
+            'qtraj.read_track(..., columns={"rate": ["wx", "wy", "wz"]}) or columns={"rate": "wz"}'
         )
     found = compare_fast(program, track, min_speed)
     if found is None:

@@ -98,6 +98,12 @@ class PathChange(AbstractResult):
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(self.given))
         return f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."
 
+    def sentences(self) -> list[str]:
+        """Return a legend of the `rows`, `given_text` if there is one, the deviation, and `text`."""
+        legend = "A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."
+        deviation = f"The tuned path deviates from the original path by at most {float(self.deviation):.3g} m."
+        return [legend, *filter(None, [self.given_text]), deviation, self.text]
+
     def rows(self) -> list[list[tuple[str, str, str, str, str]]]:
         """Return rows of texts (name, value before, value after, change, unit), in two groups.
 

@@ -116,6 +116,12 @@ def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:
     return tuple(name for name, entry in CHANNELS.items() if entry.needs in has)
 
 
+def vehicle_outputs(vehicle: Vehicle | None) -> list[str]:
+    """Return the names of the path quantities that need a vehicle and can be evaluated with this vehicle, or None."""
+    has = provided(vehicle)
+    return [x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in has]
+
+
 def provided(vehicle: Vehicle | None) -> set[str]:
     """Return the values of `needs` that are satisfied with this vehicle, or without a vehicle if it is None."""
     has_inertia = vehicle is not None and vehicle.inertia is not None

@@ -32,6 +32,20 @@ def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int 
     return None if defined.all() else float(times[int(np.argmin(defined))])
 
 
+def require_defined(path: AbstractHodograph, frame: AbstractFrame) -> None:
+    """Raise a ValueError if a frame does not exist on the whole path.
+
+    The message names the first instant at which the frame does not exist, and frames that exist on more paths.
+    """
+    if (when := first_undefined(path, frame)) is not None:
+        reason = f" ({MISSING[frame.name]})" if frame.name in MISSING else ""
+        other = NATURAL if frame.name == UPRIGHT else UPRIGHT
+        raise ValueError(
+            f"the {frame.name} frame of this path does not exist at t = {when:.6g} s{reason}: use the frame '{other}' "
+            f"or '{MINIMIZING}'"
+        )
+
+
 @eqx.filter_jit
 def _defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
     return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)

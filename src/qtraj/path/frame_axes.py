@@ -34,6 +34,8 @@ _LETTERS: Three = ("x", "y", "z")
 
 NATURAL, UPRIGHT, MINIMIZING = "natural", "upright", "rotation-minimizing"
 THRUST_ALIGNED = "thrust-aligned"
+FRAMES = (UPRIGHT, NATURAL, MINIMIZING, THRUST_ALIGNED)
+"""The names of the frames along a path."""
 
 AXES = {
     NATURAL: FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = principal normal, z = binormal"),

@@ -68,7 +68,7 @@ KINDS = {
         "loop",
         "LoopScenario",
         "prepare",
-        {"program.turn": "program.slew"},
+        {"program.turn": "program.slew", "error.gauge": "error.normalization"},
     ),
 }
 """All kinds of scenarios by name; to add a kind, write a module and add an entry to this dictionary."""

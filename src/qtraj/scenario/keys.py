@@ -142,7 +142,7 @@ class AttitudePart(Part):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     quaternion: Quaternion | None = key(
-        "quaternion, which need not be normalised", None, values="four finite numbers, scalar first, not all zero"
+        "quaternion of any norm except 0", None, values="four finite numbers, scalar first, not all zero"
     )
     euler: Vector | None = key("Euler angles [angle]", None, values="three finite angles in the order of 'sequence'")
     sequence: Text | None = key("axes of the Euler angles", None, values=SEQUENCE)

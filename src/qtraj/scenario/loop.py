@@ -13,23 +13,23 @@ from qtraj.foundation.types import Quat
 from qtraj.io.input_file import read_input
 from qtraj.io.saved import saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.laws import AbstractLaw
-from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
+from qtraj.motion.programs.euler_turn import SlewSequence, ends_at_rest
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import frame_named, name_of
+from qtraj.motion.programs.rotation_minimizing import Frame, frame_named, name_of
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.loop_verdict import SETTLED
 from qtraj.motion.simulation.sensor import AbstractSensor
-from qtraj.path.existence import MISSING, first_undefined
+from qtraj.path.existence import require_defined
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.thrust_aligned import ThrustAligned
 from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario import keys
 from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, one_of, radians, with_hyphens
-from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
+from qtraj.scenario.loop_parts import ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, scenario_in
 from qtraj.scenario.slew import SlewPart
@@ -51,9 +51,9 @@ class ProgramPart(Part):
         values="the name of a path scenario or a saved path, relative to the scenario",
     )
     frame: Annotated[str, one_of(FRAMES), AfterValidator(with_hyphens)] | None = key(
-        "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
-        "binormal, which flips at inflections of the path; 'rotation-minimizing', zero rate about the tangent; "
-        "or 'thrust-aligned', z along the thrust, for multirotors",
+        "frame of the path: 'upright' (default: x forward, y left, z up), 'natural' (tangent, principal normal, "
+        "binormal; flips at inflections of the path), 'rotation-minimizing' (zero rate about the tangent) or "
+        "'thrust-aligned' (z along the thrust, for multirotors)",
         None,
     )
     up: keys.Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
@@ -75,10 +75,7 @@ class ProgramPart(Part):
             yield f"{problem}: specify one of {SOURCES}"
         if self.path is None and (extra := self.given("frame", "up", "heading")):
             yield f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
-        if self.up is not None and ((self.frame or UPRIGHT) != UPRIGHT or not any(self.up)):
-            yield "the key 'up' is valid only with frame = 'upright', and must not be zero"
-        if self.heading is not None and self.frame != THRUST_ALIGNED:
-            yield "the key 'heading' is valid only with frame = 'thrust-aligned'"
+        self.path_frame("rad")  # raises for settings of another frame
 
     def describe(self, program: AbstractProgram) -> str:
         """Describe the program as text."""
@@ -88,20 +85,19 @@ class ProgramPart(Part):
             return f"{type(program).__name__} of {self.file}"
         return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
 
+    def path_frame(self, angles: str, chosen: str | None = None) -> Frame:
+        """Return the frame of the path; a `chosen` frame overrides the frame of the scenario."""
+        own = self.frame or UPRIGHT
+        if chosen not in (None, own):
+            return frame_named(chosen)
+        return frame_named(own, self.up, None if self.heading is None else radians(angles) * self.heading)
+
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
-        name = chosen or self.frame or UPRIGHT
-        frame = frame_named(name)
-        if name == THRUST_ALIGNED and self.heading is not None:
-            frame = ThrustAligned(radians(angles) * self.heading)
-        if name == UPRIGHT and self.up is not None:
-            frame = Upright(self.up)
-        if isinstance(frame, AbstractFrame) and (when := first_undefined(path, frame)) is not None:
-            other = NATURAL if name == UPRIGHT else UPRIGHT
-            raise ValueError(
-                f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): use frame = "
-                f"'{other}' or '{MINIMIZING}', or --frame with one of these values"
-            )
+        frame = self.path_frame(angles, chosen)
+        if isinstance(frame, AbstractFrame):
+            with naming("[program]: "):
+                require_defined(path, frame)
         return FrameProgram(path, frame)
 
 
@@ -109,7 +105,7 @@ class SimulationPart(Part):
     """The times and tolerances of the simulation."""
 
     duration: keys.Seconds | None = key(
-        "simulated time; default: the duration of the program; it may be longer only if the program ends at rest", None
+        "simulated time; default: the duration of the program; a longer time requires a program that ends at rest", None
     )
     samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
         "number of instants in the table; the option --samples overrides it",
@@ -140,25 +136,13 @@ class LoopScenario(NamedPart):
     simulation: SimulationPart = key("times and tolerances", SimulationPart())
 
     def _faults(self) -> Iterator[str]:
-        if self.law.kind == "rate":
-            if self.disturbance is not None:
-                yield "[disturbance] cannot be used with a law of kind 'rate', which commands the rate directly"
-            if self.sensor is not None and self.sensor.kind == "gyros":
-                yield "[sensor] of kind 'gyros' cannot be used with a law of kind 'rate', whose rate is discontinuous"
-            if any(self.error.rate):
-                yield "'error.rate' cannot be used with a law of kind 'rate', which commands the rate directly"
-        if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
-            yield "error.gauge = 'gibbs' is valid only with laws of kind 'body' or 'inertial'"
-        if self.error.gauge == "gibbs" and self.error.sign == "far":
-            yield "error.sign = 'far' contradicts error.gauge = 'gibbs', which means μ0 = 1: remove one of these keys"
+        if self.law.kind == "rate" and any(self.error.rate):
+            yield "'error.rate' cannot be used with a law of kind 'rate', which commands the rate directly"
         if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
             yield (
                 f"'error.sign' cannot be used with a law of kind '{self.law.kind}', whose command is the same for λ "
                 "and −λ"
             )
-        samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
-        if len(set(samplings)) > 1:
-            yield "sensor.sampling and actuator.sampling differ: use the same period for both, or remove one of them"
 
 
 class LoopTask(NamedTuple):
@@ -188,17 +172,17 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
     """
     scenario, simulation = loaded.scenario, loaded.scenario.simulation
     scale = radians(scenario.angles)
-    program = _program(loaded, frame)
-    times = _times(scenario, program, samples)
-    with naming("[law]: "):
-        law = scenario.law.law()
-    quaternion, rate = scenario.error.state(scenario.angles, program(jnp.asarray(0.0)), law)
     disturbance = scenario.disturbance and scenario.disturbance.disturbance(scale)
     sensor = scenario.sensor and scenario.sensor.sensor(scale)
     actuator = scenario.actuator and scenario.actuator.actuator(scale)
-    sampled = scenario.sensor is not None and scenario.sensor.sampling is not None
-    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # too many commands are an error
-        renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
+    law, program = scenario.law.law(), _program(loaded, frame)
+    times = _times(scenario, program, samples)
+    with naming("[law]: "):  # raises for parts that a rate law cannot have
+        loop = Loop(program, law, disturbance, sensor, actuator or Actuator())
+    quaternion, rate = scenario.error.state(scenario.angles, program(jnp.asarray(0.0)), law)
+    sampled = sensor is not None and sensor.sampling is not None
+    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # raises for too many commands
+        renewal_instants(loop, jnp.asarray(times))
     settled = SETTLED if simulation.settled is None else scale * simulation.settled
     around = disturbance, sensor, actuator
     return LoopTask(program, law, quaternion, rate, times, *around, simulation.rtol, simulation.atol, settled)
@@ -227,12 +211,10 @@ def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None
     duration = scenario.simulation.duration or end
     if duration <= 0:
         raise ValueError("the program has zero duration: specify simulation.duration [s]")
-    moving = isinstance(program, EulerTurn) and float(program.profile.end_rate) != 0
-    rests = isinstance(program, EulerTurn | SlewSequence) and not moving
-    if duration > end * (1 + LONGER) and not rests:
+    if duration > end * (1 + LONGER) and not ends_at_rest(program):
         raise ValueError(
             f"the key 'simulation.duration' has the value {duration:.15g}, but must be at most {end:.15g} s, the "
-            f"duration of the program{', which does not end at rest' if moving else ''}"
+            "duration of the program, which is not a slew that ends at rest"
         )
-    duration = duration if rests else min(duration, end)
+    duration = duration if ends_at_rest(program) else min(duration, end)
     return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

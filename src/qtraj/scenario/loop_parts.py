@@ -8,14 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
-from qtraj.foundation.toml_fault import quoted
+from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
 from qtraj.motion.attitude import Attitude
-from qtraj.motion.control import gains
-from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
-from qtraj.motion.control.errors import KINDS as LINEAR
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
-from qtraj.motion.control.quaternion_sign import HALF_TURN, place
+from qtraj.motion.control.feedback_law import LAWS, feedback_law
+from qtraj.motion.control.gains import RESIDUAL
+from qtraj.motion.control.laws import AbstractLaw
+from qtraj.motion.control.quaternion_sign import place
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import (
     AbstractDisturbance,
@@ -27,11 +26,7 @@ from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
 from qtraj.scenario import keys
 from qtraj.scenario.keys import AttitudePart, Part, key, one_of, radians
 
-BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
-"""Established feedback laws whose error equation is not linear."""
-GAINS = ("k1", "k", "settling_time", "damping", "weights")
 GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of finite numbers"
-WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
 SEEDS = 2**63
 """Exclusive upper bound of the seeds of `jax.random`."""
 AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis', angle per s² (angle per s for a rate law)"
@@ -61,98 +56,57 @@ class FeedbackPart(Part):
     'rate' needs k or settling_time.
     """
 
-    kind: Annotated[str, one_of((*LINEAR, "rate", *BASELINES))] = key("the feedback law", "body")
+    kind: Annotated[str, one_of(LAWS)] = key("the feedback law", "body")
     k1: Gain | None = key("gain of the rate of the error", None, unit="1/s")
     k2: Gain | None = key("gain of the error", None, unit="1/s²")
     k: Gain | None = key("gain of the rate law", None, unit="1/s")
     settling_time: keys.Seconds | None = key(
-        "time in which the critically damped error decays to the fraction 'residual'", None
+        "time in which the error decays to the fraction 'residual' of its initial value", None
     )
-    residual: Annotated[float, Field(gt=0, lt=1)] = key(
-        "fraction of the initial error at settling_time", 0.02, values="a number between 0 and 1"
+    residual: Annotated[float, Field(gt=0, lt=1)] | None = key(
+        f"fraction of the initial error at settling_time; default: {RESIDUAL}", None, values="a number between 0 and 1"
     )
     damping: keys.Positive | None = key("damping ratio", None)
     frequency: keys.Positive | None = key("undamped natural frequency", None, unit="rad/s")
     weights: WeightsPart | None = key("weights of a linear-quadratic regulator", None, values="a table [law.weights]")
 
     def _faults(self) -> Iterator[str]:
-        for a, b in (("k1", "k2"), ("damping", "frequency")):
-            if len(set_keys := self.given(a, b)) == 1:
-                missing = b if set_keys == [a] else a
-                yield f"the key '{missing}' is missing: {a} and {b} must be specified together"
-        forms = self.given(*GAINS)
-        ways = "k or settling_time" if self.kind == "rate" else WAYS
-        if len(forms) != 1:
-            if forms:
-                yield f"the gains are specified in several ways ({', '.join(forms)}): specify only one of {ways}"
-            yield f"there are no gains: specify one of {ways}"
-        allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
-        if forms[0] not in allowed:
-            yield f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': specify {ways}"
-        if self.settling_time is None and "residual" in self.model_fields_set:
-            yield "the key 'residual' requires 'settling_time', which is missing"
-        size = 4 if self.kind in (*LINEAR, "rate") else 3
-        for name in self.given("k1", "k2", "k"):
-            value = getattr(self, name)
-            lists = [value, *value] if isinstance(value, list) else []  # the rows of a matrix are lists too
-            if any(isinstance(part, list) and len(part) != size for part in lists):
-                yield (
-                    f"the key '{name}' has the value {quoted(value)}, but must be a number, {size} numbers for a "
-                    f"diagonal, or a {size} × {size} matrix for a law of kind '{self.kind}'"
-                )
+        self.law()  # raises for gains that are not valid
+        yield from ()
 
     def law(self) -> AbstractLaw:
         """Return the feedback law."""
-        if self.kind == "rate":
-            if self.settling_time is not None:
-                return RateLaw(gains.rate_from_settling_time(self.settling_time, self.residual))
-            return RateLaw(jnp.asarray(self.k, float))
-        k1, k2 = self._gains()
-        return AccelerationLaw(k1, k2, self.kind) if self.kind in LINEAR else BASELINES[self.kind](k1, k2)
-
-    def _gains(self) -> tuple[Any, Any]:
-        if self.settling_time is not None:
-            return gains.from_settling_time(self.settling_time, self.residual)
-        if self.damping is not None and self.frequency is not None:
-            return gains.from_damping(self.damping, self.frequency)
-        if self.weights is not None:
-            return gains.from_weights(self.weights.error, self.weights.rate, self.weights.command)
-        return jnp.asarray(self.k1, float), jnp.asarray(self.k2, float)
+        return feedback_law(**self.model_dump(exclude_none=True))
 
 
 class ErrorPart(AttitudePart):
     """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
 
-    rate: keys.Vector = key("rate of the body minus rate of the program", [0.0, 0.0, 0.0], unit="angle/s")
+    rate: keys.Vector = key("rate of the body minus rate of the program, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
-        "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the sign with the larger minimum of "
-        "|μ|; 'near', the sign with μ0 ≥ 0; or 'far', the sign with μ0 ≤ 0, which excludes gauge = 'gibbs'; not for "
-        "the laws 'quaternion', 'geometric' and 'logarithmic'",
+        "sign of the initial λ (λ and −λ represent the same attitude): 'near', μ0 ≥ 0; 'far', μ0 ≤ 0, which excludes "
+        "normalization = 'gibbs'; or 'auto', the sign with the larger minimum of |μ| (for the law 'additive', as "
+        "'near'); not for the laws 'quaternion', 'geometric' and 'logarithmic'",
         "auto",
     )
-    gauge: Literal["unit", "gibbs"] = key(
-        "initial values of |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values with which the Gibbs vector of the error "
-        "satisfies the linear equation of the law",
+    normalization: Literal["unit", "gibbs"] = key(
+        "initial |λ| and ω0: 'unit', |λ| = 1 and ω0 = 0; or 'gibbs', such that the Gibbs vector g of the error "
+        "satisfies g̈ + k1ġ + k2g = 0",
         "unit",
     )
 
     def state(self, angles: str, start: Attitude, law: AbstractLaw) -> tuple[Quat, Quat]:
         """Return the initial λ and ω, for the initial attitude `start` of the program."""
-        mu = self.unit_quaternion(angles)
-        mu = jnp.asarray([1.0, 0.0, 0.0, 0.0]) if mu is None else mu
-        if self.gauge == "gibbs" and abs(float(mu[0])) < HALF_TURN:
-            raise ValueError(
-                "error.gauge = 'gibbs' is not possible for an error of a half turn, which has no Gibbs vector: use "
-                "error.gauge = 'unit'"
-            )
-        return place(law, start, mu, radians(angles) * jnp.asarray(self.rate), self.sign, self.gauge)
+        rate = radians(angles) * jnp.asarray(self.rate)
+        with naming("the key 'error.normalization': "):
+            return place(law, start, self.unit_quaternion(angles), rate, self.sign, self.normalization)
 
 
 class DisturbancePart(Part):
     """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
     acceleration: keys.Vector | None = key("angular acceleration", None, unit="angle/s²")
-    torque: keys.Vector | None = key("torque, with inertia", None, unit="N m")
+    torque: keys.Vector | None = key("torque; requires the key 'inertia'", None, unit="N m")
     inertia: keys.Inertia | None = key("inertia of the body", None)
     period: keys.Seconds | None = key("period of a sinusoid", None)
     phase: keys.Number = key("phase of a sinusoid", 0.0, unit="angle")
@@ -182,12 +136,14 @@ class SensorPart(Part):
     kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
     sampling: keys.Seconds | None = key("sampling period; default: continuous", None)
     rate_bias: keys.Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
-    rate_noise: keys.NotNegative = key("standard deviation of each sample of the rate", 0.0, unit="angle/s")
+    rate_noise: keys.NotNegative = key("standard deviation of the rate noise about each axis", 0.0, unit="angle/s")
     attitude_bias: keys.Vector = key(
-        "bias of the attitude; for gyros, the error of the initial attitude", [0.0, 0.0, 0.0], unit="angle"
+        "bias of the attitude as a rotation vector; for gyros, the error of the initial attitude",
+        [0.0, 0.0, 0.0],
+        unit="angle",
     )
     attitude_noise: keys.NotNegative = key(
-        "standard deviation of each sample of the attitude; not for gyros", 0.0, unit="angle"
+        "standard deviation of the attitude noise about each axis; not for gyros", 0.0, unit="angle"
     )
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", 0, values="an integer from 0 to 2⁶³ − 1")
 
@@ -217,8 +173,8 @@ class ActuatorPart(Part):
     sampling: keys.Seconds | None = key("sampling period of the command; default: continuous", None)
 
     def _faults(self) -> Iterator[str]:
-        if isinstance(self.limit, list) and self.saturation == "norm":
-            yield "a limit for each axis requires saturation = 'axis'"
+        self.actuator(1.0)  # raises in the units of the file
+        yield from ()
 
     def actuator(self, scale: float) -> Actuator:
         """Return the actuator; `scale` converts angles to radians."""

@@ -75,7 +75,7 @@ class VehiclePart(Part):
         None,
     )
     drag_area: keys.NotNegative = key("drag coefficient times frontal area", 0.0, unit="m²")
-    rolling_resistance: keys.NotNegative = key("rolling resistance divided by the load on the road", 0.0, unit="-")
+    rolling_resistance: keys.NotNegative = key("coefficient of rolling resistance", 0.0, unit="-")
     friction: keys.Positive | keys.PositivePair = key(
         "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
         "quantity `friction` is the coefficient of friction that the path requires of the road",
@@ -88,7 +88,7 @@ class VehiclePart(Part):
         values="a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
     )
     air_density: keys.NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
-    gravity: keys.NotNegative = key("gravity, downwards", GRAVITY, unit="m/s²")
+    gravity: keys.NotNegative = key("gravitational acceleration, downwards", GRAVITY, unit="m/s²")
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle of this table."""

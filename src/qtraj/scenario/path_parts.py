@@ -39,7 +39,7 @@ class AnglesPart(Part):
     )
     unit: keys.Angles = key("the unit of the columns")
     body: Literal["forward-right-down", "forward-left-up"] = key(
-        "directions of the body axes x, y, z, about which roll and pitch are right-handed"
+        "directions of the body axes x, y, z; roll is positive about x and pitch about y, by the right-hand rule"
     )
 
 
@@ -57,7 +57,7 @@ class TrackPart(Part):
     columns: dict[Recorded, keys.Text | list[keys.Text]] | None = key(
         "names of columns that are not recognised automatically",
         None,
-        values="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
+        values="column names of 'time', 'position', 'velocity', 'attitude' or 'rate'; an empty list omits the quantity",
     )
     angles: AnglesPart | None = key(
         "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
@@ -98,7 +98,8 @@ class FitPart(Part):
     """The settings of the fit of a path to a recording."""
 
     motion: Motion | None = key(
-        "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", None
+        "angle about the axis: linear in time ('uniform'), or a polynomial ('hermite'); default: the motion in [tune]",
+        None,
     )
     position_sigma: keys.Metres | None = key(
         f"standard deviation of a recorded position; default: {POSITION_SIGMA}", None
@@ -124,11 +125,13 @@ class TunePart(Part):
     """The settings of the tuning."""
 
     objective: Objective = key(
-        "the quantity to minimise: the change of the boundary velocities (not of the path), the duration, or the jerk",
+        "the quantity to minimise: the change of the boundary velocities, and of the duration of a hermite path "
+        "('nearest'); the duration ('fastest'); or the integral of the squared jerk ('smoothest')",
         "nearest",
     )
     motion: Motion | None = key(
-        "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], otherwise 'uniform'",
+        "angle about the axis: linear in time ('uniform'), or a polynomial ('hermite'); default: 'hermite' for a "
+        "[track], otherwise 'uniform'",
         None,
     )
     duration: keys.Seconds | None = key(
@@ -149,8 +152,8 @@ class TunePart(Part):
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
     )
     corridor: keys.Metres | None = key(
-        "maximum distance between the two paths at the same fraction of their durations; the azimuth difference "
-        "enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
+        "maximum distance between the original and the tuned path, at the same fraction of their durations; the "
+        "azimuth difference enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
         None,
     )
     starts: keys.Counts = key(
@@ -204,8 +207,8 @@ class RetimePart(Part):
     start_speed: keys.Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
     end_speed: keys.Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
     knots: Annotated[int, checked_by(require_knots)] = key(
-        "number of timing cells for each drive between two stops; with more cells, the duration is closer to the "
-        "minimum",
+        "minimum number of timing cells for each drive between two stops; with more cells, the duration is closer to "
+        "the shortest possible duration",
         512,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )

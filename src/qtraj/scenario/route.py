@@ -63,7 +63,9 @@ class RouteTunePart(Part):
 
     tube: keys.Metres = key("largest distance from the fitted route, horizontally and vertically", 0.5)
     objective: Literal["nearest", "smoothest", "fastest"] = key(
-        "the quantity to minimise: the change of the route, the jerk, or the duration", "nearest"
+        "the quantity to minimise: the change of the route ('nearest'), the integral of the squared jerk ('smoothest') "
+        "or the duration ('fastest')",
+        "nearest",
     )
     max_steps: keys.Counts = key("maximum number of steps of all searches together", 300)
 

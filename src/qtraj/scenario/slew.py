@@ -6,26 +6,14 @@ from typing import Annotated
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.profiles.profile import AbstractProfile
-from qtraj.motion.profiles.s_curve import SCurve
-from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
-from qtraj.motion.profiles.time_optimal import TimeOptimal
+from qtraj.motion.profiles.profile import AbstractProfile, is_fixed
+from qtraj.motion.profiles.slew_profile import END_RATES, LIMITS, POLYNOMIALS, PROFILES, slew_profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.motion.programs.slew_verdict import judge_slew
 from qtraj.scenario import keys
 from qtraj.scenario.keys import ANGLES, KnownAttitudePart, NamedPart, Part, key, one_of, radians
 from qtraj.scenario.reader import ScenarioFile
-
-LAWS = {"time_optimal": TimeOptimal, "s_curve": SCurve, "cubic": Cubic, "quintic": Quintic, "septic": Septic}
-LIMITS = ("max_rate", "max_acceleration", "max_jerk")
-END_RATES = ("start_rate", "end_rate")
-FIXED = ("duration", *END_RATES)
-"""Keys of slews that cannot be slowed down."""
-NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
-"""The limits that are required even if a duration is specified."""
-JERKY = ("time_optimal", "cubic")
-"""Profiles whose acceleration jumps during the slew or at its ends, so that the jerk cannot be limited."""
 
 
 class SlewLawPart(Part):
@@ -36,7 +24,7 @@ class SlewLawPart(Part):
     the limits.
     """
 
-    kind: Annotated[str, one_of(LAWS)] = key("the motion profile", "time_optimal")
+    kind: Annotated[str, one_of(PROFILES)] = key("the motion profile", "time_optimal")
     max_rate: keys.Positive | None = key("limit on the rate", None, unit="angle/s")
     max_acceleration: keys.Positive | None = key("limit on the acceleration", None, unit="angle/s²")
     max_jerk: keys.Positive | None = key(
@@ -51,30 +39,8 @@ class SlewLawPart(Part):
     end_rate: keys.Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
 
     def _faults(self) -> Iterator[str]:
-        needed = NEEDED.get(self.kind)
-        for name in needed or ():
-            if getattr(self, name) is None:
-                yield f"a slew of kind '{self.kind}' needs the key '{name}', which is missing"
-        if self.kind in JERKY and self.max_jerk is not None:
-            other = "'s_curve'" if self.kind == "time_optimal" else "'quintic', 'septic' or 's_curve'"
-            yield (
-                f"max_jerk cannot be used with a {self.kind} slew, whose acceleration is discontinuous: use kind = "
-                f"{other}"
-            )
-        if self.kind != "time_optimal" and (extra := self.given(*END_RATES)):
-            yield (
-                f"the key '{extra[0]}' is valid only with kind = 'time_optimal': a slew of kind '{self.kind}' starts "
-                "and ends at rest"
-            )
-        if needed is None and not self.given(*LIMITS, "duration"):
-            limits = LIMITS[:2] if self.kind in JERKY else LIMITS
-            yield f"a {self.kind} slew needs a duration or a limit: {', '.join(limits)}"
-        for name in self.given(*END_RATES):
-            if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
-                yield (
-                    f"the key '{name}' has the value {getattr(self, name)!r}, but must be at most max_rate = "
-                    f"{self.max_rate!r}"
-                )
+        slew_profile(**self.model_dump(exclude_none=True))  # raises in the units of the file
+        yield from ()
 
     def limits(self, angles: str) -> dict[str, float]:
         """Return the limits that are set, by name, with angles in radians; `angles` is "deg" or "rad"."""
@@ -82,9 +48,9 @@ class SlewLawPart(Part):
 
     def law(self, angles: str) -> AbstractProfile:
         """Return the motion profile; the limits of a polynomial with a duration are checked later."""
-        limits = self.limits(angles) if self.duration is None or self.kind in NEEDED else {}
-        ends = {name: radians(angles) * getattr(self, name) for name in self.given(*END_RATES)}
-        return LAWS[self.kind](**{"max_rate": None} | limits | ends, duration=self.duration)
+        judged = self.duration is not None and self.kind in POLYNOMIALS
+        rates = {name: radians(angles) * getattr(self, name) for name in self.given(*END_RATES)}
+        return slew_profile(self.kind, duration=self.duration, **({} if judged else self.limits(angles)), **rates)
 
 
 class BodyPart(Part):
@@ -92,7 +58,8 @@ class BodyPart(Part):
 
     inertia: keys.Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
     max_torque: keys.Positive | keys.PositiveVector | None = key(
-        "limit on the torque, for the norm or for each component in body axes; to satisfy it, the slew is slowed down",
+        "limit on the torque, for the norm or for each component in body axes; a slew without 'duration', 'start_rate' "
+        "and 'end_rate' is slowed down to satisfy the limit",
         None,
         values="one or three positive finite numbers [N m]",
     )
@@ -107,11 +74,7 @@ class SlewPart(Part):
     )
     end: KnownAttitudePart = key("the last attitude", values="a table [end] with an attitude")
     law: SlewLawPart = key("the motion profile")
-    body: BodyPart | None = key("the body, for torques and a limit on the torque", None)
-
-    def _faults(self) -> Iterator[str]:
-        if self.via and (extra := self.law.given(*END_RATES)):
-            yield f"'law.{extra[0]}' cannot be used with a sequence of slews, which comes to rest at each attitude"
+    body: BodyPart | None = key("the body; required for torques and for a limit on the torque", None)
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
         """Return all attitudes in order of time, by the names of their tables."""
@@ -124,18 +87,18 @@ class SlewPart(Part):
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """
-        attitudes, body = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()]), self.body
+        attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
         with naming("[law]: "):
             law = self.law.law(angles)
-            program = SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
-            if body is None or body.max_torque is None or self.law.given(*FIXED):
+            program = SlewSequence(attitudes, law) if self.via else EulerTurn(attitudes[0], attitudes[1], law)
+            if is_fixed(law) or self.body is None or self.body.max_torque is None:
                 return program
-            return within_torque(program, body.inertia, body.max_torque)
+            return within_torque(program, self.body.inertia, self.body.max_torque)
 
     def program_within_limits(self, angles: str) -> EulerTurn | SlewSequence:
         """Return the program, or raise a ValueError if it violates its limits."""
         program, body = self.program(angles), self.body
-        if self.law.given(*FIXED):
+        if is_fixed(program.law):
             verdict = judge_slew(program, self.law.limits(angles), body and body.inertia, body and body.max_torque)
             if not verdict.met:
                 raise ValueError(verdict.result)

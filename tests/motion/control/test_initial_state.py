@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import qtraj as qt
 from qtraj.motion import control
 from qtraj.motion.control import gains
+from qtraj.motion.control.baselines import BASELINES
 
 from ..rigs import Rest, ThreeAxis, random_gains
 
@@ -48,12 +49,37 @@ def test_the_gibbs_normalization_has_a_unit_scalar_part_for_both_signs():
         np.testing.assert_allclose(mu[1:], MU[1:] / MU[0], atol=EXACT)
 
 
+def test_the_gibbs_vector_of_a_rate_law_decays_exponentially():
+    """ġ + Kg = 0: with the Gibbs normalization, μ0 = 1 and μ_v = g at all times."""
+    law, times = control.RateLaw(0.7), np.linspace(0.0, 3.0, 7)
+    quaternion, rate = control.place(law, Rest()(0.0), MU, jnp.zeros(3), "near", "gibbs")
+    motion = qt.simulate(Rest(), law, quaternion, rate, times, sign="as given")
+    np.testing.assert_allclose(motion.error[:, 0], 1.0, atol=1e-9)
+    expected = np.exp(-0.7 * times)[:, None] * np.asarray(MU[1:] / MU[0])
+    np.testing.assert_allclose(motion.error[:, 1:], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "law", [control.AccelerationLaw(2.0, 1.0, "additive"), *(law(2.0, 1.0) for law in BASELINES.values())]
+)
+def test_the_gibbs_normalization_needs_a_linear_equation_of_the_gibbs_vector(law):
+    with pytest.raises(ValueError, match="only for a law with the body or the inertial error"):
+        control.place(law, Rest()(0.0), MU, RATE_ERROR, "near", "gibbs")
+
+
+def test_without_an_attitude_error_the_body_has_the_attitude_of_the_program():
+    at = ThreeAxis()(0.4)
+    quaternion, rate = control.place(LAW, at, None, jnp.zeros(3))
+    np.testing.assert_allclose(quaternion, at.quaternion, atol=EXACT)
+    np.testing.assert_allclose(rate, [0.0, *at.rate], atol=EXACT)
+
+
 @pytest.mark.parametrize(
     ("mu", "choices", "message"),
     [
         (MU, ("nearest",), "sign must be one of"),
         (MU, ("near", "euler"), "normalization must be one of"),
-        (MU, ("far", "gibbs"), "contradicts sign='far'"),
+        (MU, ("far", "gibbs"), "contradicts the sign 'far'"),
         (jnp.asarray([0.0, 1.0, 0, 0]), ("near", "gibbs"), "half turn"),
     ],
 )
@@ -119,7 +145,7 @@ def test_closed_motions_are_labelled_data(closed):
     np.testing.assert_array_equal(dataset["time"], one.times)
     np.testing.assert_array_equal(dataset["error"].sel(component="y"), one.error[:, 2])
     assert batch.to_xarray()["angle"].dims == ("batch", "sample")
-    assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: angle to the program ")
+    assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: attitude error ")
     assert repr(batch).startswith("ClosedMotion(batch of 3, 4 instants, ")
 
 

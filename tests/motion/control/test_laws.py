@@ -209,9 +209,11 @@ def test_commands_have_finite_derivatives_on_the_program_and_at_half_turns(law):
 
 
 def test_wrong_gains_and_errors_are_refused():
-    with pytest.raises(ValueError, match=r"k1 must be a scalar, \(4,\) for a diagonal"):
+    with pytest.raises(
+        ValueError, match=r"k1 must be a number, 4 numbers for a diagonal, or a 4 × 4 matrix, but .* with shape \(3,\)"
+    ):
         AccelerationLaw(np.ones(3), 1.0)
-    with pytest.raises(ValueError, match=r"k2 must be a scalar, \(3,\) for a diagonal"):
+    with pytest.raises(ValueError, match=r"k2 must be a number, 3 numbers for a diagonal, or a 3 × 3 matrix"):
         LogarithmicFeedback(1.0, np.ones(4))
     with pytest.raises(ValueError, match="finite"):
         RateLaw(np.nan)

@@ -214,7 +214,7 @@ def test_profiles_are_stored_exactly(make, suffix, tmp_path):
         (lambda: TimeOptimal(-1.0, 1.0), "max_rate must be positive"),
         (lambda: TimeOptimal(1.0, 0.0), "max_acceleration must be positive"),
         (lambda: TimeOptimal(1.0, math.inf), "max_acceleration must be positive and finite"),
-        (lambda: TimeOptimal(1.0, 1.0, end_rate=-1.5), "end_rate = -1.5 rad/s was given"),
+        (lambda: TimeOptimal(1.0, 1.0, end_rate=-1.5), "end_rate = -1.5 and max_rate = 1.0 were given"),
         (lambda: TimeOptimal(1.0, 1.0, start_rate=math.nan), "start_rate must be finite"),
         (lambda: SCurve(1.0, 1.0, math.nan), "max_jerk must be positive"),
         (lambda: Quintic(), "needs a duration"),

@@ -3,7 +3,14 @@
 import numpy as np
 
 import qtraj as qt
-from qtraj.motion.programs.slew_facts import slew_fact_rows, slew_limit_rows, vector_text
+from qtraj.motion.programs.slew_facts import (
+    MOTION_HEADERS,
+    end_rates_text,
+    end_texts,
+    slew_fact_rows,
+    slew_limit_rows,
+    vector_text,
+)
 
 QUARTER = qt.EulerTurn([1.0, 0.0, 0.0, 0.0], [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], qt.TimeOptimal(0.2, 0.1))
 
@@ -21,3 +28,21 @@ def test_a_slew_and_its_limits():
 def test_vectors_as_text():
     assert vector_text([0.0, -0.0, 1 / 3]) == "(0.000000, 0.000000, 0.333333)"
     assert vector_text([np.nan, 0.0, 1.0]) == "-"
+
+
+def test_the_end_is_explained_if_its_sign_is_not_as_requested():
+    slow = qt.EulerTurn(QUARTER.start_q, QUARTER.end_q, qt.Quintic(60.0))
+    [fastest] = end_texts(qt.judge_slew(slow, {"max_rate": 0.2}))
+    assert fastest.startswith("The fastest slew within the limits takes ")
+    opposite = qt.judge_slew(QUARTER, end=[-np.sqrt(0.5), 0.0, 0.0, -np.sqrt(0.5)])
+    assert "the specified quaternion with the opposite sign" in end_texts(opposite)[0]
+
+
+def test_rates_at_the_ends_are_a_discontinuity():
+    assert end_rates_text(QUARTER.law) == end_rates_text(qt.Quintic(2.0)) == ""
+    text = end_rates_text(qt.TimeOptimal(0.2, 0.1, end_rate=np.radians(3.0)))
+    assert text.startswith("The slew ends at 3°/s, but the program is at rest before and after the slew")
+
+
+def test_the_headers_name_columns_of_the_history():
+    assert set(MOTION_HEADERS) <= set(qt.slew_history(QUARTER, [0.0, 1.0]).record().everything())

@@ -1,10 +1,19 @@
 """A closed loop simulated at dense instants and assessed, and the facts about it as text."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.motion.simulation.loop_facts import gains_of, gains_text, loop_fact_rows, stability_text
+from qtraj.motion.simulation.loop_facts import (
+    deviation_text,
+    gains_of,
+    gains_text,
+    limit_of,
+    loop_fact_rows,
+    motion_headers,
+    stability_text,
+)
 
 PROGRAM = qt.EulerTurn([1.0, 0.0, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0], qt.TimeOptimal(0.2, 0.1))
 LAW = qt.AccelerationLaw(2.0, 1.0)
@@ -48,3 +57,32 @@ def test_facts_as_text(assessed):
     assert rows["evaluated at"] == f"{len(assessed[0].times)} instants, more than in the table"
     assert stability_text(assessed[1]) is None
     assert gains_text(gains_of(qt.AccelerationLaw([1.0, 2.0, 3.0, 4.0], np.eye(4)))) == "k1 = (1, 2, 3, 4), k2 = matrix"
+
+
+def test_the_limit_of_the_actuator_as_data():
+    assert limit_of(None) == limit_of(qt.Actuator()) == {"command_limit": None, "saturation": None}
+    assert limit_of(qt.Actuator([1.0, 2.0, 3.0], saturation="axis")) == {
+        "command_limit": [1.0, 2.0, 3.0],
+        "saturation": "axis",
+    }
+
+
+def test_the_open_loop_and_a_deviation_are_described(assessed):
+    history, verdict = assessed
+    assert dict(loop_fact_rows(verdict, open_loop_angle=np.pi))["without feedback"].startswith("180° from the program")
+    assert dict(loop_fact_rows(verdict, open_loop_angle=np.nan))["without feedback"] == "-"
+    assert deviation_text(verdict) is None
+    wrong = eqx.tree_at(lambda v: v.deviation, verdict, 2 * verdict.bound)
+    assert deviation_text(wrong).startswith(f"The deviation from the closed form exceeds {float(verdict.bound):.3g}")
+    title, headers = motion_headers(verdict, open_loop=True)
+    assert "magnitude of the command [°/s²]" in title
+    assert set(headers) <= set(history.record().everything())
+    assert "open_loop_angle" not in motion_headers(verdict)[1]
+    assert "closed_form_angle" in headers
+
+
+def test_the_last_instant_that_was_reached():
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    states = (quaternion, np.where(np.arange(3)[:, None] < 2, quaternion, np.nan), np.full((3, 4), np.nan))
+    found = [qt.Solution([0.0, 1.0, 2.0], state, np.zeros((3, 4)), 0).reached_text() for state in states]
+    assert found == ["", "Last instant reached: t = 1 s.", "No instant was reached."]

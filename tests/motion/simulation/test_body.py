@@ -131,7 +131,7 @@ def test_a_wheel_at_its_maximum_momentum():
     assert np.isclose(momentum[-1, 2], 0.3, atol=1e-4)
     before, after = solution.angle[8], solution.angle[-1]
     assert after > 10 * before
-    assert "the acceleration deviated from the law by up to" in solution.result.lower()
+    assert "the acceleration deviated from the command by up to" in solution.result.lower()
 
 
 def test_sampled_torques_are_held():

@@ -89,7 +89,8 @@ def test_noise_depends_on_its_key_and_has_its_standard_deviation():
     ("thing", "message"),
     [
         (lambda: Actuator(-1.0), "limit must be positive"),
-        (lambda: Actuator([1.0, 2, 3]), "must be a scalar, or have shape"),
+        (lambda: Actuator([1.0, 2, 3]), "a limit for each axis requires saturation = 'axis'"),
+        (lambda: Actuator([1.0, 2], "axis"), r"must be a scalar or have shape \(3,\), but shape \(2,\) was given"),
         (lambda: Actuator(saturation="box"), "'norm' or 'axis'"),
         (lambda: Actuator(sampling=0.0), "sampling period must be positive"),
         (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),
@@ -115,9 +116,9 @@ def test_contradictory_parts_are_refused():
 
     with pytest.raises(ValueError, match="a disturbance has no effect"):
         loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
-    with pytest.raises(ValueError, match="needs a continuous rate"):
+    with pytest.raises(ValueError, match="gyros need a continuous rate"):
         loop(RateLaw(1.0), sensor=Gyros(0.1))
-    with pytest.raises(ValueError, match="must have the same sampling"):
+    with pytest.raises(ValueError, match="sensor and actuator must have the same sampling"):
         loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
     with pytest.raises(ValueError, match=r"is later than times\[0\]"):
         loop(actuator=Actuator(sampling=[0.1, 0.2]))

@@ -8,13 +8,13 @@ track. Several axes at a minimum distance from each other are chosen, so that th
 import numpy as np
 
 SAMPLES = 256
-"""In a long recording only every k-th sample is used, which leaves between one and two times this number."""
+"""Of a long recording only every k-th sample is used, with k so that between one and two times this number remain."""
 
 RINGS, RAYS = 36, 72
 """Size of the polar grid of axes about the centre of the track; the rings are spaced geometrically."""
 
 MAX_STARTS, MIN_DISTANCE = 8, 0.25
-"""Maximum number of starts, and the minimum distance between their axes, relative to the smaller RMS radius."""
+"""Maximum number of starts, and the minimum distance between two axes, relative to the smaller of their RMS radii."""
 
 
 def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]) -> list[np.ndarray]:
@@ -41,7 +41,7 @@ def _grid(positions: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
 def _mean_square_misfit(
     axes: np.ndarray, positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """Return the mean square distance of the samples from the best path about each axis, with a penalty.
+    """Return the mean square distance of the samples from the best path about each axis, plus a penalty.
 
     The penalty is the mean squared violation of `bounds` by the radii of the samples.
     """

@@ -7,8 +7,8 @@ which the travel direction turns. The origin is the centre of the window, so tha
 the precision.
 
 Without bounds the axis would diverge, because polynomials of ρ and φ about a far axis, or about an axis that touches
-the path, fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend.
-The augmented Lagrangian method enforces the bounds by alternating searches with updates of the multipliers.
+the path, fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis close to the bend.
+The augmented Lagrangian method enforces the bounds: searches alternate with updates of the multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -42,7 +42,7 @@ BOUNDS = (0.25, 2.0)
 """Default bounds of ρ, in mean turning radii."""
 
 ROUNDS, BOUND_TOLERANCE = 15, 1e-6
-"""Maximum number of multiplier updates, and the tolerance on the bounds of ρ, in turning radii."""
+"""Maximum number of searches (between multiplier updates), and the tolerance on the bounds of ρ, in turning radii."""
 
 
 def fit(
@@ -73,8 +73,8 @@ def fit(
     not use recorded attitudes. The field `attitude` of the result contains the differences between recorded attitudes
     and the upright frame of the path (see `compare_attitude`).
 
-    Use float64. The data must have concrete values, because the fit cannot be differentiated with respect to the
-    recording. The fitted path is differentiable like any other path.
+    Use float64 and concrete values: the fit is not differentiable with respect to the recording. The fitted path is
+    differentiable like any other path.
 
     **Raises:** ValueError for an unknown motion, for sigmas, bounds or `max_steps` that are not positive, for bounds
     that allow no fit, for too few samples, or if the vehicle stands still, hardly moves, drives nearly straight, or

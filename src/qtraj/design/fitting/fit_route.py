@@ -1,10 +1,10 @@
 """Fit a route to a whole recorded drive or flight by banded linear least squares for the states at the knots.
 
-The fit minimises the sum of the squared distances of the samples, the weighted squared errors of recorded velocities,
-and `smoothing`·∫|r⃛|²dt. The weight of the velocities is the variance of the position errors divided by the variance of
-the velocity errors. Standard deviations of individual samples are converted to weights with mean 1. The computation
-uses NumPy and positions relative to the first sample. Its run time is proportional to the number of samples. Only the
-comparison with the recording is compiled.
+The fit minimises a sum of three terms: the squared distances of the samples, the weighted squared errors of recorded
+velocities, and `smoothing`·∫|r⃛|²dt. The weight of the velocities is the variance of the position errors divided by the
+variance of the velocity errors. Standard deviations of individual samples are converted to weights with mean 1. The
+computation uses NumPy and positions relative to the first sample. Its run time is proportional to the number of
+samples. Only the comparison with the recording is compiled.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ def fit_route(
     Time 0 of the route is the time of the first sample. `knots` [s] is the knot spacing, or an array of knot times that
     increase from 0 to the duration. `smoothing` [s⁵] is the weight of ∫|r⃛|²dt relative to the sum of squared distances
     [m²]. By default both are chosen by cross-validation. They minimise the error of the predicted velocities in
-    held-out intervals of 1.5 s, or of the predicted positions if no velocities are recorded. With a `tolerance` [m],
-    the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
+    held-out intervals of at least 1.5 s, or of the predicted positions if no velocities are recorded. With a
+    `tolerance` [m], the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
 
-    A stop is an interval of at least one second in which the vehicle stays within 0.1 m and is slower than 0.5 % of its
-    largest speed. At a stop the velocity and acceleration of the route are exactly zero. Samples are excluded as
-    `outliers` if their distance from the route exceeds ten times the upper quartile of the distances and changes
-    abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The method `covariance`
-    of the result returns the covariances of the states at the knots. The fit does not use recorded attitudes and
-    angular rates. The fields `attitude` and `rates` of the result compare them with the upright frame of the route (see
-    `compare_attitude` and `compare_rates`). For geographic coordinates use `read_track(..., projection=...)`. Use
-    float64. The fit is not differentiable; the route is differentiable like any other path.
+    A stop is an interval of at least one second in which the vehicle stays within 0.1 m of its mean position and is not
+    faster than 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are exactly zero.
+    Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
+    distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The
+    method `covariance` of the result returns the covariances of the states at the knots. The fit does not use recorded
+    attitudes and angular rates. The fields `attitude` and `rates` of the result compare them with the upright frame of
+    the route (see `compare_attitude` and `compare_rates`). For geographic coordinates use `read_track(...,
+    projection=...)`. Use float64. The fit is not differentiable; the route is differentiable like any other path.
 
     `position_sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recorded positions and
-    velocities: a number, (n,) for each sample, or (n, 3) for each component. Each squared error is divided by its
-    variance. The same weights apply to the errors in held-out intervals and to the detection of outliers. If one of the
-    two sigmas is not given, the corresponding errors have equal weights, and their variance is estimated from the
-    residuals of a fit to the positions.
+    velocities: a number, an array (n,) with a value for each sample, or an array (n, 3) with a value for each
+    component. Each squared error is divided by its variance. These weights also apply to the errors in held-out
+    intervals and to the detection of outliers. If one of the two sigmas is not given, the corresponding errors have
+    equal weights, and their variance is estimated from the residuals of a fit to the positions.
 
     **Raises:** ValueError for invalid knots, a tolerance, smoothing or standard deviation that is not positive, a
     tolerance that is too small, both a tolerance and a smoothing, fewer than eight samples, standard deviations of
@@ -221,7 +221,7 @@ def _with_exact_stops(states: np.ndarray, problem: Problem) -> np.ndarray:
 def _with_inliers(
     recording: Recording, problem: Problem, smoothing: float, solution: _Solution
 ) -> tuple[Recording, _Solution]:
-    """Find the outliers again with the final smoothing, and repeat the fit if other samples are outliers.
+    """Find the outliers again with the final smoothing, and repeat the fit if the set of outliers has changed.
 
     The previous outliers were found with the initial smoothing.
     """

@@ -69,7 +69,7 @@ class Fitted(AbstractOutcome):
     def program(self, frame: Frame | None = None) -> FrameProgram:
         """Return the attitude program along the path with `frame`, by default the upright frame (of a wheeled vehicle).
 
-        By default, `FrameProgram` and `evaluate` use the natural frame, which flips at inflections of the path.
+        `FrameProgram` and `evaluate` use the natural frame by default, but this frame flips at inflections of the path.
         """
         return FrameProgram(self.path, Upright() if frame is None else frame)
 
@@ -80,14 +80,17 @@ class Fitted(AbstractOutcome):
         if code == ResultCode.successful:
             return f"converged in {steps} steps."
         if code == ResultCode.held_by_bounds:
-            return f"converged in {steps} steps with a radius from {span}: {code.text}"
+            return (
+                f"converged in {steps} steps: the radius is at one of its bounds, {span}, so this window alone does "
+                "not determine the axis. Choose a window with one clear bend, or pass other radius_bounds."
+            )
         if code == ResultCode.not_converged:
             misfit = self._misfit(at, LOOSE)
             note = f" ({misfit})" if misfit else ""
             return (
                 f"not converged after {steps} steps: this may not be the best path with a radius from {span}"
-                f"{note}. Choose a window with one clear bend, or pass wider radius_bounds; "
-                "a larger max_steps helps only if the search was still making progress."
+                f"{note}. Choose a window with one clear bend, or pass wider radius_bounds. "
+                "A larger max_steps can help only if this number of steps is at least max_steps."
             )
         if code in (ResultCode.loose_fit, ResultCode.poor_fit) and np.isfinite(np.asarray(self.relative_rms)[at]):
             radius, duration = np.asarray(self.path.radius)[at], float(np.asarray(self.path.duration)[at])

@@ -91,10 +91,10 @@ class FittedRoute(AbstractOutcome):
     def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
         """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.
 
-        The covariance is the same for x, y and z, unless the fit had a standard deviation for each component. The
-        result then has the shape (3, n, 3, 3), with a covariance for each axis. The errors are assumed to be
+        The covariance is the same for x, y and z, unless the fit had a standard deviation for each component. In
+        that case the result has the shape (3, n, 3, 3), with a covariance for each axis. The errors are assumed to be
         independent. If the errors of k successive samples are correlated, the true covariance is about k times larger.
-        At the ends of a stop the velocity and acceleration are exactly zero.
+        At the ends of a stop the fitted velocity and acceleration are exactly zero, and their covariance is negligible.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))

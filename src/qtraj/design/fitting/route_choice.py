@@ -30,7 +30,8 @@ FOLDS, PERIOD = 2, 5
 """Number of folds, and the period in intervals: each fold holds out every fifth interval."""
 
 DECADES = 12
-"""Maximum number of steps in the search for the smoothing; each step is a factor of ten."""
+"""Maximum number of steps by a factor of ten in the search for the smoothing, and the range of this search, in decades,
+if a tolerance is given."""
 
 STOP_WEIGHT = 1e8
 """Weight of the equations of a stop, relative to the sum of the weights of all samples."""
@@ -61,7 +62,7 @@ class Recording(NamedTuple):
 
 
 class Fold(NamedTuple):
-    """The held-out samples of a fold: their normal equations, and the design matrix and values that are predicted.
+    """The held-out samples of a fold: their normal equations, and the design matrix and recorded values for the score.
 
     The values (k, 3) are velocities, or positions if no velocities were recorded. `weights` (k,) are 0 for outliers.
     """

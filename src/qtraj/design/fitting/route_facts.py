@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.fitting.facts import facts
+from qtraj.design.fitting.facts import TITLE as TURN_TITLE, fact_rows, facts
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.plain import plain
 
 TITLE = "Route against the recording"
@@ -28,6 +29,15 @@ def facts_of(fitted: Fitted | FittedRoute | None) -> dict[str, Any] | None:
     if fitted is None:
         return None
     return facts(fitted) if isinstance(fitted, Fitted) else route_facts(fitted)
+
+
+def fit_rows(fitted: Fitted | FittedRoute) -> tuple[str, list[tuple[str, str]], str]:
+    """Return a title, the facts as pairs of a name and a text, and a warning or a note, which may be empty."""
+    if not isinstance(fitted, Fitted):
+        return TITLE, route_fact_rows(fitted), ""
+    fit = facts(fitted)
+    note = "" if fit["status"] == ResultCode.successful.name else f"Note: {fit['result']}"
+    return TURN_TITLE, fact_rows(fit), f"Warning: {fit['warning']}" if fit["warning"] else note
 
 
 def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
@@ -52,7 +62,7 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
         values = zip(np.atleast_1d(fitted.rates.rms), np.atleast_1d(fitted.rates.correlation), strict=True)
         texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
         axes = "x, y, z" if len(texts) == 3 else "yaw"
-        rows.append(("recorded rates", f"differ by {', '.join(texts)} rad/s RMS (correlation), {axes}"))
+        rows.append(("recorded rates", f"{', '.join(texts)} rad/s RMS difference (correlation) for {axes}"))
     return rows
 
 

@@ -19,7 +19,8 @@ OUTLIER_RATIO = 10.0
 """A sample is an outlier if its distance from the route exceeds this factor times the upper quartile of distances."""
 
 MIN_JUMP = 0.5
-"""Minimum change of the error from one sample to the next, relative to the largest error of consecutive outliers."""
+"""Consecutive distant samples are outliers if the error vector changes from one sample to the next by at least this
+fraction of their largest error."""
 
 MAX_ROUNDS, REDUCTION = 12, 0.3
 """Maximum number of fits, and the factor by which the bound decreases from one fit to the next."""
@@ -68,7 +69,7 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
             part = sample_system(at.part(changed), recording.positions[changed], changes)
             samples = samples.plus(part)
         if bound == final_bound and weights.tobytes() in earlier:
-            break  # the same samples would be excluded and included again in turn
+            break  # otherwise the same samples could be excluded and included alternately
         earlier.add(weights.tobytes())
     return recording, spacing, user_knots
 
@@ -86,7 +87,7 @@ def outlier_bound(distances: np.ndarray) -> float:
 def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
     """Return a mask (n,) of the outliers, from the differences (n, 3) [m] between route and samples.
 
-    Differences are multiplied by the square roots of the weights, so that they are judged in standard deviations.
+    If standard deviations were given, the differences must already be multiplied by the square roots of the weights.
     Consecutive samples with distances above `bound` are outliers only if their distances change abruptly. Otherwise the
     knots are too far apart to follow the motion, for example a swerve between two knots.
     """

@@ -10,7 +10,7 @@ from qtraj.foundation.types import ArrayInput
 
 
 class Sigmas(NamedTuple):
-    """Relative weights (n,) or (n, 3) with mean 1, and the standard deviation of an error of weight 1.
+    """Relative weights (n,) or (n, 3) with mean 1, and `unit`, the standard deviation of an error of weight 1.
 
     The weights are inversely proportional to the variances. If no standard deviations were given, all weights are 1 and
     `unit` is None.

@@ -61,7 +61,7 @@ class Design:
 
     @cached_property
     def matrix(self) -> Any:
-        """SciPy's sparse matrix (n, 3·knots) of the rows."""
+        """The design matrix (n, 3·knots) as a sparse array of SciPy."""
         from scipy.sparse import csr_array
 
         columns = (3 * self.segment[:, None] + np.arange(WIDTH)).astype(np.int32)

@@ -89,7 +89,7 @@ def legendre_basis(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float, float], ratio: float) -> TurnProblem:
     """Build the least-squares problem of `track`, relative to `centre` [m] and in units of `scale` [m].
 
-    `ratio` [s] is the position sigma divided by the velocity sigma. The arrays have JAX's default precision, whatever
+    `ratio` [s] is the position sigma divided by the velocity sigma. The arrays have JAX's default precision, not
     the precision of the track.
     """
     basis, slope = legendre_basis(elapsed_times(track))

@@ -32,7 +32,7 @@ WINDOW = "(track.window(t0, t1) in Python, the key window in a scenario)"
 """Advice on how to choose a window."""
 
 SPACING = 2 * MIN_LENGTH
-"""Length of chords, in position sigmas; they determine the direction of travel if no velocities are recorded."""
+"""Length of the chords, in position sigmas, that determine the direction of travel if no velocities are recorded."""
 
 
 class Turn(NamedTuple):
@@ -69,14 +69,14 @@ def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SI
 
 
 def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
-    """Return the horizontal length of a window [m], or raise a ValueError if the vehicle does not move far enough."""
+    """Return the horizontal distance travelled in a window [m], or raise a ValueError if this distance is too short."""
     standstill_radius, min_length = _standstill_radius(sigma), MIN_LENGTH * sigma
     if spread_radius(track) <= standstill_radius:
         climb = float(np.ptp(to_float64(track.positions)[:, 2]))
         if climb > 2 * standstill_radius:
             raise ValueError(
-                f"the window is a vertical climb: the height changes by {climb:.3g} m, but all positions are within "
-                f"{standstill_radius:g} m of a vertical line, so there is no horizontal direction of travel. "
+                f"the vehicle moves vertically in this window: the height changes by {climb:.3g} m, but all positions "
+                f"are within {standstill_radius:g} m of a vertical line, so there is no horizontal direction. "
                 f"Choose a window in which the vehicle turns {WINDOW}."
             )
         raise ValueError(
@@ -109,7 +109,7 @@ def _rms_speed(track: Track) -> float | None:
 
 
 def _standstill_radius(sigma: float) -> float:
-    """Return the radius [m] within which a track is at rest: 20 standard deviations, but at most 0.1 m."""
+    """Return the radius [m] within which a vehicle counts as at rest: 20 standard deviations, but at most 0.1 m."""
     return min(STANDSTILL, MIN_LENGTH * sigma / 10)
 
 

@@ -39,7 +39,7 @@ _RESULT_OF_FINDING = (
     (UNDECIDED, ResultCode.limits_undecided),
     (SAMPLED, ResultCode.limits_sampled),
 )
-"""The result code of a path for its worst finding, in order of decreasing severity."""
+"""Pairs of a finding's status code and the resulting code of the path, in order of decreasing severity."""
 
 ACTIVE_MARGIN = 1e-6
 """A satisfied limit is active if its relative margin is at most this value."""
@@ -55,7 +55,7 @@ WHERE_UNDEFINED = {
 
 
 def contradicted(names: Sequence[str], codes: Any, values: Any, bounds: Any) -> Any:
-    """Return a mask of the limits with the status "broken" whose values do not exceed the limit.
+    """Return a mask of the limits that have the status "broken" although the value does not exceed the limit.
 
     This occurs only for quantities with a factor, because the limit divided by the factor is rounded down. Rounding
     down is safe for proofs that the limit is satisfied, but not for the status "broken".
@@ -268,8 +268,8 @@ def _concrete(x: Array) -> np.ndarray:
     array = concrete(x)
     if array is None:
         raise ValueError(
-            "the findings of a certificate need concrete values, but it was created inside jit, grad or vmap: use its "
-            "arrays codes, times and values"
+            "findings need concrete values, but this certificate was created inside jit, grad or vmap: use its arrays "
+            "codes, times and values"
         )
     return array
 

@@ -75,13 +75,13 @@ def certify(
       and for quantities that depend on the vertical if the axis of the path is not vertical.
 
     For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on the curvature,
-    torsion and slope are proved on its original path. Limits on forces other than friction, on moments and on the
-    angular acceleration are sampled.
+    torsion and slope are proved on its original path. All other limits (on the longitudinal and lateral
+    force, normal load, moments and angular acceleration) are sampled.
 
-    For a batch of paths, the limits are scalars or have the same batch dimension, and the certificate has this
-    dimension, too. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values`
-    are differentiable with respect to the path (envelope theorem). The search for these values may miss a narrow peak
-    that is well below the limit, but the proof does not depend on this search.
+    For a batch of paths, each limit is a scalar or has the batch shape, and the certificate has this batch shape, too.
+    Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values` are
+    differentiable with respect to the path (envelope theorem). The search for these values may miss a narrow peak that
+    is well below the limit, but the proof does not depend on this search.
 
     For a route every segment is checked separately. The `RouteCertificate` contains the status for the whole route and
     for each segment, and the intervals of violation. At a joint both sides are checked. If the velocity is zero at a
@@ -93,12 +93,12 @@ def certify(
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
     contributes to the distance as an arc length.
 
-    **Raises:** ValueError for a path in float32, which is too inaccurate for the proofs; for an array of a batch that
-    lacks the batch dimension; for a corridor without a reference, or with a reference about a different axis.
-    RuntimeError with `throw` if a limit is violated, undecided or undefined.
+    **Raises:** ValueError for a path in float32, which is too inaccurate for the proofs; for a batch of paths with
+    an array that lacks the batch dimension; for a corridor without a reference, or with a reference about a different
+    axis. RuntimeError with `throw` if a limit is violated, undecided or undefined.
     """
     if corridor is None and reference is not None:
-        raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance")
+        raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:
@@ -131,7 +131,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     reduced = limits.reduced(dtype)
     table = [in_batch(reduced.get(x.name, 1.0)) for x in LIMITS]
     road = [in_batch(x) for x in (limits.road(dtype) if limits.needs_vehicle else ())]
-    # The vehicle's parameters follow the limits. If no limit depends on the road, these parameters are left out.
+    # In the array, the vehicle's parameters come after the limits. They are omitted if no limit depends on the road.
     source, limits_array = prepared(path, len(batch)), xp.stack([*table, *(road if limits.on_road else ())], axis=-1)
     road_numbers = xp.stack(road, axis=-1) if road else xp.zeros((*batch, 0), dtype)
     if traced:
@@ -148,7 +148,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
 
 
 def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], function: Any) -> Any:
-    """Return the findings on a batch of paths; `function` computes them for paths along one axis."""
+    """Return the findings on a batch of paths; `function` computes them for a single batch axis."""
     if math.prod(batch) == 0:
         empty = np.zeros((*batch, LIMIT_COUNT), limits.dtype)
         return empty.astype(np.int32), empty, empty

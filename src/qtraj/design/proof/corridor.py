@@ -2,7 +2,7 @@
 
 The two paths are compared at equal fractions of their durations, that is, at equal s = 2t/duration − 1. The squared
 distance, with the difference of the azimuths measured along the arc, is a polynomial in s (see `CORRIDOR`). This
-polynomial is an upper bound on the true squared distance if both radii are positive, which is proved, too.
+polynomial is an upper bound on the true squared distance if both radii have the same sign, which is proved, too.
 """
 
 from typing import Any, NamedTuple
@@ -67,7 +67,8 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
         raise ValueError(
             f"the paths have the batch shape {batch}, but the corridor has the shape {width.shape} and the reference "
-            f"has the batch shape {reference.duration.shape}: pass one of each for all paths, or one for each path"
+            f"has the batch shape {reference.duration.shape}: pass one corridor and one reference for all paths, or "
+            "one of each for each path"
         )
     axes = [p.placement or Placement() for p in (path, reference)]
     if not all(map(_may_be_equal, *map(jax.tree.leaves, axes))):

@@ -16,7 +16,7 @@ from qtraj.path.vehicle import RoadParameters
 def differentiable(names: tuple[str, ...], static: Any, source: Any, times: Array, values: Array) -> Array:
     """Return `values` unchanged, but with derivatives that treat the times of the maxima as constants.
 
-    `source` contains the arrays of the paths, and the parameters of their vehicles along the last axis of an array.
+    `source` is a pair: the arrays of the paths, and an array with the vehicle parameters along its last axis.
     """
     return values
 

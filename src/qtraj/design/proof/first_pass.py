@@ -33,7 +33,7 @@ MAX_SHIFT = 4.0
 """Largest distance of the vertex of a parabola from the middle of its three instants, in units of their spacing."""
 
 ROUNDINGS = 10
-"""Bound on the roundings in a coefficient of a derivative: powers of the duration, their products, and factorials."""
+"""Bound on the number of roundings in a coefficient of a derivative, due to powers of the duration and factorials."""
 
 DURATIONS = (2.0**-40, 2.0**40)
 """Range of durations [s] in which powers of the duration neither overflow nor underflow."""
@@ -58,7 +58,7 @@ def is_simple(entry: PathQuantity) -> bool:
 def derivatives(c: np.ndarray, directions: np.ndarray, h: np.ndarray, keep: np.ndarray) -> Derivatives:
     """Return the first derivative of `directions`, and the higher derivatives of `c` or `directions`.
 
-    The higher derivatives are those of `c` where `keep` is true, otherwise those of `directions`.
+    The higher derivatives are computed from `c` where `keep` is true, otherwise from `directions`.
 
     `c` and `directions` (rows, terms, 3) are coefficients of powers of the time, for segments of durations `h` (rows,).
     """
@@ -158,7 +158,7 @@ def _vertex(before: np.ndarray, middle: np.ndarray, after: np.ndarray) -> np.nda
 
 
 def _sampled(of: Derivatives, entry: PathQuantity, u: np.ndarray) -> np.ndarray:
-    """Return the squares (instants, rows) at the same instants in each segment."""
+    """Return the squared quantity (instants, rows) at the same instants `u` in each segment."""
     orders = []
     for a in of.orders[: entry.order]:
         values = (u[:, None] ** np.arange(len(a))) @ a.reshape(len(a), -1)
@@ -167,7 +167,7 @@ def _sampled(of: Derivatives, entry: PathQuantity, u: np.ndarray) -> np.ndarray:
 
 
 def _at(of: Derivatives, entry: PathQuantity, u: np.ndarray) -> np.ndarray:
-    """Return the square at one instant in each segment."""
+    """Return the squared quantity (rows,) at one instant `u` in each segment."""
     orders = []
     for a in of.orders[: entry.order]:
         value = a[-1]

@@ -28,7 +28,7 @@ from qtraj.path.path_quantity import PathQuantity
 ORDER = 4
 
 UNDERFLOW = 2.0**-500
-"""Bound on the underflow error of a derivative in units of `length`; `length` [m] must be at least this value."""
+"""Bound on the underflow error of a derivative in units of `length`, and lower bound on `length` [m]."""
 
 
 class Vectors(eqx.Module):
@@ -70,7 +70,7 @@ class PathDerivatives(eqx.Module):
 def path_derivatives(
     path: MovingPolynomials, duration: PerPath, roundings: int | Array = 0, orders: int = ORDER
 ) -> PathDerivatives:
-    """Return the derivatives up to the order `orders` of a batch of paths along the last axis of all coefficients.
+    """Return the derivatives up to the order `orders` of a batch of paths; the last axis of `path` indexes the paths.
 
     `roundings` is the number of relative rounding errors that each coefficient already contains, a scalar or an array
     (1, paths).
@@ -82,7 +82,7 @@ def path_derivatives(
     coordinates = [path.x, y, path.z.at[0].set(0.0), path.angle.at[0].set(0.0)]
     scaled = [in_units(c, unit)[:, None] for c in coordinates]
     sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
-    length = _power_of_two(jnp.max(sizes, axis=0))
+    length = power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
     # The absolute values of all coefficients are treated as additional paths: their sums bound the rounding errors.
     x, y, z, angle = (centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
@@ -107,7 +107,7 @@ def slack(entry: PathQuantity, i: Invariants, bound: Bound) -> ChebyshevModel:
 
 
 def bounds(limit: PerPath, scale: PerPath) -> Bound:
-    """Return a limit in the units of `PathDerivatives`; `scale` is the factor that converts it from SI units."""
+    """Return a limit and its square in the units of `PathDerivatives`; `scale` converts the limit from SI units."""
     bound = limit * scale
     rounding = jnp.where(_is_normal(bound) & _is_normal(scale), 8 * float(jnp.finfo(bound.dtype).eps) * bound, jnp.inf)
     return Bound((bound[None], rounding[None]), squared_bound(limit, scale))
@@ -125,8 +125,8 @@ def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
 def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array, orders: int) -> list[Array]:
     """Return the coefficients of r', r'', … of the paths.
 
-    `signs` is −1 for paths. If the coefficients are absolute values and `signs` is 1, no terms cancel, so that the
-    results bound the sums of the magnitudes of all terms.
+    `signs` is −1 for paths. With absolute values as coefficients and `signs` 1, no terms cancel, so the results are
+    sums of the magnitudes of all terms.
     """
     angle_rate, derivatives = _derivative(angle), []
     for _ in range(orders):
@@ -151,7 +151,7 @@ def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
     """Return the maximum number of roundings in one term of a coefficient, for the derivative of this order.
 
     `degree` is the degree of the coordinates, and `angle_rate` the degree of φ. With degree n, the change of variable
-    to s needs at most 2n + 3 roundings: n + 1 for the powers of time, one for the binomial coefficient and n for the
+    to s needs at most 2n + 2 roundings: n + 1 for the powers of time, one for the binomial coefficient and n for the
     sum. Each derivative adds a multiplication, a sum of up to `angle_rate` products, an addition, and the roundings of
     φ'.
     """
@@ -187,7 +187,7 @@ def _is_normal(x: Array) -> Bool[Array, " paths"]:
     return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
-def _power_of_two(size: PerPath) -> PerPath:
+def power_of_two(size: PerPath) -> PerPath:
     """Return the largest power of two that does not exceed `size`, or 1 if `size` is not positive and finite."""
     exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
     power = jax.lax.bitcast_convert_type(exponent, size.dtype)

@@ -38,7 +38,7 @@ CHUNKS = (8, 35)
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
-"""The divisors of quantities: the invariants, and the names of the relative sizes. The last divisor is the load."""
+"""The divisors of quantities: the names of their invariants, and of their relative sizes. The load has no invariant."""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)

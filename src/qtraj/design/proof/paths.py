@@ -71,7 +71,7 @@ def from_polynomials(source: PolynomialPaths) -> tuple[Evaluate, Scale, Array, P
 
 
 def from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None]:
-    """Return the arguments of `judge` for all other paths."""
+    """Return the arguments of `judge` for paths that are not polynomial."""
     unit = 0.5 * paths.duration
     arrays, static = eqx.partition(paths, eqx.is_array)
 

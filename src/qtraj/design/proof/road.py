@@ -83,7 +83,7 @@ def in_units(road: RoadParameters, length: PerPath, time: PerPath) -> RoadParame
 
 
 def relative_load(i: Invariants) -> Any:
-    """Return (max(load, 0)/bound)² in [0, 1], with an upper bound on the load that depends on |r''| and gravity."""
+    """Return (max(load, 0)/bound)² in [0, 1], where the bound on the load depends on |r''| and gravity."""
     p, load = i.vehicle, jnp.maximum(i.contact.onto, 0.0)
     largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
     positive = largest > 0

@@ -19,7 +19,7 @@ from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
-"""Number of equally spaced instants in a segment with a violated limit at which the quantity is evaluated."""
+"""A quantity is evaluated at this number of equally spaced instants in each segment that violates its limit."""
 
 PARTS, DIVISIONS = 16, 13
 """Number of parts into which each step of the search for a crossing divides the interval, and number of steps."""

@@ -52,7 +52,7 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def status(self) -> dict[str, Any]:
-        """The finding on each limit for the whole route, by name."""
+        """The status of each limit on the whole route, by name."""
         return self.whole.status
 
     @property

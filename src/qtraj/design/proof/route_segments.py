@@ -78,7 +78,7 @@ def _findings(segments: Segments, limits: dict[str, float], road: RoadParameters
     c, h = segments.coefficients, segments.durations
     parked: Any = ~c[:, 1:].any(axis=(1, 2))
     groups = _stopping(c, h, parked)
-    # A limit is judged with r', with the direction q at a stop, or with q and the higher derivatives of the path.
+    # Next to a stop, a limit is judged with r', with q instead of r', or with q and the higher derivatives of the path.
     of_path, of_direction, of_components = (
         np.array([chosen(entry) for entry in entries], bool)
         for chosen in (_has_no_divisor, _is_direction, _is_component)
@@ -105,7 +105,7 @@ def _findings(segments: Segments, limits: dict[str, float], road: RoadParameters
     for group in groups:
         ends[group.rows] = group.at_end
     for job, part in zip(jobs, found, strict=True):
-        # These times were measured from the end.
+        # Where a segment was reversed, its times were measured backwards from its end.
         reverse = ends[job.rows, None] & (of_components if job.keep_acceleration else of_direction) & job.needed
         times = np.where(reverse, h[job.rows, None] - part.times, part.times)
         for array, new in zip(result, (part.codes, times, part.values), strict=True):

@@ -29,9 +29,10 @@ REFINEMENTS = 4
 """Number of refinements."""
 
 TIE = 4.0
-"""The value at the centre of a window is preferred to the largest value if they differ by at most this many roundings.
+"""The value at the centre of a window is preferred to the largest value unless they differ by more than this.
 
-The centre is the vertex of the parabola of the previous round, and its time is more accurate.
+The unit is the machine epsilon times the value. The centre is the vertex of the parabola of the previous round, and its
+time is more accurate.
 """
 
 Windows = Float[Array, "windows paths"]

@@ -37,11 +37,11 @@ class SegmentFindings(NamedTuple):
 
 
 class Job(NamedTuple):
-    """Segments to judge: the index `rows` in the route, the coefficients, and whether each limit is `needed`.
+    """Segments to judge: their indices `rows` in the route, their coefficients, and whether each limit is `needed`.
 
-    The derivative of `directions` replaces the velocity. The higher derivatives are also those of `directions`, unless
-    `keep_acceleration` is true. In this case they are those of the coefficients `c`, and the velocity is u^order times
-    the derivative of `directions`, where u is the time from the stop.
+    The derivative of `directions` replaces the velocity. The higher derivatives are also computed from `directions`,
+    unless `keep_acceleration` is true. In this case they are computed from the coefficients `c`, and the velocity is
+    u^order times the derivative of `directions`, where u is the time from the stop.
     """
 
     rows: np.ndarray
@@ -85,7 +85,7 @@ def _first_pass(
     bounds: np.ndarray,
     needed: Bool[np.ndarray, "rows limits"],
 ) -> Bool[np.ndarray, "rows limits"]:
-    """Write the findings on the limits that the first pass proves to `result`; return a mask of those still open."""
+    """Write the findings on the limits that the first pass proves to `result`; return a mask of the open limits."""
     simple = np.array([k for k, entry in enumerate(entries) if first_pass.is_simple(entry)], int)
     still_open = needed.copy()
     if not simple.size:

@@ -9,6 +9,9 @@ start speed is free: the vehicle may start arbitrarily fast, and drag only slows
 
 A limit on the jerk bounds the speed on every path that bends. On a straight path, only the profiles whose squared
 speed is a linear function of the distance have no jerk.
+
+Values of a are large relative to a typical value, which follows from the limits, the length of the path and the speeds
+at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
 from typing import Any
@@ -17,24 +20,65 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.timing.constraints import LARGEST, Constraints
+from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
-from qtraj.foundation.types import Flag
+from qtraj.design.timing.road import ROAD
+from qtraj.foundation.types import Flag, Scalar
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
+
+LARGEST = 1e12
+"""Bound on the squared speed where no limit bounds it, relative to a typical squared speed."""
 
 STRAIGHT = 1e-12
 """The lateral part of r'' is treated as zero if it is less than about this fraction of r'' squared, or of a turn of
 one radian in a cell."""
 
 
+def largest(
+    r1: Float[Array, "3 *nodes"],
+    span: Scalar,
+    bounds: dict[str, Scalar],
+    ends: Float[Array, " 2"],
+    vehicle: RoadParameters | None,
+) -> Float[Array, "*nodes"]:
+    """Return the bounds on a where no limit bounds it, from r' at the nodes of a path of the duration `span`.
+
+    With the length L of the path, a limit in m^k s^-n is reached at a typical rate (limit/L^k)^(1/n) [1/s]. The rates
+    of friction and power are those of the accelerations that they allow. The highest rate counts, or that of the
+    prescribed bounds `ends` on a. Infinite limits and bounds are absent.
+    """
+    square = jnp.sum(r1 * r1, axis=0)
+    highest = jnp.max(square)
+    length = span * jnp.sqrt(highest)
+    rates = [jnp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
+    for name, bound in bounds.items():
+        entry = QUANTITIES[name]
+        if name not in ROAD:
+            rates.append((bound / length**entry.length) ** (1 / entry.per_time))
+        elif vehicle is not None:
+            gravity = jnp.sqrt(bound * vehicle.gravity / length)
+            rates.append(gravity if name == "friction" else jnp.cbrt(bound / vehicle.mass / length**2))
+    known = jnp.stack(rates)
+    rate = jnp.max(jnp.where(jnp.isfinite(known), known, 0.0))
+    rate = jnp.where(rate > 0, rate, 1 / span)
+    return LARGEST * (length * rate) ** 2 / jnp.maximum(square, STANDING**2 * highest)
+
+
 @jax.jit
-def unbounded(program: Program, stops: Bool[Any, " 2"]) -> Flag:
-    """Return whether the speed is unbounded; `stops` indicates whether r' = 0 at the start and at the end."""
+def unbounded(program: Program, a: Float[Array, "2 cells+1"], stops: Bool[Any, " 2"]) -> Flag:
+    """Return whether the speed is unbounded, or a solution `a` is almost as large as possible.
+
+    `stops` indicates whether r' = 0 at the start and at the end.
+    """
     c: Constraints = jax.tree.map(_in_order, program.constraints)
-    place, standing = _in_order(jnp.asarray(program.nodes.place)), _in_order(jnp.asarray(program.nodes.standing))
+    of_nodes = program.largest, jnp.asarray(program.nodes.place), jnp.asarray(program.nodes.standing)
+    most, place, standing = map(_in_order, of_nodes)
     at_end = jnp.zeros(place.shape, bool).at[0].set(stops[0]).at[-1].set(stops[1])
-    low, high = _slopes(c)
-    possible = (c.upper <= 2 / LARGEST) & (standing == 0) & ~at_end & (low <= high)
-    return _any(possible, low, high) if c.jerk is None else _linear(c.jerk, place, possible, low, high)
+    low, high = _slopes(c, most)
+    possible = (c.upper <= 2 / most) & (standing == 0) & ~at_end & (low <= high)
+    found = _any(possible, low, high) if c.jerk is None else _linear(c.jerk, place, most, possible, low, high)
+    return found | jnp.any((_in_order(a) > 0.5 * most) & (standing == 0))
 
 
 def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]:
@@ -42,24 +86,24 @@ def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]
     return jnp.swapaxes(x, -1, -2).reshape(*x.shape[:-2], -1)[..., :-1]
 
 
-def _slopes(c: Constraints) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
-    """Return bounds on a' at each node for a = LARGEST; the lower bound is the larger one if no a' is possible."""
+def _slopes(c: Constraints, a: Float[Array, " nodes"]) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
+    """Return bounds on a' at each node for a large `a`; the lower bound is the larger one if no a' is possible."""
     low, high = jnp.full_like(c.upper, -jnp.inf), jnp.full_like(c.upper, jnp.inf)
     for aa, ab, bb in c.forms:
-        limited = bb * LARGEST**2 > 1
+        limited = bb * a**2 > 1
         size = jnp.where(limited, bb, 1.0)
         rest = aa - jnp.where(limited, ab * ab / size, 0.0)
-        left = 1 - jnp.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * LARGEST**2
-        low, high = _within(low, high, limited | (left < 0), -LARGEST * ab / size, left / size)
+        left = 1 - jnp.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
+        low, high = _within(low, high, limited | (left < 0), -a * ab / size, left / size)
     if c.road is None:
         return low, high
     x0, x1, x2 = c.road.along
-    y, z = (p[0] + p[1] * LARGEST for p in (c.road.across, c.road.onto))
-    limited, size = x2 * LARGEST > 1, jnp.where(x2 > 0, x2, 1.0)
-    low, high = _within(low, high, limited, -(x0 + x1 * LARGEST) / size, (z * z - y * y) / size**2)
+    y, z = (p[0] + p[1] * a for p in (c.road.across, c.road.onto))
+    limited, size = x2 * a > 1, jnp.where(x2 > 0, x2, 1.0)
+    low, high = _within(low, high, limited, -(x0 + x1 * a) / size, (z * z - y * y) / size**2)
     p0, p1, p2 = c.road.power
-    limited, size = p2 * LARGEST > 1, jnp.where(p2 > 0, p2, 1.0)
-    return low, jnp.where(limited, jnp.minimum(high, (LARGEST**-0.5 - p0 - p1 * LARGEST) / size), high)
+    limited, size = p2 * a > 1, jnp.where(p2 > 0, p2, 1.0)
+    return low, jnp.where(limited, jnp.minimum(high, (a**-0.5 - p0 - p1 * a) / size), high)
 
 
 def _within(low: Array, high: Array, limited: Array, middle: Array, square: Array) -> tuple[Array, Array]:
@@ -88,7 +132,7 @@ def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) ->
 
 
 def _linear(
-    jerk: Float[Array, "6 nodes"], place: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
+    jerk: Float[Array, "6 nodes"], place: Array, a: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
 ) -> Flag:
     """Return whether a squared speed that is constant or proportional to the distance from an end is possible."""
     _, _, bend, _, mixed, square = jerk  # multiples of 9 |r''|², 3 r'·r'' and |r'|² in units of cells
@@ -107,6 +151,6 @@ def _linear(
         (first, speed / jnp.where(first, 1.0, gone)),
         (last, -speed / jnp.where(last, 1.0, left)),
     ):
-        slope = LARGEST * (steady + change)
+        slope = a * (steady + change)
         found.append(jnp.all(at_rest | (possible & (low <= slope) & (slope <= high))))
     return straight & (found[0] | found[1] | found[2])

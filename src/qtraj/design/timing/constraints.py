@@ -16,6 +16,7 @@ The last axes of every array index the nodes. With b = a' and c = a'', a form in
 compiled for absent limits.
 """
 
+import functools
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
@@ -48,9 +49,6 @@ Friction and power are not such powers, because gravity does not depend on a.
 
 STANDING = 1e-8
 """|r'| below this fraction of its maximum is treated as zero."""
-
-LARGEST = 1e12
-"""Bound on a where no limit bounds it."""
 
 
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
@@ -97,9 +95,9 @@ class Parts(NamedTuple):
     jerk: Float[Array, "6 *nodes"] | None = None
     road: Road | None = None
 
-    def constraints(self) -> Constraints:
-        """Return the constraints with only the lowest upper bound on a at each node."""
-        upper = jnp.max(self.upper, axis=0, initial=1 / LARGEST)
+    def constraints(self, largest: Float[Array, "*nodes"]) -> Constraints:
+        """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
+        upper = functools.reduce(jnp.maximum, self.upper, 1 / largest)
         upper = upper if self.road is None else jnp.maximum(upper, self.road.upper)
         return Constraints(upper, self.forms, self.jerk, self.road)
 

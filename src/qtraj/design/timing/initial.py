@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.timing.constraints import LARGEST
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import steady
 
@@ -26,12 +25,12 @@ def initial(p: Program) -> Float[Array, " cells+3"]:
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
-    highest = 1 / c.upper[0]
+    highest, largest = 1 / c.upper[0], p.largest[0]
     if c.jerk is not None:
         # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
         steepest = jnp.max(c.jerk[5])
-        typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), LARGEST)
-        highest = jnp.where(jnp.min(highest) > 0.5 * LARGEST, jnp.minimum(highest, typical), highest)
+        typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), jnp.inf)
+        highest = jnp.where(jnp.all(highest > 0.5 * largest), jnp.minimum(highest, typical), highest)
         highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
     if c.road is not None:
         highest = jnp.minimum(highest, steady(c.road)[0])

@@ -42,11 +42,15 @@ MAX_STEPS = 100
 
 
 class Program(NamedTuple):
-    """The problem: nodes, weights of the integral at the nodes [s], and constraints."""
+    """The problem: nodes, weights of the integral at the nodes [s], constraints, and the largest possible values of a.
+
+    A value near `largest` means that no limit bounds the speed (see `boundedness`).
+    """
 
     nodes: Nodes
     weights: Float[Array, "2 cells+1"]
     constraints: Constraints
+    largest: Float[Array, "2 cells+1"]
 
     def at_nodes(self, coefficients: Float[Array, " cells+3"]) -> Float[Array, "orders 2 cells+1"]:
         """Return a and those of its derivatives that the constraints contain."""

@@ -112,6 +112,11 @@ class Retimed(AbstractOutcome):
                 "the search stopped before it converged. The returned timing may be slower than necessary. Try more "
                 f"knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
             )
+        if code == ResultCode.not_finite and np.isfinite(np.asarray(self.timing.coefficients)[at]).all():
+            return (
+                "the search failed: the squared speed is not positive between two knots, so the duration is NaN. Try "
+                "more knots, or add a limit on the acceleration, which keeps the timing smooth near a stop."
+            )
         if code == ResultCode.not_finite:
             return (
                 "the search failed, and the timing contains NaN. Check that path, limits and speeds are finite. With a "

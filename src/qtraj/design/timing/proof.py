@@ -1,10 +1,7 @@
 """Prove that a retimed path satisfies its limits on every cell.
 
-In a cell the path and a = u̇² are polynomials, and each limit is a polynomial inequality in them and their
-derivatives (see `constraints`). A route is represented in world axes, any other path in its moving basis. Every cell is
-a dyadic part of a segment, so the change of variable to the cell is exact. Quantities that depend on the direction of
-the path are computed from the factor q of r' (see `directions`), because q does not vanish where a segment starts or
-ends at a stop.
+Each limit is a polynomial inequality on a cell (see `slacks`). A cell in which an inequality is neither proved nor
+violated is halved, until it is small.
 """
 
 from typing import Any, NamedTuple
@@ -12,43 +9,21 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.algebra.cells import enclose_minimum, semi_axes
-from qtraj.algebra.chebyshev_model import NODES, ChebyshevModel, interpolated
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
-from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
-from qtraj.design.proof.road import in_units
-from qtraj.design.timing.constraints import NAMES, UPPER
+from qtraj.design.proof.inequalities import power_of_two
+from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.majorant import ELLIPSES, Majorant, from_model, to_model
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.road_proof import road_bounds
-from qtraj.design.timing.timing_polynomials import of_timing, scaled
+from qtraj.design.timing.slacks import enclosures
+from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
-from qtraj.path.components import cross, dot
-from qtraj.path.frenet import Invariants
-from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
 """Largest half-width of a subcell relative to its segment, smallest relative to its cell; maximum number of rounds."""
-
-ORDERS = 3
-"""The highest order of a derivative of the path in a limit."""
-HIGHEST = 6
-"""The highest multiplicity of a stop: up to six derivatives of a septic polynomial may vanish there."""
-
-
-class Source(NamedTuple):
-    """The polynomials of the segments (on the last axis), their durations [s], and their `Directions`."""
-
-    polynomials: MovingPolynomials
-    durations: Float[Array, " segments"]
-    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"], Float[np.ndarray, " segments"]] | None
 
 
 class Proofs(eqx.Module):
@@ -97,9 +72,8 @@ def prove(
     names = tuple(name for name in known if name in bounds)
     size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
     wanted = jnp.append(jnp.isfinite(given), True)[:, None]
-    enclose = _enclosures(
-        path, grid, timing, dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True)), vehicle
-    )
+    finite = dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True))
+    enclose = enclosures(path, grid, *_in_unit_of_time(timing, finite, vehicle))
     width, capacity = max(grid.cells // 4, 16), 8 * grid.cells
 
     def examine(q: _Queue) -> _Queue:
@@ -142,157 +116,25 @@ def prove(
     return Proofs(jnp.stack([own[names.index(name)] if name in names else codes[-1] for name in NAMES]))
 
 
+def _in_unit_of_time(
+    timing: tuple[Array, Any], bounds: dict[str, Scalar], vehicle: RoadParameters | None
+) -> tuple[tuple[Array, Any], dict[str, Scalar], RoadParameters | None]:
+    """Return timing, limits and vehicle in a unit of time in which a is about 1.
+
+    The unit is a power of two, so the change is exact. Otherwise a tiny a would be less than the smallest majorant.
+    """
+    powers, rest = timing
+    per_unit = power_of_two(jnp.sqrt(jnp.max(jnp.abs(powers))))
+    square = per_unit * per_unit
+    limits = {name: bound / per_unit ** QUANTITIES[name].per_time for name, bound in bounds.items()}
+    if vehicle is not None:
+        vehicle = vehicle._replace(gravity=vehicle.gravity / square)
+    return (powers / square, rest), limits, vehicle
+
+
 def _whole_cells(wanted: Bool[Array, "rows 1"], cells: int, capacity: int, dtype: Any) -> _Queue:
     """Return the queue of all cells."""
     none, zero = jnp.zeros((wanted.shape[0], cells), bool), jnp.zeros((), jnp.int32)
     cell, rows = jnp.arange(capacity, dtype=jnp.int32) % cells, jnp.broadcast_to(wanted, (wanted.shape[0], capacity))
     ends = zero, jnp.asarray(cells, jnp.int32)
     return _Queue(cell, jnp.zeros(capacity, dtype), jnp.ones(capacity, dtype), rows, *ends, none, none, zero)
-
-
-def _enclosures(
-    path: Source,
-    grid: Grid,
-    timing: tuple[Array, Array],
-    given: dict[str, Array],
-    vehicle: RoadParameters | None,
-) -> Any:
-    """Return a function that computes bounds (rows, subcells) on the minima of the slacks of the limits, and of a."""
-    segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
-    segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
-    shape = segments.derivatives
-    ahead, factor = (None, None) if path.ahead is None else _directions(path.ahead, path.durations, segments.length)
-    shape = _stacked(shape if ahead is None else [*shape, *ahead])
-    a, rest = of_timing(*timing)
-    of_a = _stacked([*(scaled(p, (1 / size) ** k) for k, p in enumerate(a)), rest])
-    names = [name for name in given if name not in ROAD]
-    units = {name: _unit(name, segments) for name in given}
-    on_road = {name: given[name] for name in ROAD if name in given}
-    if vehicle is not None:
-        parameters = in_units(vehicle, segments.length, segments.unit)
-        vehicle = RoadParameters(*(jnp.broadcast_to(x, segments.length.shape) for x in parameters))
-    limits = {name: _squared(given[name], units[name]) for name in names}
-    alone = path.durations.size == 1
-
-    def of_segment(x: Array, own: Array) -> Array:
-        return x if alone else x[..., own]
-
-    def enclose(cell: Array, centre: Array, half: Array) -> tuple[Array, Array]:
-        own, within = segment[cell], (centre[None], half[None])
-        at = middle[cell] + centre * size[cell], half * size[cell]
-        at = at[0][None], at[1][None]
-
-        def chosen(tree: Any) -> Any:
-            return jax.tree.map(lambda x: of_segment(x, own), tree)
-
-        r, motion = _models(chosen(shape), at), _models(jax.tree.map(lambda x: x[..., cell], of_a), within)
-        q, w = (r[:3], None) if factor is None else (r[3:], chosen(factor).on(*at))
-        a, slope, bend, rest = (from_model(x)[0] for x in motion)
-        path, ahead = ([from_model(x) for x in vectors] for vectors in (r[:3], q))
-        cells = _Cells(path, ahead, None if w is None else from_model(w)[0], a, slope, bend)
-        rows = [_slack(name, _limit(chosen(limits[name]) + 0.0 * half[None]), cells) for name in names]
-        found = enclose_minimum(*interpolated(to_model([*rows, rest]), semi_axes(within[1])))
-        if not on_road or vehicle is None:
-            return found.low, found.high
-        doubled, pace = 2 * (r[1] * motion[0]) + r[0] * motion[1], motion[0][0]
-        pace = pace if w is None else w[0] * w[0] * pace
-        given_units, vehicles = jax.tree.map(lambda x: of_segment(x, own) + 0.0 * half, (units, vehicle))
-        more = road_bounds(on_road, given_units, vehicles, q[0], doubled, pace, within[1])
-        low, high = (jnp.concatenate([x[:-1], y, x[-1:]]) for x, y in zip((found.low, found.high), more, strict=True))
-        return low, high
-
-    return enclose
-
-
-def _squared(limit: Scalar, unit: Float[Array, " segments"]) -> Float[Array, "2 segments"]:
-    """Return the square of a limit in the units of each segment, and its majorant."""
-    square, rounding = squared_bound(limit, unit)
-    return jnp.concatenate([square, jnp.where(jnp.isfinite(rounding), square, jnp.inf)])
-
-
-def _limit(both: Float[Array, "2 subcells"]) -> Majorant:
-    value, bound = both
-    return Majorant(jnp.concatenate([jnp.broadcast_to(x, (n, x.size)) for x, n in ((value, NODES), (bound, ELLIPSES))]))
-
-
-def _models(p: CellPolynomial, at: tuple[Array, Array]) -> list[ChebyshevModel]:
-    """Return polynomials that are stacked on the first axis, in subcells."""
-    models = jax.vmap(lambda own: own.on(*at))(p)
-    return [jax.tree.map(lambda x, k=k: x[k], models) for k in range(p.error.shape[0])]
-
-
-def _stacked(polynomials: list[CellPolynomial]) -> CellPolynomial:
-    """Return the polynomials on a new first axis, with coefficients up to the same degree."""
-    count = max(p.coefficients.shape[1] for p in polynomials)
-
-    def padded(p: CellPolynomial) -> CellPolynomial:
-        more = count - p.coefficients.shape[1]
-        rows = [(0, 0), (0, more), (0, 0), (0, 0)]
-        return CellPolynomial(jnp.pad(p.coefficients, rows), jnp.pad(p.shifts, [(0, more), *rows]), p.error)
-
-    return jax.tree.map(lambda *x: jnp.stack(x), *map(padded, polynomials))
-
-
-def _directions(
-    ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array
-) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return q with two derivatives in each segment, and the factor w with r' = w·q in the units of r' and q."""
-    polynomials, powers, roundings = ahead
-    found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None], ORDERS)
-    table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
-    for m in range(HIGHEST + 1):
-        for n in range(HIGHEST + 1):
-            rising, falling = (np.polynomial.polynomial.polypow([1.0, x], k) for x, k in ((1.0, m), (-1.0, n)))
-            product = np.polynomial.polynomial.polymul(rising, falling)
-            table[m, n, : product.size] = product
-    m, n = (jnp.asarray(powers)[:, k] for k in range(2))
-    factor = jnp.asarray(table)[m, n].T * (found.length / length)[None]  # lengths are powers of two
-    w = cell_polynomial(factor[None, :, None], jnp.zeros_like(length)[None])
-    return found.derivatives, w
-
-
-def _unit(name: str, whole: PathDerivatives) -> Array:
-    """Return the factor that makes the limit dimensionless."""
-    return whole.unit ** QUANTITIES[name].per_time / whole.length ** QUANTITIES[name].length
-
-
-class _Cells(NamedTuple):
-    """Models on subcells, in units of half durations; `path` contains the first three derivatives of the path.
-
-    `slope` and `bend` are the first two derivatives of `a`. With r' = w·q, `ahead` contains q and its two derivatives,
-    and `factor` is w. Without stops q is r', and `factor` is None.
-    """
-
-    path: list[Any]
-    ahead: list[Any]
-    factor: Majorant | None
-    a: Majorant
-    slope: Majorant
-    bend: Majorant
-
-
-def _slack(name: str, bound: Majorant, c: _Cells) -> Majorant:
-    """Return limit² · denominator − numerator."""
-    real, i, a = Invariants([None, *c.path]), Invariants([None, *c.ahead]), c.a
-    if name == "lateral_acceleration":
-        across = cross(i.r[1], real.r[2])
-        return bound * i.S - dot(across, across) * (a * a)
-    if name in UPPER:
-        entry, own = QUANTITIES[name], real if name == "speed" else i
-        denominator = a.one() if entry.denominator is None else entry.denominator(own)
-        return bound * denominator - entry.numerator(own) * a
-    if name == "longitudinal_acceleration":
-        slope = i.S * c.slope
-        along = 2.0 * (dot(i.r[1], real.r[2]) * a) + (slope if c.factor is None else c.factor * slope)
-        return bound * (4.0 * i.S) - along * along
-    if name == "acceleration":
-        double = tuple(2.0 * (p * a) + q * c.slope for p, q in zip(real.r[2], real.r[1], strict=True))
-        return 4.0 * bound - dot(double, double)
-    if name == "jerk":
-        rows = zip(real.r[3], real.r[2], real.r[1], strict=True)
-        double = tuple(2.0 * (p * a) + 3.0 * (q * c.slope) + x * c.bend for p, q, x in rows)
-        return 4.0 * bound - a * dot(double, double)
-    SH = i.S * i.H
-    growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
-    turning = 2.0 * (growth * a) + (i.P * SH) * c.slope
-    return 4.0 * (bound * (SH * (SH * SH))) - turning * turning

@@ -10,6 +10,9 @@ from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import QUANTITIES
 
+ACCELERATIONS = ("acceleration", "longitudinal_acceleration", "friction", "jerk")
+"""Limits that bound the acceleration at a stop."""
+
 MIN_KNOTS, MAX_KNOTS = 16, 2**14
 """Smallest and largest number of cells between two stops; with 2**15 cells, a search with a limit on the jerk did not
 converge."""
@@ -34,6 +37,15 @@ def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
             "if the path has straight parts, add a limit on the speed, or pass start_speed or end_speed."
         )
     return names
+
+
+def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
+    """Raise an error if the path has `stops` and a limit on power alone would have to bound the acceleration there."""
+    if stops and "power" in names and not set(ACCELERATIONS) & set(names):
+        raise ValueError(
+            "a limit on power does not bound the acceleration at a stop, where the speed is zero, and no other limit "
+            f"that was given does. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."
+        )
 
 
 def require_knots(knots: int) -> None:

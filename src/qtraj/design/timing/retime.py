@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import LARGEST, NAMES, listed
+from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
     STOP_DISTANCE,
@@ -23,13 +23,20 @@ from qtraj.design.timing.parts import (
     of_path,
     standing as standing_route,
 )
-from qtraj.design.timing.proof import Source, prove
-from qtraj.design.timing.requirements import require_knots, require_limits, require_regular, require_stop, speed_at
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.requirements import (
+    require_bounded_at_stops,
+    require_knots,
+    require_limits,
+    require_regular,
+    require_stop,
+    speed_at,
+)
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
-from qtraj.design.timing.sources import source
+from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -83,8 +90,9 @@ def retime(
     and accelerations bound it only if a speed is given at one end, and power only if `start_speed` is given.
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
-    a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path whose velocity is zero at an
-    instant, and a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming
+    a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path other than a route whose
+    velocity is zero at an instant, a route whose velocity jumps or that stops within a segment, and a route with stops
+    and a limit on power but none on acceleration, friction or jerk. RuntimeError with `throw` if the retiming
     fails.
     """
     require_float64(path)
@@ -94,6 +102,7 @@ def retime(
     if isinstance(path, Route):
         path = standing_route(path, *require_stop(stop_speed, stop_distance))
     parts, standing = of_path(path, knots, "jerk" in given)
+    require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: jnp.asarray(given[name], path.duration.dtype) for name in NAMES if name in given}
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
@@ -232,7 +241,7 @@ def _judged(
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))
-    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches])) | (jnp.max(powers[:, 0]) > 0.5 * LARGEST)
+    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches]))
     found = jnp.all(jnp.stack([found.error for found in searches]) < enough)
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
     code = jnp.where(found, code, int(ResultCode.not_converged))

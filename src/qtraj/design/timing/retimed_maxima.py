@@ -16,7 +16,7 @@ from qtraj.path.vehicle import RoadParameters
 PLACES = 17
 """Number of equally spaced points in each cell at which quantities are evaluated."""
 
-ZOOM_PLACES, ZOOMS = 9, 5
+ZOOM_PLACES, ZOOMS = 9, 10
 """Number of points in a cell, and in each of the smaller and smaller intervals around the largest value."""
 
 INSIDE = 1e-9

@@ -18,11 +18,11 @@ from qtraj.design.proof.route import certify_route
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.joints import jumps
-from qtraj.design.timing.proof import Source, prove
+from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally, is_traced
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.sources import source
+from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route

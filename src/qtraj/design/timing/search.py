@@ -11,7 +11,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.banded import total
-from qtraj.design.timing.boundedness import unbounded
+from qtraj.design.timing.boundedness import largest, unbounded
 from qtraj.design.timing.constraints import (
     POWERS,
     UPPER,
@@ -134,7 +134,9 @@ def fastest(problem: Problem, t: Tables) -> Found:
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
     powers, usage, error = _satisfied(r, t, stop_gradient(places), tuple(problem.bounds))
-    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, unbounded(program, problem.stops))
+    fixed, a = stop_gradient(program), program.at_nodes(r.state.coefficients)[0]
+    free = unbounded(fixed, a, problem.stops)
+    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, free)
 
 
 class _Round(NamedTuple):
@@ -162,14 +164,16 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
-    c = imposed.constraints()
+    r1 = stop_gradient(r[0, :, :count]).reshape(3, 2, cells + 1)
+    most = largest(r1, problem.end - problem.start, *stop_gradient((bounds, problem.ends, problem.vehicle)))
+    c = imposed.constraints(stop_gradient(most))
     upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
     forms = tuple(x.at[..., 1, cells].set(0.0) for x in c.forms)  # padding: this node does not exist
     jerk = None if c.jerk is None else jnp.where(nodes.standing > 0, 0.0, c.jerk)
     padding = jnp.zeros(upper.shape, bool).at[1, cells].set(True)
     on_road = None if c.road is None else without(c.road, padding)
     constraints = Constraints(upper, forms, jerk, on_road)
-    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, constraints), between
+    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, constraints, stop_gradient(most)), between
 
 
 @eqx.filter_jit

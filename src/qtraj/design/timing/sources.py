@@ -1,17 +1,26 @@
 """Return the polynomials of a path in the representation that the proof uses."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.directions import directions
 from qtraj.design.timing.parts import known_segments, standing_ends
-from qtraj.design.timing.proof import Source
 from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.route import Route
+
+
+class Source(NamedTuple):
+    """The polynomials of the segments (on the last axis), their durations [s], and their `Directions`."""
+
+    polynomials: MovingPolynomials
+    durations: Float[Array, " segments"]
+    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"], Float[np.ndarray, " segments"]] | None
 
 
 def source(path: AbstractHodograph) -> Source | None:

@@ -1,10 +1,15 @@
 """Return the timing a = u̇² of each cell, and its derivatives, as polynomials with error bounds for the proof."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
+from qtraj.algebra.chebyshev_model import ChebyshevModel
+
+RADIUS, DEGREE = 17.0, 3
+"""Radius of a disc that contains the ellipses of semi-axis 16 about a whole cell, and the degree of a."""
 
 
 def scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
@@ -12,6 +17,14 @@ def scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
     return CellPolynomial(
         p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
     )
+
+
+def on_wide_ellipses(p: ChebyshevModel) -> ChebyshevModel:
+    """Return the model with bounds that include the errors on the ellipses of a whole cell.
+
+    The bounds of `CellPolynomial.on` are for the small ellipses of subcells. In the cell itself the errors are smaller.
+    """
+    return eqx.tree_at(lambda x: x.bound, p, p.bound + RADIUS**DEGREE * p.error[None])
 
 
 def of_timing(
@@ -38,6 +51,4 @@ def _centred(powers: Float[Array, "k cells"]) -> CellPolynomial:
         matrix[: k + 1, k] = np.polynomial.polynomial.polypow([0.5, 0.5], k)
     form = jnp.sum(jnp.asarray(matrix)[:, :, None] * powers[None], axis=1)
     size = jnp.sum(jnp.abs(powers), axis=0)
-    # The factor of the size accounts for ellipses of semi-axis 16 around the cell, whose radius is 17 instead of 3.
-    error = (17 / 3) ** 3 * 32 * float(np.finfo(powers.dtype).eps) * size
-    return cell_polynomial(form[None, :, None], error[None])
+    return cell_polynomial(form[None, :, None], (32 * float(np.finfo(powers.dtype).eps) * size)[None])

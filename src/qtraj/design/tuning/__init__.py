@@ -1,1 +1,1 @@
-"""Tuning of boundary velocities, so that a path satisfies limits."""
+"""Tune boundary velocities so that a path satisfies limits."""

@@ -2,8 +2,9 @@
 
 The minimum violation is a smooth function of the boundary data as long as the active constraints do not change. The
 gradient of this function is the sum of the gradients of the constraints, weighted by their multipliers (envelope
-theorem). With this gradient, Newton's method finds the required change of one boundary value. Every remedy in the
-advice was checked: sequential quadratic programming from the same starts, with the remedy, satisfies the limits.
+theorem). With this gradient, Newton's method finds the required change of one boundary value. Every remedy after
+"What would help" was checked: sequential quadratic programming from the same starts, with the remedy, satisfies the
+limits.
 """
 
 import dataclasses
@@ -133,7 +134,7 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
     if tasks.problem.objective.fixes_duration:
         possible_remedies.append("a longer duration, which this objective does not change")
     if remedies:
-        sentences.append("What would help: " + "; or ".join(remedies) + " (then the limits can be satisfied).")
+        sentences.append("What would help: " + "; or ".join(remedies) + " (one such change is enough, as was checked).")
     if possible_remedies:
         sentences.append("What may help: " + "; or ".join(possible_remedies) + ".")
     sentences.append(f"More starts may find a path: pass starts={MORE_STARTS * options.starts}.")
@@ -146,10 +147,10 @@ def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
         smallest = with_unit(min_ratio * limit, quantity(name).unit)
         searched = "1 start" if starts == 1 else f"{starts} starts"
         return (
-            f"{name} was not satisfied, even without the other limits (searched from {searched}); "
+            f"The limit on {name} was not satisfied, even as the only limit (searched from {searched}); "
             f"the smallest maximum found is {smallest}."
         )
-    return f"{name} can be satisfied alone; no path was found that satisfies all limits."
+    return f"The limit on {name} can be satisfied alone; no path was found that satisfies all limits."
 
 
 def _raise_limits(

@@ -69,7 +69,7 @@ class Advisor:
             return [advice(one, names, at, options), *sentences]
         if code == ResultCode.not_converged and not sentences[0]:
             more = "a larger max_steps, " if int(at.steps[0]) >= options.max_steps else ""
-            sentences.append(f"Try {more}more starts, other starting velocities, or wider limits.")
+            sentences.append(f"Try {more}more starts, other boundary velocities, or wider limits.")
         return sentences
 
 
@@ -81,6 +81,6 @@ def standstill_warning(problem: Problem, names: Sequence[str]) -> str:
         return ""
     return (
         f"The velocity at the {' and the '.join(ends)} is zero: {', '.join(singular)} may grow without bound there, "
-        "or limits on them may be impossible to prove. Pass a small velocity instead of zero, or limit speed, "
+        "or limits may be impossible to prove. Pass a small velocity instead of zero, or limit speed, "
         "acceleration or jerk instead."
     )

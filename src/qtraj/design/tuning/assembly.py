@@ -37,7 +37,7 @@ def make_outcome(
     placement: Placement | None,
     faults: Any,
 ) -> Tuned:
-    """Return the outcome of a batch of tasks (possibly padded); `faults` are the codes of ill-posed problems."""
+    """Return the outcome of a batch of tasks (possibly padded); `faults` is the result of `fault_codes`."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
     if traced:
         order, constant = limit_names(limits, corridor), jax.lax.stop_gradient(result)

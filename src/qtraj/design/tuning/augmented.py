@@ -191,7 +191,7 @@ class AugmentedLagrangian(AbstractSearch):
         self, task: Task, slots: LimitSlots, s: State, at: Any, times: PerInterval, y: Variables, is_active: Flag
     ) -> tuple[Variables, Any]:
         """Return the point after a step of the optimiser, and the optimiser's state."""
-        # A long line search of an inactive search would delay the others in the batch, so its gradient is zero.
+        # A zero gradient ends the line search at once: inactive searches must not delay the others in the batch.
         gradient = jnp.where(is_active, at.gradient, 0.0)
         with jax.numpy_dtype_promotion("standard"):  # optax mixes dtypes, which strict promotion rejects
             memory = jax.tree.map(lambda a, b: jnp.where(s.reset, a, b), self.optimiser.init(y), s.memory)

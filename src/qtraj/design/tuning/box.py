@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
-"""Default bounds on the change of a velocity, in units of the reference speed, and on ln(duration/initial duration)."""
+"""Default bounds on the magnitudes of velocity changes, in reference speeds, and of ln(duration/initial duration)."""
 
 BOUND_TOLERANCE = 1e-6
 """A variable within this distance of a default bound counts as at the bound."""
@@ -47,6 +47,18 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         raise ValueError("every variable is fixed: remove at least one name from fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
+
+
+def bounds_text(bounds: Mapping[str, tuple[float | None, float | None]]) -> str:
+    """Describe the lower and upper bounds of variables by their names; empty if there are none."""
+    texts = []
+    for name, (low, high) in bounds.items():
+        unit = "s" if name == DURATION else "m/s"
+        if low is not None and high is not None:
+            texts.append(f"{name} from {low:.6g} to {high:.6g} {unit}")
+        else:
+            texts.append(f"{name} {'at most' if low is None else 'at least'} {high if low is None else low:.6g} {unit}")
+    return ", ".join(texts)
 
 
 def dependent_velocity(heading: str) -> str:
@@ -142,7 +154,9 @@ def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -
     ends = [None if x is None else concrete(as_float(x)) for x in (low, high)]
     for value in ends:
         if value is not None and not np.all(np.isfinite(value)):
-            raise ValueError(f"the bounds of {name} must be finite, or None for no bound, but {value} was given")
+            raise ValueError(
+                f"the bounds of {name} must be finite, or None for the default bound, but {value} was given"
+            )
         if name == DURATION and value is not None and not np.all(value > 0):
             raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
     if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):

@@ -51,7 +51,7 @@ def require_choices(
         raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
     user_limits = limits.given()
     if not user_limits:
-        raise ValueError("no limit was given: a tuning needs at least one limit, so set at least one field of Limits")
+        raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not any(name in BOUNDING for name in user_limits):
         # A limit on the power does not bound the speed while braking.
         braking = " while the vehicle brakes" if "power" in user_limits else ""
@@ -69,7 +69,7 @@ def require_choices(
 
 
 class _Data(NamedTuple):
-    """The data to check, for one problem or a batch; `xp` is the module of the arrays, NumPy or JAX's NumPy."""
+    """The data to check, for one problem or a batch; `xp` is the module of the arrays, NumPy or jax.numpy."""
 
     problem: Problem
     turn: Any
@@ -177,15 +177,16 @@ def _far_message(data: _Data) -> str:
     distance = np.linalg.norm(np.asarray(states[1].position - states[0].position)[:2])
     message = (
         f"the states are {distance:.4g} m apart, but {data.problem.start.radius:.6g} m away from the world's z axis, "
-        "about which the path turns by default (pass Placement() to confirm this axis)"
+        "about which the path turns by default"
     )
     try:
         x, y, _ = np.asarray(axis_between(*states).origin)
     except ValueError:
-        return f"{message}: pass a placement (in a scenario, a table [placement])"
+        return f"{message}: pass a placement (in a scenario, a table [placement]), or Placement() to keep this axis"
     return (
         f"{message}: pass a placement such as axis_between(start, end), whose axis is at the intersection of the "
-        f"normals to the velocities; in a scenario, write a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
+        f"normals to the velocities (in a scenario, a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]), or "
+        "Placement() to keep the z axis"
     )
 
 
@@ -200,8 +201,8 @@ def _senses_message(data: _Data) -> str:
     first, last = _rates(data)
     return (
         f"the boundary velocities have opposite senses about the axis (V_phi/rho is {first:.6g} rad/s at the start and "
-        f"{last:.6g} rad/s at the end), so no rotation at a constant rate joins the states. Pass an end whose velocity "
-        "has the same sense as the start, or use motion='hermite' with a duration."
+        f"{last:.6g} rad/s at the end), so no rotation at a constant rate joins the states. Pass boundary velocities "
+        "with the same sense, or use motion='hermite' with a duration."
     )
 
 
@@ -220,8 +221,7 @@ FAULTS = (
         ResultCode.velocity_vanishes,
         lambda d: ~_positive(d.problem.speed, d.xp),
         lambda d: (
-            "the specified boundary velocities must be finite and not all zero, but their RMS magnitude is "
-            f"{d.problem.speed} m/s"
+            f"the boundary velocities must be finite and not all zero, but their RMS magnitude is {d.problem.speed} m/s"
         ),
     ),
     _Fault(

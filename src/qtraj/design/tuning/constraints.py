@@ -2,8 +2,8 @@
 
 A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0, where z are the variables and u is the time divided by the duration
 T. With u as the time, T only scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s
-in the unit of the quantity. G is a function of a few invariants, which are scalar products of the vectors r', r'', …, c
-= r'×r'' and c' = r'×r'''. The code calls these vectors blocks.
+in the unit of the quantity. G is a function of a few invariants, which are scalar products of the vectors r', r'', …,
+c = r'×r'' and c' = r'×r''' with each other and with the vertical. The code calls these vectors blocks.
 
 An index selects the limit. All searches of a batch share the index, so the formula of each limit is compiled once, and
 only the limits that are set are evaluated. The functions in this module operate on a batch of paths without `jax.vmap`,

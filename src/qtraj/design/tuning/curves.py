@@ -15,13 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.algebra.polynomial import taylor_terms
 from qtraj.design.tuning.problem import Problem
 
 ORDERS = 4
 TERMS = 4  # coefficients of cubics
 
 HERMITE = np.asarray([[1, 0, 0, 0], [0, 0, 1, 0], [0, 3, -2, -1], [0, -2, 1, 1]], float)
-"""The matrix from the first value, the difference of the two values, and both slopes to the coefficients of a cubic."""
+"""The matrix that converts (first value, difference of the values, both slopes) to the coefficients of a cubic."""
 
 ANGLE = 1  # the index of φ in (ρ, φ, h)
 
@@ -88,9 +89,9 @@ def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
 def curve_derivatives(
     problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]
 ) -> tuple[Curves, CurveDerivatives]:
-    """Return the path for the variables `z`, which has the given slopes at both ends, and the path's derivatives."""
+    """Return the path for the variables `z`, with the `slopes` of `z` at both ends, and its derivatives."""
     cubic, directions = cubics(problem, slopes), _directions(problem)
-    # The derivatives of the cubics do not depend on the slopes.
+    # The cubics are linear in the slopes, so their derivatives with respect to the slopes are constant.
     moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)
     orders = _orders(
         jnp.concatenate([cubic[None], jnp.asarray(moved, z.dtype)]),
@@ -179,29 +180,19 @@ def second_along(
 
 def along_u(coefficients: Float[Array, "*more terms 3"], u: Float[Array, " places"], order: int) -> list[Array]:
     """Return the values of vector polynomials at the instants `u`, and their Taylor coefficients up to `order`."""
-    return _horner(jnp.moveaxis(coefficients, -2, 0), u, order)
+    return _taylor(jnp.moveaxis(coefficients, -2, 0), u, order)
 
 
 def angle_at(angle: Float[Array, "*more terms"], u: Float[Array, " places"], order: int) -> list[Array]:
     """Return the values of φ at the instants `u`, and its Taylor coefficients up to `order`."""
-    return _horner(jnp.moveaxis(angle, -1, 0), u, order)
+    return _taylor(jnp.moveaxis(angle, -1, 0), u, order)
 
 
-@partial(jax.jit, static_argnums=2)
-def _horner(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"], order: int) -> list[Array]:
-    u = jnp.broadcast_to(u, (*coefficients.shape[1:], u.shape[0]))
-    c = jnp.broadcast_to(coefficients[..., None], (coefficients.shape[0], *u.shape))
-    out = [c[-2] + c[-1] * u, *([c[-1]] if order else [])]
-    for k in range(c.shape[0] - 3, -1, -1):
-        if len(out) <= order:
-            out.append(out[-1])
-            inner = range(len(out) - 2, 0, -1)
-        else:
-            inner = range(len(out) - 1, 0, -1)
-        for i in inner:
-            out[i] = out[i - 1] + out[i] * u
-        out[0] = out[0] * u + c[k]
-    return out
+@partial(jax.jit, static_argnums=2)  # so that equal shapes are traced and lowered once
+def _taylor(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"], order: int) -> list[Array]:
+    shape = (*coefficients.shape[1:], u.shape[0])
+    terms = jnp.broadcast_to(coefficients[..., None], (coefficients.shape[0], *shape))
+    return taylor_terms(list(terms), jnp.broadcast_to(u, shape), order)
 
 
 def _directions(problem: Problem) -> np.ndarray:

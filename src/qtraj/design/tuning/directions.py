@@ -20,7 +20,7 @@ def broadcast(v: Triple) -> Triple:
     return (v[0][None], v[1][None], v[2][None])
 
 
-# As compiled functions, dot and cross are traced only once for all calls.
+# Compiled functions are traced once for each shape, not at each call.
 compiled_dot, compiled_cross = jax.jit(dot), jax.jit(cross)
 
 

@@ -102,7 +102,7 @@ def expansions(
 def _in_variables(
     G: Expansion, setting: Setting, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar
 ) -> Expansion:
-    """Convert the expansion `G` of a quantity in the end slopes to the expansion of its constraint in the variables."""
+    """Convert `G` and its derivatives with respect to the end slopes to g and its derivatives with respect to z."""
     J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
@@ -225,7 +225,7 @@ class _Local(NamedTuple):
     hessian: Float[Array, "i i places"]  # with respect to the invariants
 
 
-@partial(jax.jit, static_argnums=0)  # traced once for the peaks and the fixed times
+@partial(jax.jit, static_argnums=0)  # traced once: there are as many peaks as fixed times
 def _local(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> _Local:

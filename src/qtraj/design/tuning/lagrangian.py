@@ -54,7 +54,7 @@ class Expanded(NamedTuple):
 
 
 def to_box(task: Task, y: Any, xp: Any = jnp) -> Any:
-    """Return the variables z for y, of one problem or a batch; `xp` is the module of y, NumPy or JAX's NumPy."""
+    """Return the variables z(y) of one problem or a batch; `xp` is the module of the array y, NumPy or jax.numpy."""
     middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
     return middle + half * xp.sin((y - middle) / xp.where(half > 0, half, 1.0))
 

@@ -117,7 +117,7 @@ def minimise_violation(
             values=np.where(lowered_result.values > ABSENT, 0.5 * (squares - 1), lowered_result.values),
             steps=result.steps + lowered_result.steps,
         )
-        # If the lowered limits are satisfied as well, the minimum violation is even lower.
+        # If a path satisfies the lowered limits, its violation is not yet minimal: lower the limits again.
         if not np.any((lowered_result.violation <= FEASIBLE) & (result.violation > FEASIBLE)):
             break
     return result
@@ -174,7 +174,7 @@ def _results_and_merit(method: AbstractSearch, tasks: Task, states: Any, xp: Any
     """Return the results of searches, and the merit by which they are compared.
 
     The merit is the cost, or a large number that increases with the violation. `xp` is the module of the states'
-    arrays, NumPy or JAX's NumPy.
+    arrays, NumPy or jax.numpy.
     """
     result, cost = method.result(tasks, states, xp)
     cost = xp.where(result.stationary, cost, cost + 1e-9 * xp.abs(cost))

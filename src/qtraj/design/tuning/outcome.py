@@ -37,7 +37,7 @@ STATUSES = {CONVERGED: "converged", INFEASIBLE: "infeasible", NOT_CONVERGED: "no
 ILL_POSED_STATUS = "ill-posed"
 
 _OLDER_CODES = {1: INFEASIBLE, 2: NOT_CONVERGED}
-"""The codes of `ResultCode` for the codes of older documents."""
+"""The `ResultCode` for each code of older documents."""
 
 
 def _reads_older_codes(fields: dict[str, Any]) -> dict[str, Any]:
@@ -51,7 +51,7 @@ class Tuned(AbstractOutcome):
 
     - `path`: the tuned path.
     - `start`, `end`: the boundary states of the tuned path in world axes.
-    - `objective`: the value of the objective for the tuned path, in its own units.
+    - `objective`: the value of the objective for the tuned path, in the unit of the objective.
     - `certificate`: the findings on the limits.
     - `code`: a `ResultCode`; `status` describes it in one or two words, and `result` explains it and gives advice.
     - `iterations`: the number of steps of the best search.
@@ -126,7 +126,7 @@ class Tuned(AbstractOutcome):
         """Return path, boundary states, vehicle, findings, objective and result codes as labelled quantities."""
         findings, status = self.certificate.record(), np.asarray(self.status)
         variables = {
-            "objective": Quantity(self.objective, "", "value of the objective, in its own units"),
+            "objective": Quantity(self.objective, "", "value; the unit depends on the objective"),
             "outcome": Quantity(status, "", f"one of {', '.join([*STATUSES.values(), ILL_POSED_STATUS])}"),
             "code": Quantity(self.code, "1", "result code of the tuning"),
             "iterations": Quantity(self.iterations, "1", "number of steps of the best search"),

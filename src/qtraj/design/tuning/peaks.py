@@ -166,7 +166,7 @@ def _peaks(
 
 
 def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch picked"], Bool[Array, "batch picked"]]:
-    """Return the times of the highest local maxima at inner nodes, and flags that mark the times of actual maxima."""
+    """Return the times of the highest local maxima at inner nodes, and flags that are false for missing maxima."""
     finite = jnp.where(jnp.isnan(g), jnp.inf, g)
     middle = finite[:, 1:-1]
     heights = jnp.where((middle >= finite[:, :-2]) & (middle > finite[:, 2:]), middle, -jnp.inf)

@@ -102,7 +102,7 @@ class Problem(eqx.Module):
         return polynomials(a, b, self.turn, duration, uniform=self.motion.is_uniform)
 
 
-@jax.jit  # so that it is traced only once
+@jax.jit  # traced once for each shape, not at each call
 def _slopes(problem: Problem, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
     duration = problem.time(z)
     radii = jnp.stack([problem.start.radius, problem.end.radius])[:, None]

@@ -62,7 +62,8 @@ class QP(NamedTuple):
 class Active(NamedTuple):
     """The active constraints; `used` marks the elements of the arrays that are in use.
 
-    `constraint` is an index over the constraints of all slots, the upper and lower bounds, and t ≥ min_violation.
+    `constraint` contains indices into the list of all slot constraints, the upper bounds, the lower bounds and
+    t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
@@ -179,7 +180,7 @@ def _start(qp: QP) -> _State:
 
 
 def _inverse_lengths(qps: QP, n_slots: Index) -> tuple[Array, Array, Array]:
-    """Return the inverse norms of all constraint gradients in the metric H⁻¹, and the largest diagonal entry of H⁻¹."""
+    """Return the inverse norms of all constraint gradients in the metric H⁻¹, and max(1/ε, largest entry of H⁻¹)."""
     diagonal = jnp.sum(qps.inverse * np.eye(qps.inverse.shape[1])[None], axis=2)
 
     def of_slot(slot: Index, lengths: Array) -> Array:

@@ -111,7 +111,7 @@ def _directions(w: Float[Array, "n 2 3 places"], gravity: Places) -> Float[Array
 
 
 def _forces(setting: Any) -> Callable[[Numbers], Forces]:
-    """Return the function that computes S, H and the three forces of `Contact` from the seven numbers."""
+    """Return the function of the components of r' and r'', and gravity, that computes S, H and the `Contact` forces."""
 
     def forces(p: Numbers) -> Forces:
         i = Invariants([None, (p[0], p[1], p[2]), (p[3], p[4], p[5])], vehicle=setting.road._replace(gravity=p[6]))

@@ -17,8 +17,8 @@ from qtraj.foundation.types import Flag, Scalar
 
 FAR = 1e3  # a constraint at this distance, in trust radii, is out of reach of a step
 
-ACTIVE = 1e-7  # a constraint with a larger multiplier is active
-AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
+ACTIVE = 1e-7  # a constraint with a multiplier above this value is active
+AT_BOUND = 1e-7  # a variable within this distance of a bound is at the bound
 PENALISED = 0.9  # above this ratio of the multiplier sum to the penalty, the limits cannot be satisfied yet
 MAX_STIFFNESS = 1e-4  # largest second derivative with respect to t, which keeps the QP strictly convex
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
@@ -165,7 +165,7 @@ def _hessian(
     """Return the Hessians of the Lagrangian and of the squares of the active peaks, and the change of the gradient."""
     slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
     penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # If all active values equal t, measure them from their mean.
+    # While the limits cannot be satisfied, all active values equal t: subtract their mean.
     inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = weight * curvature + sums.hessian
     lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])

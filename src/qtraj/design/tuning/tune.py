@@ -67,18 +67,19 @@ def tune(
     `objective` is "nearest" (the weighted sum of squared changes of the six cylindrical velocity components at the ends
     and, for "hermite" motion, of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or
     a differentiable function of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω;
-    "hermite" varies all six components and, unless the objective is "smoothest", the duration. `duration` [s] is the
-    initial duration of "hermite", and the fixed duration of "smoothest". The default is the turn divided by an average
-    of the angular rates of the initial states. The path turns about the z axis of `placement`, by default the world's z
-    axis. If the states are far from this axis, pass a placement such as `axis_between(start, end)`. The path turns in
-    the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the signed angle `turn` [rad].
+    "hermite" varies all six components and the duration. The objective "smoothest" fixes ω and the duration. `duration`
+    [s] is the initial duration of "hermite", and the fixed duration of "smoothest". The default duration is the turn
+    divided by an average of the angular rates of the initial states. The path turns about the z axis of `placement`, by
+    default the world's z axis. If the states are far from this axis, pass a placement such as `axis_between(start,
+    end)`. The path turns in the sense of V_φ at the start, by an angle in (0, 2π) plus `turns` whole turns, or by the
+    signed angle `turn` [rad].
 
     The variables have the names "start.V_rho", "start.V_phi", "start.V_h", "end.V_rho", "end.V_phi", "end.V_h" [m/s]
     and "duration" [s]. In uniform motion V_phi is not a variable, because the duration determines it. `fixed` names the
     variables that keep their initial value. `fixed` also accepts "start.heading" and "end.heading", which fix the
     direction of the horizontal velocity but not its magnitude, so that a vehicle may drive the same street more slowly.
-    `bounds` maps names to (lower, upper) in these units, where None means no bound. `weights` maps names to weights of
-    the squared changes in "nearest".
+    `bounds` maps names to (lower, upper) in the units above, where None means the default bound. `weights` maps names
+    to weights of the squared changes in "nearest".
 
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
@@ -89,11 +90,11 @@ def tune(
     is called with a `Progress` a few times per second.
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
-    the default and by far the fastest. An `optax.GradientTransformation` such as `optax.adam(1e-3)`, or "lbfgs" or
-    "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with at most `inner_steps` steps of the
-    optimiser in each outer iteration. The augmented Lagrangian method needs only first derivatives and is the default
-    for a callable objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations of the other
-    method. Reuse the same optimiser object to avoid recompilation.
+    by far the fastest, and the default for a named objective. An `optax.GradientTransformation` such as
+    `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
+    at most `inner_steps` steps of the optimiser in each outer iteration. The augmented Lagrangian method needs only
+    first derivatives and is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp",
+    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
 
     **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
     the same batch dimension. Limits, duration, turn and placement are shared or have the same dimension. An ill-posed

@@ -13,7 +13,7 @@ RADIUS_SAMPLES = 257
 """Number of equally spaced instants at which the sign of the radius is checked."""
 
 ADVICE_BATCH = "Try more starts. For more advice, tune this problem alone."
-ADVICE_NOT_CONVERGED = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
+ADVICE_NOT_CONVERGED = "Try a larger max_steps, more starts, other boundary velocities, or wider limits."
 
 
 def verdict(
@@ -62,7 +62,7 @@ def infeasible(findings: Sequence[Finding], steps: int) -> str:
 
 
 def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:
-    """Return a warning if the path crosses its own axis, so that its radius becomes negative; otherwise no text."""
+    """Return a warning if the path crosses its own axis, so that its radius becomes negative, else an empty string."""
     times = np.linspace(0.0, duration, RADIUS_SAMPLES)
     radii = polynomial.polyval(times, radius)
     min_index = int(np.argmin(radii))

@@ -1,8 +1,8 @@
 """Compute first and second derivatives of the objective and the constraints with respect to the joint variables.
 
 Products with constant matrices turn derivatives at the nodes into derivatives with respect to the end data of a
-segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of its
-joints.
+segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of the
+segment's joints.
 """
 
 from typing import NamedTuple

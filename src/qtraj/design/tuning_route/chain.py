@@ -16,7 +16,10 @@ from jaxtyping import Array, Bool, Float
 
 
 class Border(NamedTuple):
-    """The rows and columns of block 0 of a cyclic system: `side[i]` couples block i (rows) to block 0 (columns)."""
+    """The rows and columns of block 0 of a cyclic system.
+
+    `corner` is its diagonal block, and `side[i]` couples block i (rows) to block 0 (columns).
+    """
 
     corner: Float[Array, "b b"]
     side: Float[Array, "n b b"]

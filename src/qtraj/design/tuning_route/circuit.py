@@ -26,11 +26,14 @@ def require_closed(route: Route) -> None:
             f"{gap:.6g} m away. Add a segment that leads back to the start, or call tune_route without closed=True."
         )
     if route.segments == 1:
-        raise ValueError("a closed route must have at least two segments, but this route has one: divide it")
+        raise ValueError(
+            "a closed route must have at least two segments, but this route has one: divide it at a time t [s] by "
+            "route.window(0, t) + route.window(t, route.duration)"
+        )
 
 
 def gathered(problem: RouteProblem, gradient: Float[Array, "10 joints"]) -> Float[Array, "10 joints"]:
-    """Return derivatives with respect to the free variables; add those at the last joint to those at the first."""
+    """Return derivatives with respect to the free variables; derivatives at the last joint are added at the first."""
     if problem.seam is not None:
         gradient = gradient.at[:, 0].add(gradient[:, problem.seam])
     return gradient * problem.free

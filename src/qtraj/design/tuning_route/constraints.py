@@ -25,7 +25,7 @@ def orders(names: Names) -> int:
 
 
 def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
-    """Return (value/limit)² of each limit; the first axis of `q` contains the derivatives with respect to u, then h."""
+    """Return (value/limit)² of each limit; the first axis of `q` contains the components of r', r'', …, then h."""
     h = q[-1]
     order = (q.shape[0] - 1) // 3
     i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])

@@ -52,7 +52,7 @@ def filled(x: Any, n: int, value: float) -> Any:
 
 
 def smooth_fields(c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any) -> dict[str, Any]:
-    """Return the fields of a `RouteProblem` that depend smoothly on the data, apart from those of the objective."""
+    """Return the fields of a `RouteProblem` that depend smoothly on the data, except the fields of the objective."""
     n = len(moving)
     durations = pieces.arithmetic(h).where(moving > 0, filled(h, n, 1.0), 1.0)
     return {
@@ -136,7 +136,7 @@ def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
 
 
 def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any]:
-    """Return coefficients and durations for the variables `z`; some segments keep their coefficients exactly."""
+    """Return coefficients and durations for the variables `z`; segments that do not change keep their coefficients."""
     new_states, new_h = moved_states(problem, states, h, z)
     new, old = same_terms(pieces.hermite(new_h, new_states), c)
     xp = pieces.arithmetic(new, old)

@@ -140,8 +140,8 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
     renew = close & (search.mu < RENEWED) & (search.renewals < RENEWALS)
     margins = jax.lax.cond(renew, lambda: refreshed(names, problem, at.z, at.margins) * factor, lambda: at.margins)
     margins = jnp.where(search.renewals >= FREE, jnp.minimum(margins, at.margins), margins)
-    # New margins change the constraints by up to this much; with smaller slacks the next step would be too short.
-    # A constraint with a much larger slack is not affected, and must not delay all others.
+    # New margins change the constraints by up to `jump`; with much smaller slacks the next step would be too short.
+    # A constraint with a much larger slack is not affected, and must not delay the others.
     changes = jnp.abs(margins - at.margins) * problem.used
     jump = jnp.max(jnp.where(changes > HARMLESS * at.slacks.nodes, changes, 0.0))
     near = jnp.max(jnp.where(at.slacks.nodes < NEAR, changes, 0.0))

@@ -15,7 +15,7 @@ FULL = 0.625
 """A node accounts fully for maxima within this fraction of a cell."""
 
 FAR, CLOSE = 0.8, 0.9
-"""Margins are 1 below the first fraction of the limit, and are computed in full above the second one."""
+"""Fractions of the squared limit: margins are 1 below the first one, and are computed in full above the second one."""
 
 
 def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
@@ -41,7 +41,7 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
 
 
 def _above(own: Array, fine: Array) -> Array:
-    """Return by how much the maxima near each node exceed its value.
+    """Return by how much the maxima near each node exceed the value at the node.
 
     A maximum counts in full up to a little more than half a cell away, and less towards the next node, so that margins
     are continuous functions of the variables. Jumps would prevent their convergence.
@@ -67,7 +67,7 @@ def _joined(largest: Array, used: Array, seam: Array | None) -> Array:
     """Return the largest values near used nodes, which include the values near unused neighbours.
 
     The value at the end of a segment is assigned to the start of the next segment, unless the quantity may jump there.
-    If neither is used because the joint is fixed, the value is assigned to the nearest node inside the segment.
+    If a fixed joint has no used node, the value is assigned to the nearest node inside the segment.
     """
     ends = largest[:, -1] * (1 - used[:, -1])
     before = jnp.pad(ends[:, :-1], ((0, 0), (1, 0)))

@@ -33,8 +33,8 @@ class Iterate(NamedTuple):
 class Step(NamedTuple):
     """A Newton step.
 
-    `slope` is the derivative of the barrier function along the step, `curvature` is zᵀHz, and `positive` is whether H
-    is positive definite.
+    `slope` is the derivative of the barrier function along the step, and `curvature` is zᵀHz, where H is the matrix of
+    the linear system. `positive` is whether H is positive definite.
     """
 
     z: Float[Array, "10 joints"]

@@ -3,8 +3,8 @@
 The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths. Vectors
 have components along and across the original path. The position changes only across the path. A shift of a joint along
 the path would change only the subdivision into segments, and the objective would hardly determine this shift. A segment
-depends only on the variables of its two joints, so the matrix of second derivatives is block tridiagonal. The last axis
-of every array indexes segments or joints. Segments that do not change, and the padding, have `moving` = 0 and no
+depends only on the variables of its two joints, so the matrix of second derivatives is block tridiagonal. Segments
+and joints are always the last axis of an array. Segments that do not change, and the padding, have `moving` = 0 and no
 constraints.
 """
 

@@ -42,7 +42,7 @@ REFINEMENTS = 2
 """Number of iterative refinements of the solution; the linear system is ill-conditioned."""
 
 DECREASE, KEEP = 0.2, 0.995
-"""The barrier parameter decreases by this factor in each step; slacks decrease by at most this fraction."""
+"""The barrier parameter decreases by this factor in each step; slacks and multipliers by at most this fraction."""
 
 
 class Data(NamedTuple):
@@ -161,7 +161,7 @@ class _Newton(NamedTuple):
 
 
 def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate, chain.Chain, Array]:
-    """Refine an iterate until it satisfies the optimality conditions; return it, the matrix, and whether it converged.
+    """Refine an iterate until it satisfies the optimality conditions; also return the matrix and whether it converged.
 
     The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
     short.
@@ -175,7 +175,7 @@ def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate,
 
 @eqx.filter_jit
 def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
-    """Refine an iterate by full Newton steps, starting with the given barrier parameter.
+    """Refine an iterate by full Newton steps, starting with the barrier parameter `barrier`.
 
     There is no merit function, because its rounding errors would stop a line search this close to the optimum.
     """

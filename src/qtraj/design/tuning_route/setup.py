@@ -23,7 +23,7 @@ from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 
 SLOW = 0.02
-"""A segment in which the speed falls below this fraction of the highest speed touches a stop and is not changed."""
+"""A segment with a speed below this fraction of the highest speed counts as touching a stop and is not changed."""
 
 SHORTEST, LONGEST = 0.1, 10.0
 """Bounds on the ratio of a duration to the original one."""
@@ -69,8 +69,9 @@ def problem_of(
 ) -> RouteProblem:
     """Return the padded problem.
 
-    `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) have one row for each joint. With `timed`, the durations of the parts
-    between segments that do not change are fixed. The last joint of a `closed` route has the state of the first one.
+    `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) have one row for each joint. With `timed`, the total duration of each
+    part between segments that do not change is fixed. The last joint of a `closed` route has the state of the first
+    one.
     """
     count = len(given.h)
     n = size(count)
@@ -125,9 +126,10 @@ def _free(held: np.ndarray, moving: np.ndarray, timed: bool) -> np.ndarray:
 
 
 def _used(names: Names, held: np.ndarray, moving: np.ndarray, end: int | None) -> np.ndarray:
-    """Return 1 for each used constraint (limits + 2, nodes, n); at a joint, continuous values need only one side.
+    """Return 1 for each used constraint (limits + 2, nodes, n), else 0.
 
-    `end` is the index of the last joint, after which no segment follows.
+    A quantity that is continuous at a joint is constrained on one side only. `end` is the index of the last joint,
+    after which no segment follows.
     """
     used = np.broadcast_to(moving, (len(names) + 2, len(basis.NODES), len(moving))).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]

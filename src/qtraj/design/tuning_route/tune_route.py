@@ -53,20 +53,21 @@ def tune_route(
     - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
       search adds a term with the squared jerk; this term is about 0.1 % of the duration.
 
-    `fixed`: the states of the joints that do not change, bool (n,), or (n, 3) for position, velocity and acceleration
-    separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of the route
-    without a jump in position, heading or curvature. The time of a joint may change even if its state is fixed.
-    Segments that touch a stop are not changed.
+    `fixed`: a bool array, true where the state of a joint does not change; (n,), or (n, 3) for position, velocity and
+    acceleration separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of
+    the route without a jump in position, heading or curvature. The time of a joint may change even if its state is
+    fixed. Segments that touch a stop are not changed.
 
     `closed`: whether the route is a closed circuit, which must end where it starts. The last joint then has the same
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
 
-    The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
-    segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
-    larger values between them. Then `certify` checks whole segments, and the margins are reduced until everything is
-    proved, in at most eleven searches with `max_steps` steps in total. The result is a local optimum with the code
-    `successful`. The code is `not_optimal` if everything is proved but the search stopped before the optimum.
+    The method is a primal-dual interior-point method with exact second derivatives, whose cost per step is proportional
+    to the number of segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment,
+    with margins for larger values between them. Then `certify` checks whole segments, and the margins are reduced until
+    everything is proved, in at most eleven searches (twelve for "fastest") with `max_steps` steps in total. The result
+    is a local optimum with the code `successful`. The code is `not_optimal` if everything is proved but the search
+    stopped before the optimum.
 
     Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
     if they jump in the original route. Segments that touch a stop keep their coefficients and the jumps between them.
@@ -78,10 +79,10 @@ def tune_route(
     converge.
 
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a route in float32, an
-    unknown objective, a limit on the natural trihedral (which does not exist on straights), "fastest" without a limit
-    that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where
-    it starts, has only one segment, or has different half-widths at its ends. RuntimeError with `throw` if a limit is
-    not proved to be satisfied.
+    unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces, "fastest"
+    without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that
+    does not end where it starts, has only one segment, or has different half-widths at its ends. RuntimeError with
+    `throw` if a limit is not proved to be satisfied.
     """
     _require_route(route, limits)
     names = _names(limits, objective)
@@ -232,7 +233,7 @@ def _widths(tube: Any, joints: int, closed: bool) -> np.ndarray:
     if closed and np.any(widths[0] != widths[-1]):
         raise ValueError(
             "the first and the last joint of a closed route are the same, but the half-widths "
-            f"{widths[0].tolist()} and {widths[-1].tolist()} m were given for them"
+            f"{widths[0].tolist()} and {widths[-1].tolist()} m were given for them: pass equal values"
         )
     return widths
 

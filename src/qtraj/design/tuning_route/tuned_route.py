@@ -30,7 +30,8 @@ class TunedRoute(AbstractOutcome):
     - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
     - `delay` [s]: the change of the duration.
     - `kept` (segments,): whether a segment touches a stop and is not changed.
-    - `objective`: the attained value, in its own units. `iterations`: the number of steps of all searches.
+    - `objective`: the attained value, in the unit given in `tune_route`. `iterations`: the number of steps of all
+      searches.
     """
 
     path: Route
@@ -106,7 +107,7 @@ class TunedRoute(AbstractOutcome):
         path, findings = self.path.record(), self.certificate.record()
         name = ResultCode(int(np.asarray(self.code))).name
         variables = {
-            "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
+            "objective": Quantity(self.objective, "", "attained value; the unit depends on the objective"),
             "outcome": Quantity(np.asarray(name, dtype=str), "", "result of the tuning"),
             "code": Quantity(self.code, "1", "result code of the tuning"),
             "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),

@@ -7,6 +7,7 @@ from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedbac
 from qtraj.motion.control.closed_form import ClosedMotion, closed_motion
 from qtraj.motion.control.commands import body_command, body_correction, inertial_command, inertial_correction
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
+from qtraj.motion.control.feedback_law import feedback_law
 from qtraj.motion.control.gains import from_damping, from_settling_time, from_weights, rate_from_settling_time
 from qtraj.motion.control.hysteresis import HystereticLaw
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
@@ -31,6 +32,7 @@ __all__ = [
     "error_rate",
     "error_response",
     "error_state",
+    "feedback_law",
     "from_damping",
     "from_settling_time",
     "from_weights",

@@ -1,10 +1,10 @@
-"""Define three established attitude feedbacks with nonlinear closed loops, as baselines for comparison.
+"""Define three established attitude feedback laws with nonlinear closed loops, as baselines for comparison.
 
 With each law, the rate error Ω = ω_v − w satisfies Ω̇ = −K1Ω − K2 e, where ω_v is the rate of the body and w = μ⁻¹ω⁰μ
-is the rate of the program, both in body axes. The laws differ in the attitude error e. If the angle Φ of the error is
-small, e is Φ times the axis. The acceleration of the program is fed forward, so the error does not depend on the motion
-of the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual part of the command is 0, and |λ|
-has no effect.
+is the rate of the program, both in body axes. The laws differ in the attitude error e. For a small error angle Φ, e is
+approximately Φ times the unit vector of the rotation axis. The acceleration of the program is fed forward, so the error
+does not depend on the motion of the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual
+part of the command is 0, and |λ| has no effect.
 """
 
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 class QuaternionFeedback(AbstractLaw):
     """The law with e = 2 sgn(μ0) μ_v/|μ|, |e| = 2 sin(Φ/2) (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
 
-    `k1` [1/s], `k2` [1/s²]. The sign selects the shorter rotation; for μ0 = 0 the sign is +.
+    The gains are `k1` [1/s] and `k2` [1/s²]. The sign selects the shorter rotation; for μ0 = 0 the sign is +.
     """
 
     k1: Gain
@@ -49,9 +49,9 @@ class QuaternionFeedback(AbstractLaw):
 class GeometricFeedback(AbstractLaw):
     """The law with e = ½(R_dᵀR − RᵀR_d)^∨, |e| = sin Φ; R and R_d are the rotation matrices of body and program.
 
-    `k1` [1/s], `k2` [1/s²]. e is half the sum of the cross products of corresponding axes of program and body. Lee
-    proposed this feedback on SO(3); in robotics it is attributed to Luh and to Fu & Gonzalez (reference [3] of paper
-    C). For Φ > π/2 the magnitude |e| decreases with Φ, and for Φ = π it is zero.
+    The gains are `k1` [1/s] and `k2` [1/s²]. e is half the sum of the cross products of corresponding axes of program
+    and body. Lee proposed this feedback on SO(3); in robotics it is attributed to Luh and to Fu & Gonzalez (reference
+    [3] of paper C). For Φ > π/2 the magnitude |e| decreases with Φ, and for Φ = π it is zero.
     """
 
     k1: Gain
@@ -77,7 +77,7 @@ class GeometricFeedback(AbstractLaw):
 class LogarithmicFeedback(AbstractLaw):
     """Feedback of the rotation vector e of the error quaternion μ, with |e| = Φ ≤ π; e is discontinuous at Φ = π.
 
-    `k1` [1/s], `k2` [1/s²].
+    The gains are `k1` [1/s] and `k2` [1/s²].
     """
 
     k1: Gain
@@ -97,6 +97,10 @@ class LogarithmicFeedback(AbstractLaw):
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
+
+
+BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
+"""The laws of this module by name."""
 
 
 def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:

@@ -1,4 +1,4 @@
-"""Compute the closed-form motion of a closed loop without disturbances, by composing the program with the error."""
+"""Compute the motion of a closed loop without disturbances in closed form, from the program and the error."""
 
 import os
 
@@ -22,8 +22,8 @@ from qtraj.motion.control.response import error_state
 class ClosedMotion(AbstractResult):
     """The motion of a closed loop in closed form, at the instants `times` (n,) [s].
 
-    `error` (n, 4): the error quaternion of the law. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the angle between the
-    body and the program, from 0 to π. Under `vmap` all fields have leading batch axes.
+    `error` (n, 4): the error quaternion of the law. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the attitude error
+    angle, from 0 to π. Under `vmap` all fields have leading batch axes.
     """
 
     times: Float[Array, "*batch n"]
@@ -42,10 +42,10 @@ class ClosedMotion(AbstractResult):
         variables = {
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, not normalised", axes),
-            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "angle": Quantity(self.angle, "rad", "attitude error angle", (along,)),
         }
         batch = batch_prefix(self.angle.shape[:-1])
-        summary = f"{batch}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"
+        summary = f"{batch}{times_text(self.times)}: attitude error {extent(self.angle, 'rad')}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
     def save(self, file: str | os.PathLike[str]) -> None:

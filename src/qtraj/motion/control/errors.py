@@ -67,7 +67,7 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 
 
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
-    """Return the angle [rad] between the program and the body, from 0 to π; it is the same for λ and −λ."""
+    """Return the attitude error angle [rad], from 0 to π; λ and −λ have the same angle."""
     mu = error_quaternion(reference, quaternion)
     return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 

@@ -12,10 +12,12 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite, require_
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.checks import common_dtype
 
+RESIDUAL = 0.02
+"""Default fraction of the initial error at the settling time."""
 _NEWTON_STEPS = 8  # enough for an error at the level of round-off in float64, for every residual
 
 
-def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[Scalar, Scalar]:
+def from_settling_time(time: ArrayInput, residual: ArrayInput = RESIDUAL) -> tuple[Scalar, Scalar]:
     """Return critically damped gains K1 = 2k, K2 = k² with which the error decays to `residual` in `time` [s].
 
     `residual` is a fraction of the initial error; the initial time derivative of the error is assumed to be zero. k
@@ -29,7 +31,7 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
     return 2 * k, k * k
 
 
-def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Scalar:
+def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = RESIDUAL) -> Scalar:
     """Return the gain K = −ln(residual)/time [1/s] of a `RateLaw`.
 
     With this gain, the error decays to the fraction `residual` of its initial value in `time` [s].
@@ -51,7 +53,7 @@ def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scal
     return 2 * ratio * frequency, frequency * frequency
 
 
-def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tuple[Scalar, Scalar]:
+def from_weights(error: ArrayInput, rate: ArrayInput = 0.0, command: ArrayInput = 1.0) -> tuple[Scalar, Scalar]:
     """Return the gains that minimise ∫(q1 x² + q2 ẋ² + r ẍ²)dt: K2 = √(q1/r) and K1 = √(q2/r + 2√(q1/r)).
 
     The weights are q1 = `error` [1/s⁴], q2 = `rate` [1/s²] and r = `command`; only their ratios matter. The gains

@@ -1,6 +1,6 @@
 """Define a law that stores the sign of its error quaternion and changes this sign with hysteresis.
 
-λ and −λ represent the same attitude. A law that uses the nearer quaternion at every instant is discontinuous at half
+λ and −λ represent the same attitude. A law that uses the nearer of λ and −λ at every instant is discontinuous at half
 turns, where noise can cause chattering. A law that never changes the sign rotates the body by more than a half turn
 (unwinding) if the error exceeds a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011,
 2555–2566) store a sign h = ±1 and change it only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot

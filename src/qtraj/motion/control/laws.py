@@ -17,6 +17,7 @@ from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
+from qtraj.foundation.toml_fault import quoted
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import (
@@ -141,13 +142,15 @@ def second_derivative(reference: Attitude) -> Quat:
 
 def gain(k: ArrayInput, name: str, size: int) -> Array:
     """Return a gain as a finite float array of shape (), (size,) or (size, size); raise a ValueError otherwise."""
-    k = as_float(k)
-    if k.shape not in ((), (size,), (size, size)):
-        raise ValueError(
-            f"{name} must be a scalar, ({size},) for a diagonal, or ({size}, {size}), but shape {k.shape} was given"
-        )
-    require_finite(k, name)
-    return k
+    expected = f"{name} must be a number, {size} numbers for a diagonal, or a {size} × {size} matrix"
+    try:
+        array = as_float(k)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{expected}, but {quoted(k)} was given") from error
+    if array.shape not in ((), (size,), (size, size)):
+        raise ValueError(f"{expected}, but {quoted(k)} with shape {array.shape} was given")
+    require_finite(array, name)
+    return array
 
 
 def apply(k: Array, x: Float[Array, " n"]) -> Float[Array, " n"]:

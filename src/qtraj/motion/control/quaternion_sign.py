@@ -15,6 +15,7 @@ from qtraj.foundation.arrays import concrete
 from qtraj.foundation.renamed import renamed_arguments
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.response import error_state
@@ -38,7 +39,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
     """
     if isinstance(law, AccelerationLaw) and law.error == "additive":
         raise ValueError(
-            "the minimum of |μ| has no closed form for error='additive', because the minimum depends on the program: "
+            "the minimum of |μ| cannot be computed in advance for error='additive', because it depends on the program: "
             "use error='body' or error='inertial'"
         )
 
@@ -85,8 +86,8 @@ def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tu
     """Return λ and ω of the same attitude and physical rate, with |λ| and ω0 such that μ0 = 1 and μ̇0 = 0.
 
     For scalar gains and the body or the inertial error, μ0 then remains 1, and the Gibbs vector of the error,
-    g = μ_v/μ0, satisfies g̈ + K1ġ + K2g = 0. A half turn has no Gibbs vector: |λ| grows without bound as the error
-    approaches a half turn.
+    g = μ_v/μ0, satisfies g̈ + K1ġ + K2g = 0, or ġ + Kg = 0 under a rate law. A half turn has no Gibbs vector: |λ| grows
+    without bound as the error approaches a half turn.
     """
     mu = error_quaternion(reference, quaternion)
     scaled = mu / mu[0]
@@ -99,19 +100,20 @@ def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tu
 def place(
     law: AbstractLaw,
     reference: Attitude,
-    mu: Quat,
+    mu: Quat | None,
     rate_error: Vec3,
     sign: str = "auto",
     normalization: str = "unit",
 ) -> tuple[Quat, Quat]:
     """Return λ (4,) and ω (4,) [rad/s] of a body with the initial error `mu` (4,), a unit quaternion of either sign.
 
-    `rate_error` (3,) [rad/s], body axes: the rate of the body minus the rate of the program. `sign` of λ: "near"
-    (μ0 ≥ 0), "far" (μ0 ≤ 0), or "auto", which uses `choose_sign` for laws with a linear error equation and "near" for
-    other laws. `normalization`: "unit" (|λ| = 1, ω0 = 0) or "gibbs" (μ0 = 1, see `gibbs_normalization`).
+    With None for `mu`, the attitude error is zero. `rate_error` (3,) [rad/s], body axes: the rate of the body minus the
+    rate of the program. `sign` of λ: "near" (μ0 ≥ 0), "far" (μ0 ≤ 0), or "auto", which uses `choose_sign` for laws with
+    a linear error equation and "near" for other laws. `normalization`: "unit" (|λ| = 1, ω0 = 0) or "gibbs" (μ0 = 1, see
+    `gibbs_normalization`).
 
-    **Raises:** ValueError for an unknown `sign` or `normalization`, and for the Gibbs normalization with sign="far"
-    or at a half turn.
+    **Raises:** ValueError for an unknown `sign` or `normalization`, and for the Gibbs normalization with sign="far",
+    at a half turn, or with a law whose Gibbs vector does not satisfy a linear equation.
     """
     if sign not in SIGNS:
         raise ValueError(f"sign must be one of {', '.join(map(repr, SIGNS))}, but {sign!r} was given")
@@ -119,8 +121,9 @@ def place(
         raise ValueError(
             f"normalization must be one of {', '.join(map(repr, NORMALIZATIONS))}, but {normalization!r} was given"
         )
+    mu = jnp.zeros_like(reference.quaternion).at[0].set(1.0) if mu is None else mu
     if normalization == "gibbs":
-        _require_gibbs(mu, sign)
+        _require_gibbs(law, mu, sign)
     return _place(law, reference, mu, rate_error, sign, normalization)
 
 
@@ -140,16 +143,19 @@ def _place(
     return quaternion, rate
 
 
-def _require_gibbs(mu: Quat, sign: str) -> None:
-    if sign == "far":
+def _require_gibbs(law: AbstractLaw, mu: Quat, sign: str) -> None:
+    if getattr(law, "error", None) == "additive" or isinstance(law, tuple(BASELINES.values())):
         raise ValueError(
-            "normalization='gibbs' means μ0 = 1, which contradicts sign='far': omit one of these arguments"
+            "the normalization 'gibbs' is possible only for a law with the body or the inertial error, whose Gibbs "
+            "vector satisfies a linear equation: use the normalization 'unit'"
         )
+    if sign == "far":
+        raise ValueError("the normalization 'gibbs' means μ0 = 1, which contradicts the sign 'far': use another sign")
     scalar = concrete(mu[0])
     if scalar is not None and abs(float(scalar)) < HALF_TURN:
         raise ValueError(
-            "normalization='gibbs' is not possible for an error of a half turn, which has no Gibbs vector: use "
-            "normalization='unit'"
+            "the normalization 'gibbs' is not possible for an error of a half turn, which has no Gibbs vector: use the "
+            "normalization 'unit'"
         )
 
 

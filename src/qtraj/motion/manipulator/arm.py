@@ -1,7 +1,7 @@
 """Define a serial arm by its joints, and compute the pose of its gripper and the geometric Jacobian.
 
 Each joint is described by its axis for joint values of zero, in base coordinates (product of exponentials). The pose of
-the gripper is the product of the joint motions, from the first to the last joint, and the pose for zero joint values.
+the gripper is the product of the motions of the joints, first joint first, and the pose for zero joint values.
 With the joint values q, the rates of the gripper are (ω, v) = J(q) q̇, and its accelerations are (ε, a) = J q̈ + J̇ q̇.
 The components are in the axes of the base, which are inertial.
 """
@@ -114,7 +114,7 @@ class Arm(eqx.Module):
             )
         if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] != 4:
             raise ValueError(
-                f"rows must have shape (n, 4), with a, alpha, d and theta, but shape {table.shape} was given"
+                f"rows must have shape (n, 4), with columns a, alpha, d and theta, but shape {table.shape} was given"
             )
         if not np.isfinite(table).all():
             raise ValueError(f"Denavit–Hartenberg rows must be finite, but {table.tolist()} was given")

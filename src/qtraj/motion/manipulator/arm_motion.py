@@ -22,11 +22,11 @@ class ArmMotion(AbstractOutcome):
     `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their time derivatives.
     `position` (n, 3) [m], `quaternion` (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
     inertial axes, with the virtual rate ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law.
-    `angle` (n,) [rad]: the angle between the gripper and the program. `distance` (n,) [m]: the distance between the
-    gripper and the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value
-    of the Jacobian (in rad and m), or, without a path, of the three rows for ω. `angular_acceleration_error` (n,)
+    `angle` (n,) [rad]: the attitude error angle, from 0 to π. `distance` (n,) [m]: the distance between the gripper
+    and the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value of the
+    Jacobian (in rad and m); without a path, only the three rows for ω are used. `angular_acceleration_error` (n,)
     [rad/s²] and `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded
-    acceleration of the gripper; without active damping, they are zero up to round-off. Without a path, `distance` and
+    acceleration of the gripper; where the damping is not active, they are round-off. Without a path, `distance` and
     `acceleration_error` are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: a
     description of the result.
     """
@@ -109,8 +109,10 @@ class ArmMotion(AbstractOutcome):
                 component,
             ),
             "error": Quantity(self.error, "1", "error quaternion of the law", component),
-            "angle": Quantity(self.angle, "rad", "angle between gripper and program", (along,)),
-            "distance": Quantity(self.distance, "m", "distance of the gripper from its path", (along,)),
+            "angle": Quantity(self.angle, "rad", "attitude error angle of the gripper", (along,)),
+            "distance": Quantity(
+                self.distance, "m", "distance between the gripper and the point of the path", (along,)
+            ),
             "smallest_singular_value": Quantity(
                 self.smallest_singular_value,
                 "",
@@ -132,9 +134,7 @@ class ArmMotion(AbstractOutcome):
             "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
-        summary = (
-            f"{batch_prefix(self.code.shape)}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"
-        )
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: attitude error {extent(self.angle, 'rad')}"
         return Record(
             f"{summary}, smallest singular value {extent(self.smallest_singular_value)}",
             {name: q for name, q in columns.items() if q.values is not None},

@@ -1,6 +1,6 @@
 """Compute joint accelerations for an acceleration of the gripper, by least squares with damping near singularities.
 
-Let J be the Jacobian, and b the acceleration of the gripper minus J̇q̇. The joint accelerations are
+Let J be the Jacobian, and b the desired acceleration of the gripper minus J̇q̇. The joint accelerations are
 q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b. Without damping (ρ = 0), q̈ is the solution of Jq̈ = b with the smallest norm. If the
 smallest singular value σ of J is below a threshold σ₀, the damping ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini,
 Siciliano and Egeland, 1994). Jq̈ then deviates from b in the nearly singular directions.

@@ -2,10 +2,9 @@
 
 Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
 determine the attitude and rate of the gripper, the law computes the angular acceleration ε_ξ, and the geometric
-Jacobian converts ε_ξ to joint accelerations q̈. The norm |λ| and its rate ω0 are not measured: they are
-variables of the control computer. Away from
-singularities, the gripper has the commanded acceleration, so the error of the gripper satisfies the same linear
-equation as the error of a free body.
+Jacobian converts ε_ξ to joint accelerations q̈. The norm |λ| and its rate ω0 are not measured: they are variables of
+the control computer. Away from singularities, the gripper has the commanded acceleration, so the error of the gripper
+satisfies the same linear equation as the error of a free body.
 """
 
 from __future__ import annotations
@@ -121,9 +120,10 @@ def simulate_arm(
     Joint values are angles [rad] or lengths [m]. `times` (n,) [s] are measured from the start of the program; `joints`
     and `joint_rates` are the state at times[0]. `path`: the path of the gripper's position, or None to control only the
     attitude. `gains`: k1 [1/s] and k2 [1/s²] of the position feedback, with which the position error e satisfies ë +
-    k1ė + k2e = 0. `damping`: the `Damping` near singularities, `Damping()` for None. The initial λ is whichever of λ
-    and −λ is nearer to the program. `jumps` [s]: as in `integrate`, but None stands for the `switches` of the program
-    and the knots of a route. `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`.
+    k1ė + k2e = 0. `damping`: the `Damping` near singularities, `Damping()` for None. Of λ and −λ, the simulation starts
+    with the quaternion that is nearer to the program. `jumps` [s]: as in `integrate`; with None, the `switches` of the
+    program and the knots of a route are used. `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in
+    `integrate`.
 
     **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has a discrete state, an
     arm with fewer than three joints (six with a path), or times that do not increase. RuntimeError if `throw` is true

@@ -161,8 +161,7 @@ def closed_pose(
     attitude = law.attitude
     if not isinstance(attitude, AccelerationLaw):
         raise ValueError(
-            "the motion of a pose has a closed form only if its attitude law is an AccelerationLaw, but "
-            f"{attitude!r} was given"
+            f"the pose has a closed form only if the attitude law is an AccelerationLaw, but {attitude!r} was given"
         )
     return _closed_pose(program, attitude, (law.k1, law.k2), state, times)
 

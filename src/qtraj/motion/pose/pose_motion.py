@@ -22,9 +22,9 @@ class PoseMotion(AbstractOutcome):
     `position` (n, 3) [m], `velocity` (n, 3) [m/s] and the commanded `acceleration` (n, 3) [m/s²] are in inertial axes.
     `quaternion` (n, 4) is not normalised. `rate` (n, 4) [rad/s] is in body axes, with the virtual rate ω0 = d/dt ln|λ|²
     first. `command` (n, 4) [rad/s²]: the commanded angular acceleration, body axes, virtual part first. `error` (n, 8):
-    the dual error quaternion M, with the real part μ first. `distance` (n,) [m]: the magnitude of the position error.
-    `angle` (n,) [rad]: the angle between the body and the program. Values at instants that were not reached are NaN.
-    `code`: a `ResultCode`. `result`: a description of the result.
+    the pose error M, a dual quaternion: first the real part μ, then the dual part [m]. `distance` (n,) [m]: the
+    magnitude of the position error. `angle` (n,) [rad]: the attitude error angle, from 0 to π. Values at instants that
+    were not reached are NaN. `code`: a `ResultCode`. `result`: a description of the result.
     """
 
     times: Float[Array, "*batch n"]
@@ -84,13 +84,13 @@ class PoseMotion(AbstractOutcome):
                 self.rate, "rad s-1", "angular rate, body axes; virtual rate d/dt ln|λ|² [s-1] first", component
             ),
             "command": Quantity(self.command, "rad s-2", "commanded angular acceleration, body axes", component),
-            "error": Quantity(self.error[..., :4], "1", "real part of the dual error quaternion", component),
-            "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the dual error quaternion", component),
-            "distance": Quantity(self.distance, "m", "distance from the path", (along,)),
-            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "error": Quantity(self.error[..., :4], "1", "real part of the pose error, the error quaternion", component),
+            "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the pose error", component),
+            "distance": Quantity(self.distance, "m", "magnitude of the position error", (along,)),
+            "angle": Quantity(self.angle, "rad", "attitude error angle", (along,)),
             "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
-        errors = f"distance {extent(self.distance, 'm')}, angle to the program {extent(self.angle, 'rad')}"
+        errors = f"distance {extent(self.distance, 'm')}, attitude error {extent(self.angle, 'rad')}"
         summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {errors}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})

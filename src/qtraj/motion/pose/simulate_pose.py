@@ -41,7 +41,7 @@ class _Task(eqx.Module):
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def commands(self, t: Scalar, state: State) -> tuple[Quat, Vec3]:
-        """Return the commands ε (4,) and a (3,)."""
+        """Return the commands ε (4,) [rad/s²] in body axes and a (3,) [m/s²] in inertial axes."""
         quaternion, rate, position, velocity = _split(state)
         return self.law(*self.reference(t, state), position, velocity, quaternion, rate)
 
@@ -72,7 +72,7 @@ def simulate_pose(
     (3,) [m] and `velocity` (3,) [m/s], inertial axes, `quaternion` (4,), and `rate` (4,) [rad/s], body axes, with the
     virtual rate first. The disturbances `push`, an acceleration [m/s²] in inertial axes, and `twist`, an angular
     acceleration [rad/s²] in body axes, are each a constant (3,) or a function of time. `sign` is as in `simulate`.
-    `jumps` [s]: as in `integrate`, but None stands for the `switches` of the attitude program and the knots of a route.
+    `jumps` [s]: as in `integrate`; with None, the `switches` of the attitude program and the knots of a route are used.
     `solver`, `rtol`, `atol`, `adjoint`, `max_steps` and `throw` are as in `integrate`.
 
     **Raises:** ValueError for arguments of another type or shape, a `sign` other than "nearer" or "as given", or

@@ -214,6 +214,12 @@ def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
     return {name: value for name, value in values.items() if value is not None}
 
 
+def is_fixed(motion_profile: AbstractProfile) -> bool:
+    """Return whether a slew cannot be slowed down, because its duration or one of its end rates is fixed."""
+    rates = (getattr(motion_profile, name, None) for name in ("start_rate", "end_rate"))
+    return motion_profile.duration is not None or any(rate is not None for rate in rates)
+
+
 def require_limits(motion_profile: AbstractProfile) -> None:
     """Raise a ValueError if a limit or the duration is neither None nor a positive finite number."""
     for name, value in user_limits(motion_profile).items():

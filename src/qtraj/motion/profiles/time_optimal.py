@@ -196,6 +196,6 @@ def _require_within(rate: Scalar, bound: Scalar | None, name: str) -> None:
     value, max_rate = concrete(rate), None if bound is None else concrete(bound)
     if value is not None and max_rate is not None and abs(value) > max_rate:
         raise ValueError(
-            f"|{name}| must not exceed max_rate = {float(max_rate):.9g} rad/s, but {name} = {float(value):.9g} rad/s "
-            "was given"
+            f"|{name}| must not exceed max_rate, but {name} = {float(value)!r} and max_rate = {float(max_rate)!r} were "
+            "given"
         )

@@ -105,8 +105,9 @@ class SlewSequence(AbstractProgram):
     """Eigenaxis slews through several attitudes (n, 4), n ≥ 2, at rest at each attitude.
 
     Each slew is the shorter rotation to the next attitude and follows the motion profile `law`. The program starts at
-    the first quaternion, after normalisation. In `attitudes`, the signs of the following quaternions are changed such
-    that the sequence is continuous. At an instant between two slews, the values of the second slew are returned.
+    the first quaternion, after normalisation. The field `attitudes` contains the quaternions with continuous signs:
+    the scalar product of two consecutive quaternions is not negative. At the instant between two slews, the values of
+    the second slew are returned.
 
     **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero, not finite or of another shape,
     for a profile with `start_rate` or `end_rate`, or for a fixed duration that is too short for the largest angle.
@@ -158,6 +159,13 @@ class SlewSequence(AbstractProgram):
     def angles(self) -> Float[Array, " _"]:
         """The angle of each slew [rad], from 0 to π."""
         return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
+
+
+def ends_at_rest(program: AbstractProgram) -> bool:
+    """Return whether a program is a slew that ends at rest, so that its attitude is constant after its duration."""
+    if isinstance(program, EulerTurn):
+        return float(program.profile.end_rate) == 0
+    return isinstance(program, SlewSequence)
 
 
 def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:

@@ -19,7 +19,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 NODES = 513
-"""Number of equally spaced anchors; they determine the sign of the quaternion, or a rotation-minimizing frame."""
+"""Number of anchors, which are equally spaced in time (see `FrameProgram`)."""
 
 ROUNDING = 16
 """Anchors that only determine a sign are rounded to multiples of 1/16, so that stored programs are small."""

@@ -2,9 +2,9 @@
 
 The angular rate of the frame is ω_ξ = c/v² with c = r' × r'' and v = |r'|. A node is an instant at which the attitude
 of the frame is stored. Near a node, let ω be the rate of the upright frame whose up direction is the binormal at the
-node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. So it
-is regular wherever the speed is not zero, even on straight segments, and does not need r''''. The attitudes at the
-nodes are computed once, by quaternion products from one node to the next.
+node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. It is
+therefore regular wherever the speed is not zero, even on straight segments, and r'''' is not needed. The attitudes at
+the nodes are computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx
@@ -82,15 +82,22 @@ def name_of(frame: Frame) -> str:
     return MINIMIZING if isinstance(frame, RotationMinimizing) else frame.name
 
 
-def frame_named(name: str) -> Frame:
-    """Return the frame "natural", "upright", "rotation-minimizing" or "thrust-aligned", with its default settings.
+def frame_named(name: str, up: ArrayInput | None = None, heading: ArrayInput | None = None) -> Frame:
+    """Return the frame "natural", "upright", "rotation-minimizing" or "thrust-aligned".
 
-    **Raises:** ValueError for another name.
+    `up` (3,) is the up direction of an upright frame, and `heading` [rad] the heading of a thrust-aligned frame.
+
+    **Raises:** ValueError for another name, for an argument that belongs to another frame, and for invalid values.
     """
     frames = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
     if name not in frames:
         raise ValueError(f"unknown frame {name!r}: the frames are {', '.join(frames)}")
-    return frames[name]()
+    for argument, value, owner in (("up", up, UPRIGHT), ("heading", heading, THRUST_ALIGNED)):
+        if value is not None and name != owner:
+            raise ValueError(f"{argument!r} is valid only with the frame '{owner}', but the frame is '{name}'")
+    if up is not None:
+        return Upright(up)
+    return frames[name]() if heading is None else ThrustAligned(heading)
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:

@@ -5,9 +5,9 @@ with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-The rates at the inner attitudes follow from the continuity of the acceleration. They are computed by Newton's method
-with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval. The
-spline is the same as SciPy's RotationSpline.
+E is the identity matrix. The rates at the inner attitudes follow from the continuity of the acceleration. They are
+computed by Newton's method with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and
+the last interval. The spline is the same as SciPy's RotationSpline.
 """
 
 import math
@@ -180,7 +180,7 @@ def _inverse(m: Mat3) -> Mat3:
 
 
 def _stumpff(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the series c₂, c₃ and c₄ at `x`, with c₂ = ½ − x c₄."""
+    """Return the Stumpff functions c₂, c₃ and c₄ at `x`; c₂ is computed as ½ − x c₄."""
     powers = jnp.stack([jnp.ones_like(x), x])
     while powers.shape[0] < TERMS:
         powers = jnp.concatenate([powers, powers * (powers[-1] * x)])

@@ -8,7 +8,18 @@ import numpy as np
 
 from qtraj.foundation.number_text import degrees, number
 from qtraj.foundation.units import symbol
+from qtraj.motion.profiles.profile import AbstractProfile
 from qtraj.motion.programs.slew_verdict import TORQUE_UNIT, UNITS, SlewVerdict
+
+MOTION_TITLE = "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ"
+MOTION_HEADERS = {
+    "time": ["t"],
+    "angle": ["Φ"],
+    "angle_rate": ["rate"],
+    "angle_acceleration": ["accel."],
+    "quaternion": ["λ0", "λ1", "λ2", "λ3"],
+}
+"""The headers of the printed columns of a `SlewHistory`."""
 
 
 def slew_fact_rows(verdict: SlewVerdict, k: int) -> list[tuple[str, str]]:
@@ -40,13 +51,23 @@ def slew_limit_rows(verdict: SlewVerdict) -> list[tuple[str, ...]]:
     return rows
 
 
-def end_rates_text(start_rate: float, end_rate: float) -> str:
-    """Describe the discontinuity of a program whose slew has the rates `start_rate` and `end_rate` [rad/s] at its ends.
+def end_texts(verdict: SlewVerdict) -> list[str]:
+    """Describe the sign of the final quaternion, if it is not as requested, and the minimum duration, if known."""
+    texts = []
+    if verdict.sign < 0:
+        texts.append(
+            f"The program ends at λ = {vector_text(verdict.end)}, the specified quaternion with the opposite sign, "
+            "which is the same attitude. Start the next program from the quaternion with this sign."
+        )
+    if np.isfinite(verdict.least_duration):
+        texts.append(f"The fastest slew within the limits takes {float(verdict.least_duration):.4f} s.")
+    return texts
 
-    The text is empty if both rates are zero.
-    """
-    rates = {"starts": start_rate, "ends": end_rate}
-    moving = [f"{verb} at {degrees(rate)}°/s" for verb, rate in rates.items() if rate]
+
+def end_rates_text(law: AbstractProfile) -> str:
+    """Describe the discontinuity of a program whose slew has rates at its ends; empty if the slew is at rest there."""
+    rates = {"starts": getattr(law, "start_rate", None), "ends": getattr(law, "end_rate", None)}
+    moving = [f"{verb} at {degrees(float(rate))}°/s" for verb, rate in rates.items() if rate]
     if not moving:
         return ""
     return (

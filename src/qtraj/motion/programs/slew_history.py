@@ -32,10 +32,10 @@ BEFORE_SWITCH = 1e-9
 class SlewHistory(AbstractResult):
     """The history of a slew at the instants `times` (n,) [s].
 
-    `angle` (n,) [rad], `angle_rate` (n,) [rad/s] and `angle_acceleration` (n,) [rad/s²]; in a sequence, the angles of
-    the slews are added. `quaternion` (n, 4), `rate` (n, 3) [rad/s] and `acceleration` (n, 3) [rad/s²] are values of the
-    program, body axes. `torque` (n, 3) [N m], body axes, is None without an inertia. At a jump, all fields have the
-    value after the jump.
+    `angle` (n,) [rad] is the angle of the slew; in a sequence, it includes the angles of the previous slews.
+    `angle_rate` (n,) [rad/s] and `angle_acceleration` (n,) [rad/s²] are its time derivatives. `quaternion` (n, 4),
+    `rate` (n, 3) [rad/s] and `acceleration` (n, 3) [rad/s²] are values of the program, body axes. `torque` (n, 3)
+    [N m], body axes, is None without an inertia. At a jump, all fields have the value after the jump.
     """
 
     times: Float[Array, " n"]

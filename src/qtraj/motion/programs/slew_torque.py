@@ -18,7 +18,7 @@ from numpy.polynomial import Polynomial
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import AbstractProfile, Profile, stationary_points
+from qtraj.motion.profiles.profile import AbstractProfile, Profile, is_fixed, stationary_points
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
@@ -91,11 +91,7 @@ def within_torque(
     if ratio <= 1:
         return program
     law = program.law
-    if (
-        law.duration is not None
-        or getattr(law, "start_rate", None) is not None
-        or getattr(law, "end_rate", None) is not None
-    ):
+    if is_fixed(law):
         raise ValueError(
             f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot "
             "be slowed down, because its duration or its end rates are fixed. Increase the duration, or omit duration "
@@ -173,7 +169,7 @@ def _bound(max_torque: ArrayInput) -> np.ndarray:
 
 
 def _ratio(peak: TorquePeak, bound: np.ndarray) -> float:
-    """Return the largest torque, relative to its limit."""
+    """Return the largest ratio of a peak torque to its limit."""
     return peak.norm / float(bound) if bound.ndim == 0 else float(np.max(np.asarray(peak.axes) / bound))
 
 
@@ -181,9 +177,9 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
     """Return the trapezoidal profile of minimum duration Φ/V + V/A(V).
 
     Φ is the angle, V the coasting rate and A(V) the largest acceleration within the torque limit. The rate reaches V at
-    the end of the acceleration and at the start of the deceleration, so the largest torque about each axis is A|p| +
-    V²|q|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not increase, so the
-    duration is convex in V.
+    the end of the acceleration and at the start of the deceleration, so the largest torque about axis k is
+    A|p_k| + V²|q_k|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not
+    increase, so the duration is convex in V.
     """
     max_acceleration = float(law.max_acceleration)
 

@@ -17,7 +17,7 @@ from qtraj.foundation.arrays import real_vector
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.profiles.profile import AbstractProfile, user_limits
+from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, user_limits
 from qtraj.motion.profiles.smooth_step import Cubic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
@@ -159,7 +159,8 @@ def judge_slew(
     with the sign of the program's final quaternion.
 
     The peaks are maxima of polynomials, exact up to rounding errors. For the minimum duration with a torque limit,
-    `within_torque` slows down the fastest slew within the other limits; a slew with another profile may be faster.
+    `within_torque` slows down the fastest slew within the other limits; a slew with another profile may be faster. If
+    the profile has end rates, the minimum duration does not account for the torque limit.
 
     **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, unknown limits, an invalid
     inertia, a `max_torque` without an inertia, or inside a trace.
@@ -237,7 +238,6 @@ def _least_duration(
     if law.duration is None or not limits:
         return math.nan
     fastest = dataclasses.replace(program, law=dataclasses.replace(law, duration=None, **limits))
-    at_rest = getattr(law, "start_rate", None) is None and getattr(law, "end_rate", None) is None
-    if inertia is not None and max_torque is not None and at_rest:
+    if inertia is not None and max_torque is not None and not is_fixed(fastest.law):
         fastest = within_torque(fastest, inertia, max_torque)
     return float(fastest.duration)

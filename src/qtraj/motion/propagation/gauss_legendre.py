@@ -27,7 +27,7 @@ from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
 DIGITS = 50
 MAX_STAGES = 64
 ANGLE_PER_STEP = 2.0
-"""Largest angle h·max|ω| [rad] at which the sweeps converge to round-off; above it, the error estimate increases."""
+"""Largest angle h·max|ω| [rad] at which the sweeps converge to round-off; at larger angles the error estimate grows."""
 
 
 class GaussLegendre(AbstractIncrement):
@@ -120,7 +120,10 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _integral(c: Decimal, p: list[Decimal], at_nodes: list[list[Decimal]], b: list[Decimal]) -> list[Decimal]:
-    """Return the weights of the integral from 0 to `c`, from the Legendre polynomials `p` at `c` and `at_nodes`."""
+    """Return the quadrature weights for the interval from 0 to `c`.
+
+    `p` and `at_nodes` are the values of the Legendre polynomials at `c` and at the nodes; `b` are the Gauss weights.
+    """
     half = Decimal("0.5")
     return [
         bj * (c + half * sum(pj[k] * (p[k + 1] - p[k - 1]) for k in range(1, len(b))))
@@ -150,7 +153,10 @@ def _rounded(values: list) -> np.ndarray:
 
 
 def _sweeps(a: np.ndarray) -> int:
-    """Return the number of sweeps after which the powers of (h|ω|/2)·a are below round-off."""
+    """Return the number of sweeps after which the powers of (h|ω|/2)·a are below round-off.
+
+    The angle h|ω| is `ANGLE_PER_STEP`.
+    """
     term, count = np.ones(len(a)), 0
     while np.max(np.abs(term)) > 0.5 * np.finfo(float).eps:
         term, count = 0.5 * ANGLE_PER_STEP * (a @ term), count + 1

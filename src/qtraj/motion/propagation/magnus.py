@@ -46,7 +46,7 @@ class Magnus(AbstractIncrement):
 
 
 def fourth_order(rates: Float[Array, "2 3"], h: Scalar) -> Vec3:
-    """Return the rotation vector [rad] of a step of `h` [s], from the body rates at ½ ∓ √3/6."""
+    """Return the rotation vector [rad] of a step of `h` [s], from the body rates at ½ ∓ √3/6 of the step."""
     first, second = rates
     return 0.5 * h * (first + second) + (math.sqrt(3) / 12) * h * h * jnp.cross(first, second)
 

@@ -1,6 +1,6 @@
 """Construct the steps of a propagation: the mesh between the output times, error estimates, and refinement.
 
-The same functions are used outside a trace, where a mesh may grow, and inside a trace, where the size of its arrays is
+The same functions are used outside a trace, where a mesh may grow, and inside a trace, where the number of slots is
 fixed.
 """
 
@@ -66,7 +66,7 @@ def first_mesh(intervals: int, slots: int, dtype: jnp.dtype) -> Mesh:
 
 
 def resized(mesh: Mesh, slots: int) -> Mesh:
-    """Return the mesh with more or fewer empty slots."""
+    """Return the mesh with `slots` slots, after adding or removing empty slots."""
     size = mesh.start.shape[0]
     if slots <= size:
         return Mesh(mesh.interval[:slots], mesh.start[:slots], mesh.end[:slots], mesh.count)
@@ -162,7 +162,7 @@ def _round_off(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float
 
 
 def padded(errors: Errors, slots: int) -> Errors:
-    """Return the errors with more empty slots."""
+    """Return the errors, padded with zeros to `slots` slots."""
     more = (0, slots - errors.step.shape[0])
     return Errors(jnp.pad(errors.step, more), jnp.pad(errors.floor, more), errors.truncation, errors.bound)
 

@@ -18,7 +18,7 @@ MAX_STEPS = 2**18
 """Default of `max_steps` outside a trace, where unused slots cost no time."""
 
 MAX_ROUNDS = 64
-"""Maximum number of refinements, enough to reach steps of one unit of float64 round-off at a jump of the rate."""
+"""Maximum number of refinements, enough to halve the steps at a jump of the rate down to float64 round-off."""
 
 
 def fixed(problem: Problem, steps: int) -> Mesh:

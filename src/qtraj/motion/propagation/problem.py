@@ -89,7 +89,7 @@ def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]
     end = start + h
     before = jnp.maximum(
         start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end)
-    )  # a rate at the end would include a jump there
+    )  # at the end itself, ω may already have the value after a jump
     at = jnp.minimum(start[:, None] + jnp.outer(h, jnp.asarray(nodes, h.dtype)), before[:, None])
     rates = jax.vmap(jax.vmap(lambda t: jnp.asarray(omega(t))))(at)
     if rates.shape[2:] not in ((3,), (4,)):

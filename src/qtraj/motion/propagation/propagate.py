@@ -31,9 +31,9 @@ Quats = TypeAliasType("Quats", Float[Array, "n 4"])
 class Propagation(AbstractOutcome):
     """The attitudes at the output times, with an error estimate.
 
-    `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error of the last attitude and of ln|λ|²,
-    including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from the error without
-    round-off. `result`: a description of the result.
+    `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error angle of the last attitude plus the
+    estimated error of ln|λ|, including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from
+    the error without round-off. `result`: a description of the result.
     """
 
     times: Float[Array, " n"]
@@ -66,7 +66,9 @@ class Propagation(AbstractOutcome):
             "quaternion": Quantity(
                 self.quaternion, "1", "attitude, scalar first, body to inertial", (along, "component")
             ),
-            "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
+            "estimate": Quantity(
+                self.estimate, "rad", "estimated error angle of the last attitude plus error of ln|λ|"
+            ),
             "steps": Quantity(self.steps, "1", "number of steps"),
             "result": Quantity(texts, "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
@@ -135,7 +137,7 @@ def propagate_with_estimate(
     The fields `code` and `result` report failures; the quaternions are then not replaced by NaN.
 
     **Raises:** ValueError in the same cases as `propagate`; RuntimeError if `throw` is true and the tolerance is not
-    satisfied.
+    satisfied or the rate is not finite.
     """
     solution = _solve(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
     return solution.check() if throw else solution

@@ -60,7 +60,7 @@ class AttitudeTerm(diffrax.AbstractTerm):
         return t1 - t0, (t1 - t0 if self.axes == "body" else t0 - t1)
 
     def prod(self, vf: Quat, control: tuple[Any, Any]) -> Quat:
-        """Return the product of λ̇ and the first number of `control`, the time [s]."""
+        """Return the product of λ̇ and the first number of `control`, the time difference [s]."""
         return vf * jnp.asarray(control[0], vf.dtype)
 
 

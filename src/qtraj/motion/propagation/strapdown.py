@@ -108,7 +108,7 @@ def _require_no_gap(times: Array, max_gap: float | None) -> None:
         raise ValueError(
             f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} "
             f"at {values[i + 1]:.9g} s; the median interval is {median:.3g} s. Propagate the samples before and after "
-            "the gap separately, or increase max_gap."
+            "the gap separately, or increase max_gap (a multiple of the median interval)."
         )
 
 

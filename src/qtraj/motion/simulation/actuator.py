@@ -39,12 +39,13 @@ class Actuator(eqx.Module):
         self.saturation = saturation
         self.limit = None if limit is None else as_float(limit)
         if self.limit is not None:
-            if self.limit.shape not in ((), (3,)) or (self.limit.shape and saturation == "norm"):
+            if self.limit.shape not in ((), (3,)):
                 raise ValueError(
-                    "the actuator's limit must be a scalar, or have shape (3,) with saturation='axis', but shape "
-                    f"{self.limit.shape} was given with saturation={saturation!r}"
+                    f"the actuator's limit must be a scalar or have shape (3,), but shape {self.limit.shape} was given"
                 )
-            require_positive(self.limit, "the actuator's limit", "rad/s²")
+            if self.limit.ndim and saturation == "norm":
+                raise ValueError("a limit for each axis requires saturation = 'axis', but 'norm' was given")
+            require_positive(self.limit, "the actuator's limit", "rad/s², or rad/s for a rate law")
         self.sampling = sampling_instants(sampling)
 
     def __repr__(self) -> str:

@@ -40,9 +40,9 @@ def assess_loop(
 ) -> tuple[LoopHistory, LoopVerdict]:
     """Simulate a closed loop and assess it: settling, peak command, and agreement with the closed form.
 
-    The arguments up to `sign` are as in `simulate`. `times` (n,) [s] start at 0. `settled` [rad]: the angle below which
-    the loop counts as settled. If `without_feedback` is true, the body is also simulated under the acceleration of the
-    program alone.
+    The arguments up to `sign` are as in `simulate`. `times` (n,) [s] start at 0. `settled` [rad]: the attitude error
+    below which the loop counts as settled. If `without_feedback` is true, the body is also simulated under the
+    acceleration of the program alone.
 
     The result is the motion at `times` and at many more instants, and its assessment by `judge_loop`. To select the
     motion at `times`, use `history.at(times)`.

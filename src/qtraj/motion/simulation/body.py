@@ -102,8 +102,8 @@ class RigidBody(eqx.Module):
     a function t → (3,). `wheels`: the `ReactionWheels` that produce the control torque; None for thrusters, for which
     `max_torque` [N m] limits the magnitude of the torque.
 
-    With the exact inertia, exact measurements, a continuous command, no external torque and no active limit, the
-    acceleration of the body is exactly the command of the law.
+    With the exact inertia, exact measurements, a continuous command, no external torque or disturbance and no active
+    limit, the acceleration of the body is exactly the command of the law.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a torque of another shape, or
     both `wheels` and `max_torque`.

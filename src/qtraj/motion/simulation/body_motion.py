@@ -27,8 +27,8 @@ class BodyMotion(AbstractResult):
       axes. The mismatch is caused by errors of the inertia and the sensors, disturbances, limits and sampling.
     - `residual` (n, 4) [1/s²]: ẍ + K1ẋ + K2x, the residual of the error equation of an `AccelerationLaw`; None for
       other laws.
-    - `deviation` (n, 4): the error minus its closed form from the same initial state; None for other laws and for
-      hysteretic laws.
+    - `deviation` (n, 4): the error quaternion minus its closed form for the same initial state; None for other laws and
+      for hysteretic laws.
     """
 
     times: Float[Array, "*batch n"]
@@ -78,7 +78,7 @@ class BodyMotion(AbstractResult):
 
     def exactness(self) -> str:
         """Describe the deviation from the exact error equation."""
-        text = f"the acceleration deviated from the law by up to {_largest(self.mismatch):.3g} rad/s²"
+        text = f"the acceleration deviated from the command by up to {_largest(self.mismatch):.3g} rad/s²"
         if self.deviation is None:
             return text
         return f"{text}, and the error deviated from its closed form by up to {_largest(self.deviation):.3g}"

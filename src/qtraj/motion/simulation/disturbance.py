@@ -27,7 +27,7 @@ SignalInput = TypeAliasType("SignalInput", Callable[[Scalar], Vec3] | ArrayInput
 
 @storable
 class Sinusoid(eqx.Module):
-    """The disturbance signal amplitude·sin(2πt/period + phase), which can be stored.
+    """The disturbance signal amplitude·sin(2πt/period + phase), which can be saved to a file.
 
     `amplitude` (3,), in the unit of the disturbance; `period` [s]; `phase` [rad].
 
@@ -71,7 +71,7 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class DisturbanceAcceleration(AbstractDisturbance):
     """A disturbing angular acceleration in body axes, a function t [s] → (3,) [rad/s²] or a constant (3,).
 
-    `signal`: the function or the constant. A constant and a `Sinusoid` can be stored; other functions cannot.
+    `signal`: the function or the constant. A constant or a `Sinusoid` can be saved to a file; other functions cannot.
 
     **Raises:** ValueError if `signal` cannot be called with the time alone, or if its value does not have shape (3,).
     """
@@ -97,7 +97,7 @@ class DisturbanceTorque(AbstractDisturbance):
 
     `signal`: the function or the constant. `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The torque M
     causes the acceleration J⁻¹M, because the gyroscopic torque ω×Jω is included in the commanded torque; see
-    `dynamics.torque`. A constant and a `Sinusoid` can be stored; other functions cannot.
+    `dynamics.torque`. A constant or a `Sinusoid` can be saved to a file; other functions cannot.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a function that cannot be called
     with the time alone, or a value of another shape.

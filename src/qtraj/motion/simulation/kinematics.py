@@ -74,8 +74,8 @@ def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
         epsilon = as_float(acceleration(t, quaternion, rate)).astype(state.dtype)
         if epsilon.shape != (4,):
             raise ValueError(
-                "the acceleration must have shape (4,), with the virtual scalar part first (0 for constant |λ|), but "
-                f"has shape {epsilon.shape}"
+                "the acceleration must have shape (4,), with the virtual scalar part first (0 keeps ω0 constant, and "
+                f"|λ| too if ω0 = 0), but has shape {epsilon.shape}"
             )
         return scale.pack(derivative(quaternion, rate, axes), epsilon)
 

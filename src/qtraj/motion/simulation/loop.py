@@ -54,12 +54,13 @@ class Loop(eqx.Module):
             )
         if self.commands_rate and self.disturbance is not None:
             raise ValueError(
-                "a rate law commands the rate directly, so a disturbance has no effect: use an AccelerationLaw"
+                "a rate law commands the rate directly, so a disturbance has no effect: use a law that commands the "
+                "acceleration, or omit the disturbance"
             )
         if self.commands_rate and isinstance(self.sensor, Gyros):
             raise ValueError(
-                "the sensor Gyros interpolates the rate, so it needs a continuous rate, but under a rate law the rate "
-                "is discontinuous: use an AccelerationLaw"
+                "gyros need a continuous rate, which they interpolate, but under a rate law the rate is discontinuous: "
+                "use a law that commands the acceleration, or another sensor"
             )
 
     @property
@@ -84,20 +85,21 @@ class Loop(eqx.Module):
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     """Return the instants [s] of new commands or sign updates, or None for a continuous loop.
 
-    **Raises:** ValueError if sensor, actuator and hysteretic law have different sampling, if a hysteretic law has no
-    sampling, if a period is traced or results in more than `MAX_RENEWALS` instants, or if the first instant is later
-    than times[0].
+    **Raises:** ValueError if sensor, actuator and hysteretic law have different sampling, if the law is hysteretic and
+    nothing is sampled, if a period is traced or results in more than `MAX_RENEWALS` instants, or if the first instant
+    is later than times[0].
     """
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
 
 
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
-    law_sampling = loop.law.sampling if isinstance(loop.law, HystereticLaw) else None
-    parts = [None if part is None else part.sampling for part in (loop.sensor, loop.actuator)]
-    samplings = [sampling for sampling in (*parts, law_sampling) if sampling is not None]
+    law = loop.law if isinstance(loop.law, HystereticLaw) else None
+    parts = {"sensor": loop.sensor, "actuator": loop.actuator, "hysteretic law": law}
+    named = {name: part.sampling for name, part in parts.items() if part is not None and part.sampling is not None}
+    samplings = list(named.values())
     if not samplings:
-        if isinstance(loop.law, HystereticLaw):
+        if law is not None:
             raise ValueError(
                 "a hysteretic law updates its sign at sampling instants, but no sampling was given: set the sampling "
                 "[s] of the law, the sensor or the actuator"
@@ -105,8 +107,8 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
         return None
     if not all(_same(samplings[0], other) for other in samplings[1:]):
         raise ValueError(
-            "sensor, actuator and hysteretic law must have the same sampling, but different values were given: use the "
-            "same sampling for all, or set sampling for only one of them and sampling=None for the others"
+            f"{' and '.join(named)} must have the same sampling, but different values were given: use the same value, "
+            "or specify the sampling of only one of them"
         )
     sampling = samplings[0].astype(times.dtype)
     if sampling.ndim:
@@ -116,7 +118,7 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     if period is None or span is None:
         raise ValueError(
             "the sampling period and the time span must be concrete, because they determine the number of "
-            "commands, but traced values were given: pass the instants as sampling"
+            "commands, but traced values were given: pass the instants (m,) as sampling instead of a period"
         )
     periods = float(span) / float(period)
     rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods
@@ -146,5 +148,5 @@ def _require_early(instants: Float[Array, " m"], times: Float[Array, " n"]) -> N
     if first is not None and start is not None and first > start:
         raise ValueError(
             f"the first sampling instant, {float(first):.9g} s, is later than times[0] = {float(start):.9g} s, so no "
-            "command is defined between them"
+            "command is defined between them: pass a first instant that is not later than times[0]"
         )

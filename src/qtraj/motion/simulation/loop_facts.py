@@ -18,6 +18,13 @@ def gains_of(law: AbstractLaw) -> dict[str, Any]:
     return {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
 
 
+def limit_of(actuator: Actuator | None) -> dict[str, Any]:
+    """Return the limit of an actuator and its saturation as JSON types by name; both are None without a limit."""
+    if actuator is None or actuator.limit is None:
+        return {"command_limit": None, "saturation": None}
+    return {"command_limit": np.asarray(actuator.limit).tolist(), "saturation": actuator.saturation}
+
+
 def gains_text(gains: Mapping[str, Any]) -> str:
     """Describe the gains of a feedback law, such as "k1 = 2, k2 = 1"; matrices are not printed."""
     return ", ".join(f"{name} = {_gain(gain)}" for name, gain in gains.items())
@@ -37,10 +44,43 @@ def stability_text(verdict: LoopVerdict) -> str | None:
     return "The closed loop is not asymptotically stable: with these gains the error does not decay."
 
 
-def loop_fact_rows(verdict: LoopVerdict, actuator: Actuator | None = None) -> list[tuple[str, str]]:
+def deviation_text(verdict: LoopVerdict) -> str | None:
+    """Describe a deviation from the closed form that is larger than the tolerances explain; otherwise return None."""
+    if verdict.agrees is not False:
+        return None
+    return (
+        f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest value that the tolerances "
+        "explain."
+    )
+
+
+def motion_headers(verdict: LoopVerdict, open_loop: bool = False) -> tuple[str, dict[str, list[str]]]:
+    """Return the title of a printed table of the motion, and the headers of its columns by the name of the variable.
+
+    If `open_loop` is true, the table contains the angle of the body without feedback.
+    """
+    headers = {
+        "time": ["t"],
+        "angle": ["error"],
+        "closed_form_angle": ["closed form"],
+        "open_loop_angle": ["open loop"],
+        "rate": ["ω1", "ω2", "ω3"],
+        "command": ["command"],
+        "norm": ["|λ|"],
+    }
+    omitted = {"closed_form_angle": not verdict.applies, "open_loop_angle": not open_loop}
+    unit = command_unit(verdict)
+    title = f"t [s], error angle [°], body rate ω [°/s], magnitude of the command [{unit}], |λ|"
+    return title, {name: texts for name, texts in headers.items() if not omitted.get(name)}
+
+
+def loop_fact_rows(
+    verdict: LoopVerdict, actuator: Actuator | None = None, open_loop_angle: float | None = None
+) -> list[tuple[str, str]]:
     """Return the facts about the motion as pairs of a name and a text; a dash replaces values that are not defined.
 
-    `actuator` is the actuator of the simulation, whose limit is compared with the command.
+    `actuator` is the actuator of the simulation, whose limit is compared with the command. `open_loop_angle` [rad] is
+    the final angle without feedback, or None if it was not simulated.
     """
     actuator = Actuator() if actuator is None else actuator
     final, settled, drift = (float(x) for x in (verdict.final_angle, verdict.settled_angle, verdict.norm_drift))
@@ -48,7 +88,7 @@ def loop_fact_rows(verdict: LoopVerdict, actuator: Actuator | None = None) -> li
     settling = float(verdict.settling_time)
     drifted = f", within {number(drift, 3)} of its exact value" if math.isfinite(drift) else ""
     exactly = " in continuous time, from the closed form" if verdict.least_error_exact else ""
-    return [
+    rows = [
         ("final error", f"{degrees(final)}°" if math.isfinite(final) else "-"),
         (f"within {degrees(settled)}°", f"from {settling:.4f} s on" if math.isfinite(settling) else "not settled"),
         ("closed form", _closed_form(verdict)),
@@ -58,6 +98,10 @@ def loop_fact_rows(verdict: LoopVerdict, actuator: Actuator | None = None) -> li
         ("smallest |μ|", f"{number(least)}{exactly}" if math.isfinite(least) else "-"),
         ("evaluated at", f"{int(verdict.instants)} instants, more than in the table"),
     ]
+    if open_loop_angle is not None:
+        finite = math.isfinite(open_loop_angle)
+        rows.append(("without feedback", f"{degrees(open_loop_angle)}° from the program at the end" if finite else "-"))
+    return rows
 
 
 def _closed_form(verdict: LoopVerdict) -> str:

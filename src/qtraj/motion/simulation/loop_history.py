@@ -28,8 +28,8 @@ class LoopHistory(AbstractResult):
 
     `solution`: the `Solution`. `reference`: the attitudes of the program, with fields (n, …). `closed_form`: the motion
     without disturbances in closed form; None for a law without a linear error equation. `open_loop_angle` (n,) [rad]:
-    the angle between the body and the program without feedback; None if not simulated. `history[rows]` selects
-    instants.
+    the attitude error angle of the motion without feedback; None if this motion was not simulated. `history[rows]`
+    selects instants.
     """
 
     solution: Solution
@@ -52,7 +52,7 @@ class LoopHistory(AbstractResult):
         time, body, component = ("time",), ("time", "body"), ("time", "component")
         rate, command = np.asarray(solution.rate), np.asarray(solution.command)
         variables = {
-            "angle": Quantity(solution.angle, "rad", "angle between body and program", time),
+            "angle": Quantity(solution.angle, "rad", "attitude error angle", time),
             "error": Quantity(solution.error, "1", "error quaternion of the law", component),
             "norm": Quantity(solution.norm, "1", "norm of the quaternion", time),
             "quaternion": Quantity(solution.quaternion, "1", "attitude of the body, not normalised", component),
@@ -67,15 +67,17 @@ class LoopHistory(AbstractResult):
         }
         if closed is not None:
             variables |= {
-                "closed_form_angle": Quantity(closed.angle, "rad", "angle in closed form, without disturbances", time),
+                "closed_form_angle": Quantity(
+                    closed.angle, "rad", "attitude error angle in closed form, without disturbances", time
+                ),
                 "closed_form_error": Quantity(
                     closed.error, "1", "error quaternion in closed form, without disturbances", component
                 ),
             }
         if self.open_loop_angle is not None:
-            meaning = "angle between program and body under the acceleration of the program alone, without feedback"
+            meaning = "attitude error angle under the acceleration of the program alone, without feedback"
             variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
-        summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
+        summary = f"{times_text(self.times)}: attitude error {extent(solution.angle, 'rad')}"
         times = Quantity(solution.times, "s", "time from the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
         return Record(summary, variables, {"time": times}, about)

@@ -51,11 +51,10 @@ def open_loop(
     [rad/s]: the state at times[0]; None for the state of the program. `axes`, "body" or "inertial": the axes in which
     the components of ε⁰ are applied, and the axes of the initial and the resulting rate. The motion depends on `axes`
     if the attitude of the body differs from the attitude of the program. `disturbance` (in body axes) and `sign` are as
-    in `simulate`. `jumps`: None for the `switches` of the program, if it has this property. All other arguments are as
-    in `integrate`.
+    in `simulate`. `jumps` [s]: with None, the `switches` of the program are used, if it has this property. All other
+    arguments are as in `integrate`.
 
-    In the solution, `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between the
-    body and the program.
+    In the solution, `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the attitude error angle.
 
     **Raises:** ValueError in the same cases as `integrate`, for a `program` of another type, and for a `sign` other
     than "nearer" or "as given". RuntimeError if `throw` is true and an instant was not reached.

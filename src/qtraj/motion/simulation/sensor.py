@@ -52,7 +52,7 @@ class Sensor(AbstractSensor):
     None, the sensor is continuous and cannot have noise, because continuous white noise does not have a finite
     variance.
 
-    **Raises:** ValueError for noise without a key or without sampling, or for negative noise.
+    **Raises:** ValueError for noise without a key, a key without sampling, or negative noise.
     """
 
     rate_bias: Vec3
@@ -79,7 +79,8 @@ class Sensor(AbstractSensor):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
             raise ValueError(
-                "noise needs sampling, because a continuous sensor can only have a bias: pass sampling, a period [s]"
+                "a key was given, but noise needs sampling: pass sampling, a period [s], or omit key. A continuous "
+                "sensor can only have a bias."
             )
 
     def __repr__(self) -> str:
@@ -111,8 +112,8 @@ class Gyros(AbstractSensor):
     `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key`:
     see `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
     computer interpolates the rate linearly between samples. If the acceleration is constant between samples, this
-    interpolation is exact. Only the propagation error then remains, which is O(h⁵) for a step of length h. See remark 1
-    of paper C.
+    interpolation is exact. Only the error of the propagation then remains, which is O(h⁵) in each step of length h. See
+    remark 1 of paper C.
 
     **Raises:** ValueError for noise without a key, or negative noise.
     """

@@ -45,10 +45,10 @@ class Solution(AbstractOutcome):
     `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: the virtual rate ω0 = d/dt ln|λ|² first, then the
     physical rate. Solutions of `simulate` and `open_loop` also contain `command` (n, 4), the limited command in body
     axes, in rad/s² or in rad/s for a rate law; `error` (n, 4), the error quaternion of the law; and `angle` (n,) [rad],
-    the angle between the body and the program, from 0 to π. Values at instants that were not reached are NaN. `code`: a
-    `ResultCode`. `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body"
-    or "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion`
-    with torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
+    the attitude error angle, from 0 to π. Values at instants that were not reached are NaN. `code`: a `ResultCode`.
+    `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body" or
+    "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
+    torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
 
     **Raises:** ValueError for unknown `axes` or `commands`.
     """
@@ -94,14 +94,18 @@ class Solution(AbstractOutcome):
         if self.body is not None:
             body_motion: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
             text = f"{text} {body_motion.exactness().capitalize()}."
+        return f"{text} {self.reached_text(at)}".rstrip()
+
+    def reached_text(self, at: tuple[int, ...] = ()) -> str:
+        """Return a sentence with the last instant that one motion reached; empty if it reached every instant."""
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
-            return text
+            return ""
         if not reached.any():
-            return f"{text} No instant was reached."
+            return "No instant was reached."
         times = np.asarray(self.times)
         times = times if times.ndim == 1 else times[at]
-        return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
+        return f"Last instant reached: t = {times[reached][-1]:.9g} s."
 
     def record(self) -> Record:
         """Return the fields with units, along `time`, or along `sample` if each batch element has its own times."""
@@ -114,7 +118,7 @@ class Solution(AbstractOutcome):
             "rate": Quantity(self.rate, "rad s-1", rate, axes),
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
-            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "angle": Quantity(self.angle, "rad", "attitude error angle", (along,)),
             "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }
@@ -122,7 +126,7 @@ class Solution(AbstractOutcome):
         variables |= {} if self.body is None else self.body.variables()
         reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
         result = reached if self.code.ndim else _brief(str(self.result))
-        error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
+        error = "" if self.angle is None else f", attitude error {extent(self.angle, 'rad')}"
         summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {result}{error}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
@@ -149,7 +153,7 @@ class Solution(AbstractOutcome):
         return _required(self.command)[..., 1:]
 
     def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
-        """Return the time [s] after which the angle is at most `within` [rad], interpolated between instants.
+        """Return the time [s] after which the attitude error is at most `within` [rad], interpolated between instants.
 
         The result is NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
         """

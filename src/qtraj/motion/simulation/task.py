@@ -35,10 +35,11 @@ class Task(eqx.Module):
     method: Method
 
     def grid(self, renewals: Float[Array, " m"] | None = None) -> tuple[Grid, Int[Array, " n"]]:
-        """Return the grid of all instants, including `renewals` [s] and jumps, and the indices of the output instants.
+        """Return the grid of all instants, and the indices of the output instants.
 
-        At equal instants, an update precedes an output. Instants before the time span are moved to the start of the
-        span, where updates still have an effect; instants after the span are moved to its end and have no effect.
+        The grid also contains the jumps and the `renewals` [s], the instants of updates. At equal instants, an update
+        precedes an output. Instants before the time span are moved to the start of the span, where updates still have
+        an effect; instants after the span are moved to its end and have no effect.
         """
         return merged_grid(self.times, self.jumps, renewals)
 
@@ -110,7 +111,7 @@ def checked(
 
 
 def switches_of(*parts: Any) -> Float[Array, " m"] | None:
-    """Return the instants [s] at which the accelerations of programs jump, and the knots of routes.
+    """Return the instants [s] at which the accelerations of programs jump, and the knots of paths.
 
     The result is None if there are no concrete instants. Traced instants are omitted, because there may be many of
     them; the step control of the solver finds these jumps.

@@ -10,7 +10,7 @@ from qtraj.foundation.types import Scalar
 
 
 class AbstractObjective(eqx.Module):
-    """A scalar to minimise, in its own units.
+    """A scalar to minimise; each objective has its own unit.
 
     `fixes_duration` is true if the duration is not a variable. `needs_time_limit` is true if the problem needs a limit
     that bounds the speed. `is_smooth` is true if second derivatives exist; the search "sqp" needs them.
