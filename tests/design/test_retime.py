@@ -446,7 +446,7 @@ def test_a_vehicle_that_turns_back_at_a_stop_stands_there():
 def test_a_route_that_turns_back_at_a_stop_is_refused_with_the_parts_to_take():
     """Without stops for slow motion the route is refused, and the parts that the message names are retimed."""
     route, limits = creeping(), qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
-    with pytest.raises(ValueError, match="turns back at about") as error:
+    with pytest.raises(ValueError, match="reverses at about") as error:
         qt.retime(route, limits, knots=KNOTS, stop_speed=0.0)
     found = re.search(r"before (\S+) s and after (\S+) s", str(error.value))
     assert found

@@ -37,7 +37,7 @@ def evaluate(
         None, min=2, metavar="N", help=f"Number of instants, including both ends. \\[default: {SAMPLES}]"
     ),
     step: float | None = typer.Option(
-        None, metavar="SECONDS", help="Time between instants, instead of --samples. The end is always included."
+        None, metavar="SECONDS", help="Time between instants, instead of --samples. The end of the path is included."
     ),
     also: list[str] = typer.Option(
         [], metavar="NAME", help="Additional output of qtraj.evaluate, such as yaw_rate. May be repeated."

@@ -76,7 +76,7 @@ def facts(title: str, rows: Iterable[tuple[str, str]]) -> Group:
 
 
 def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:
-    """Return how well a path follows its recording; nothing for None."""
+    """Return the quality of a fit as text; nothing for None."""
     from qtraj.design.fitting.route_facts import fit_rows  # imported here, because it delays --help
 
     if fitted is None:

@@ -42,17 +42,17 @@ def retime(
         None, metavar="V", help="Speed at the end in m/s, 0 for rest. Overrides the scenario."
     ),
     knots: int | None = typer.Option(
-        None, metavar="N", help="Number of cells of the timing, a power of two. Overrides the scenario."
+        None, metavar="N", help="Timing cells for each drive between stops, a power of two. Overrides the scenario."
     ),
 ) -> Outcome:
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
-    With a table [tune], the path is tuned first. Stops of a drive keep their durations. Limits that do not affect the
-    timing, such as the curvature, are checked on the result. The command writes a dataset
-    (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over time and distance
-    (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a
-    limit is not satisfied, the path does not fit its recording, the tuning fails, or an end speed cannot be reached.
+    With a table [tune], the path is tuned first. Stops of a drive keep their durations. Limits that the search does not
+    support, such as the curvature, are checked on the result. The command writes a dataset (paths.nc), the retimed path
+    (path.json), the whole result (retimed.json), the timing over time and distance (timing.nc, timing.csv), a figure
+    (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a limit is not satisfied, the path
+    does not fit its recording, the tuning or the search fails, or an end speed cannot be reached.
     """
     watch.say("reading")
     from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic

@@ -85,8 +85,8 @@ JSON = typer.Option(False, "--json", help="Print the results as JSON instead of 
 def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
     """Return a decorator that converts a function to a command with these examples and the options `out` and `--json`.
 
-    The command writes the files of the function's outcome, prints it and exits. The parameters of the function are a
-    `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
+    The command writes the files of the function's outcome, prints the outcome and exits. The parameters of the function
+    are a `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
     function raises, becomes one message and exit code 2.
     """
 

@@ -52,7 +52,7 @@ def tune(
         None,
         min=1,
         metavar="N",
-        help="Number of starting points: the specified states, and perturbations of them. Overrides the scenario.",
+        help="Number of starting points: the specified states and perturbed states. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
 ) -> Outcome:
@@ -60,7 +60,7 @@ def tune(
 
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
-    or if a path does not fit its recording.
+    the tuning does not converge, or the path does not fit its recording.
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.

@@ -29,9 +29,9 @@ Limit = ArrayInput | None
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
 
-The divisor is a difference of moments of inertia. The first term is a bound on the rounding error, in machine epsilons,
-for a banked road. The second term is a negligible number that keeps the divisor positive. The moment about n is not
-larger than the sum.
+The divisor is a difference of moments of inertia. The first term is used only on a banked road; it is a bound on the
+rounding error, in machine epsilons. The second term is a negligible number that keeps the divisor positive. The moment
+about n is at most the sum, so the sum bounds all moments.
 """
 
 
@@ -52,7 +52,7 @@ class Limits(eqx.Module):
       ellipse); 1 is the maximum grip.
     - `power` [W] of the drive against inertia, gravity, drag and rolling resistance. Braking power is negative and is
       not limited.
-    - `longitudinal_force` |F_τ| along the direction of travel τ, `lateral_force` |F_n| across it in the plane of the
+    - `longitudinal_force` |F_τ| along the direction of travel τ, `lateral_force` |F_n| across τ in the plane of the
       road, and `normal_load` F_b normal to the road [N].
 
     With a `vehicle` whose inertia has the principal axes τ, n and b of the natural trihedral:
@@ -61,11 +61,11 @@ class Limits(eqx.Module):
       that rotates the vehicle with the natural trihedral.
 
     A bank would roll the axes of inertia, so it must be zero, unless the moments of inertia about n and b are equal.
-    This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the certificate
-    is "undecided" and its values are NaN.
+    This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the findings on
+    moments are "undecided" and their values are NaN.
 
     **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
-    moment without a vehicle, and for a limit on a moment without such an inertia.
+    moment without a vehicle, and for a limit on a moment if the vehicle does not have such an inertia.
     """
 
     curvature: Scalar | None

@@ -26,7 +26,7 @@ from qtraj.path.vehicle_data import batch_of
 
 NEWTON_STEPS = 4
 CELLS = 1025
-"""Number of cells in which `peak` searches."""
+"""Number of cells in which `peak` searches; on a route, the cells are parts of its segments."""
 
 PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 """A function that returns a quantity of a path at one instant [s]."""

@@ -1,4 +1,4 @@
-"""Facts about a retimed path as text, for the terminal."""
+"""Describe a retimed path as text, for the terminal."""
 
 import numpy as np
 

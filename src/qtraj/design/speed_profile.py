@@ -48,18 +48,19 @@ class SpeedProfile(AbstractResult):
     - `speed` (n,) [m/s] and `tangential` (n,) [m/s²], the signed acceleration along the path.
     - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration,
       rates of rotation and friction (of the lateral force alone) are satisfied at constant speed; infinite where none
-      of them bounds it. The other limits reduce the speed further.
+      of these limits bounds the speed. The other limits reduce the speed further.
     - `values` (k, n): the limited quantities, in the units of their limits.
 
     For the m cells of the timing:
 
-    - `cell_distance` (m + 1,) [m]: the distances of their ends.
+    - `cell_distance` (m + 1,) [m]: the distances from the start of the path to the ends of the cells.
     - `usage` (k, m): the largest ratio of each quantity to its limit.
     - `active` (m,): the index of the limit with the largest usage, if this usage is at least 0.99; otherwise −1.
 
     For the whole path:
 
-    - `limits` (k,), and `shares` (k,): the fraction of the distance on which each limit is reached to 99 % or more.
+    - `limits` (k,), in the units of `values`.
+    - `shares` (k,): the fraction of the distance on which the quantity reaches at least 99 % of its limit.
       Several limits may be reached at the same point.
     - `durations` (2,) [s] of the original and of the retimed path.
     - `stops` (s, 2) [s]: the time intervals at rest; for a start or an end at rest, the interval has zero length.
@@ -118,7 +119,7 @@ class SpeedProfile(AbstractResult):
         coordinates = {
             "time": Quantity(self.times, "s", "time from the start of the path", time),
             "limit": Quantity(np.array(self.names, dtype=str), "", "limited quantity", limit),
-            "limit_unit": Quantity(units, "", "its unit", limit),
+            "limit_unit": Quantity(units, "", "unit of the limit", limit),
         }
         labels = {"path": ["before", "after"], "end": ["start", "end"]}
         return Record(self._summary(), variables, coordinates, {"frame": "natural"}, labels)
@@ -141,7 +142,7 @@ class SpeedProfile(AbstractResult):
 def speed_profile(timed: Retimed) -> SpeedProfile:
     """Compute the speed along a retimed path, and the limits that bound it, at four points of each cell of its timing.
 
-    **Raises:** ValueError for a batch of results, or inside a trace.
+    **Raises:** ValueError for a batch of results, or for traced values.
     """
     require_concrete(timed)
     if timed.code.ndim:
@@ -183,9 +184,9 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
 
 
 class _Samples(NamedTuple):
-    """Samples of a retimed path; `unit_values` and `unit_speed` are the values and the speed on the original path.
+    """Samples of a retimed path; `unit_values` and `unit_speed` are values of the original path at the same places.
 
-    `grip` is the inverse of the upper bound on u̇² that the friction of the lateral force implies.
+    `grip` is 1/u̇² for the upper bound on u̇² that a limit on friction implies for the lateral force alone.
     """
 
     times: Any
@@ -198,7 +199,7 @@ class _Samples(NamedTuple):
 
 
 def _places(knots: Float[np.ndarray, " m+1"], rest: tuple[bool, bool]) -> Float[np.ndarray, " n"]:
-    """Return the parameters of the samples, which are denser towards an end at rest."""
+    """Return the parameters [s] of the samples; in a cell at an end at rest, they are denser towards this end."""
     z = np.tile(np.arange(PER_CELL) / PER_CELL, (len(knots) - 1, 1))
     if rest[0]:
         z[0] = z[0] ** 2
@@ -252,7 +253,7 @@ def _invariants(path: AbstractHodograph, t: Scalar, vehicle: RoadParameters | No
 
 
 def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the quantities that are powers of the speed; at constant speed the whole acceleration is lateral."""
+    """Return the quantities that are proportional to powers of a constant speed; all acceleration is then lateral."""
     return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if _is_power(n))
 
 
@@ -261,7 +262,10 @@ def _is_power(name: str) -> bool:
 
 
 def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
-    """Return the lowest constant speed at which a limit is reached; quantities are proportional to powers of speed."""
+    """Return the lowest constant speed [m/s] at which a limit is reached.
+
+    Each quantity is proportional to a power of the speed.
+    """
     own = [limit for name, limit in zip(names, limits, strict=True) if _is_power(name)]
     bounded = (found.grip > 0) & (found.unit_speed > 0)
     lowest = np.where(bounded, found.unit_speed * np.where(bounded, found.grip, 1.0) ** -0.5, np.inf)

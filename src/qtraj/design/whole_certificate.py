@@ -1,4 +1,4 @@
-"""Certify all limits on a retimed path, with the certificate of `retime`, which avoids a second proof of the timing."""
+"""Certify all limits on a retimed path; the certificate of `retime` is reused, which avoids a second proof."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -12,10 +12,10 @@ from qtraj.design.timing.outcome import Retimed
 
 
 def whole_certificate(timed: Retimed, limits: Limits) -> Certificate:
-    """Return the certificate of a result of `retime`, extended by the limits that `retime` does not support.
+    """Return the certificate of a result of `retime`, with findings on the `limits` that `retime` does not support.
 
-    Of these limits, limits on the shape, such as curvature, are proved on the original path, which has the same shape.
-    Others, such as the angular acceleration, are sampled. Without such limits, the certificate is returned unchanged.
+    Limits on the shape, such as curvature, are proved on the original path, which has the same shape. Other limits,
+    such as on the angular acceleration, are sampled. If `retime` supports all limits, its certificate is returned.
 
     **Raises:** ValueError in the same cases as `certify`.
     """

@@ -206,7 +206,7 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:
-    """Return the instants [s] of the table; some may be after the end of the program if the program ends at rest."""
+    """Return the instants [s] of the table; they may exceed the duration of a program that ends at rest."""
     end = float(program.duration)
     duration = scenario.simulation.duration or end
     if duration <= 0:

@@ -29,7 +29,7 @@ from qtraj.scenario.keys import AttitudePart, Part, key, one_of, radians
 GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of finite numbers"
 SEEDS = 2**63
 """Exclusive upper bound of the seeds of `jax.random`."""
-AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis', angle per s² (angle per s for a rate law)"
+AXIS_LIMIT = "a positive finite number, or three with saturation = 'axis' [angle/s², or angle/s for a rate law]"
 
 
 Gain = Annotated[keys.Positive | list[keys.Number] | list[list[keys.Number]], Field(description=GAIN)]

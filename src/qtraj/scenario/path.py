@@ -44,7 +44,7 @@ class PlacementPart(Part):
     orientation: keys.Quaternion | None = key(
         "the direction of the axis; default: vertical",
         None,
-        values="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
+        values="four finite numbers, scalar first: the quaternion from path components to world components",
     )
 
 
@@ -112,7 +112,7 @@ class LimitedScenario(NamedPart):
     )
     vehicle: VehiclePart | None = key("the vehicle, for limits on friction, power, forces and moments", None)
     purpose: dict[str, keys.Text] = key(
-        "the reason for each limit, shown in the tables", {}, values="a table [purpose] of strings, one for each limit"
+        "the reason for each limit, printed with results", {}, values="a table [purpose] of strings, one for each limit"
     )
     retime: RetimePart = key("settings of the retiming", RetimePart())
 
@@ -142,14 +142,14 @@ class PathScenario(LimitedScenario):
     path: keys.Text | None = key("a saved path", None, values="the name of a saved path, relative to the scenario")
     placement: PlacementPart | None = key("the axis of a path between two states", None)
     duration: keys.Seconds | None = key(
-        "duration of a path between two states; default: computed from their rates about the axis", None
+        "duration of a path between two states; default: computed from the rates of the states about the axis", None
     )
     turns: keys.Wholes | None = key("additional whole turns of a path between two states", None)
     tune: TunePart = key("settings of the tuning", TunePart())
 
     @property
     def motion(self) -> str:
-        """The motion of the tuned path, which is the value in [tune] or the default for the source of the path."""
+        """The motion of the tuned path: the value in [tune], or the default for the source of the path."""
         return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
     def _faults(self) -> Iterator[str]:

@@ -152,7 +152,7 @@ class TunePart(Part):
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
     )
     corridor: keys.Metres | None = key(
-        "maximum distance between the original and the tuned path, at the same fraction of their durations; the "
+        "maximum distance d between the original and the tuned path, at the same fraction of their durations; the "
         "azimuth difference enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
         None,
     )
@@ -160,8 +160,8 @@ class TunePart(Part):
         "number of starting points of the search: the specified states, and perturbations of these states", 8
     )
     method: Literal["sqp", "lbfgs", "adam"] = key(
-        "search method: sequential quadratic programming, which is by far the fastest, or for comparison an augmented "
-        "Lagrangian with an optax optimiser",
+        "search method: sequential quadratic programming ('sqp'), which is by far the fastest, or, for comparison, an "
+        "augmented Lagrangian with an optax optimiser ('lbfgs' or 'adam')",
         "sqp",
     )
     max_steps: keys.Counts | None = key(
@@ -213,7 +213,7 @@ class RetimePart(Part):
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
     stop_speed: keys.Speed | None = key(
-        "on a route, motion slower than this within `stop_distance` counts as a stop; 0 disables this; "
+        "on a route, motion at most this fast within `stop_distance` counts as a stop; with 0, no motion does; "
         f"default: {STOP_SPEED} m/s, at most {100 * SLOW:g} % of the highest speed",
         None,
     )

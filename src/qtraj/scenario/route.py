@@ -67,7 +67,7 @@ class RouteTunePart(Part):
         "or the duration ('fastest')",
         "nearest",
     )
-    max_steps: keys.Counts = key("maximum number of steps of all searches together", 300)
+    max_steps: keys.Counts = key("maximum total number of steps of all searches", 300)
 
 
 class RouteScenario(LimitedScenario):

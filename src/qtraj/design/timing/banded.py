@@ -2,8 +2,8 @@
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
 eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is
-the fastest method for a small system; a larger one is factorised row by row. The last axis of every array indexes the
-blocks.
+the fastest method for a small system; a larger one is factorised row by row. In `left`, `right` and `inverse_factor`,
+the last axis indexes the blocks.
 """
 
 import functools
@@ -19,11 +19,11 @@ BELOW = 3
 """Number of subdiagonals."""
 
 SIZES = ((150, 16), (600, 24), (1100, 32), (10**9, 64))
-"""Pairs of a maximum number of unknowns, and the number of rows in a block up to this maximum."""
+"""Pairs (n, rows): a system with at most n unknowns is divided into blocks of this number of rows."""
 
 DENSE = 110
-"""The largest number of separating unknowns for which LAPACK was measured to be faster than our own factorisation. From
-about 129 unknowns its run time jumps, most likely because it starts to use several threads."""
+"""The largest number of separating unknowns for which LAPACK was measured to be faster than our own factorisation. At
+about 129 unknowns LAPACK's run time jumps, most likely because LAPACK starts to use several threads."""
 
 
 def total(terms: Iterable[Any]) -> Any:
@@ -32,12 +32,12 @@ def total(terms: Iterable[Any]) -> Any:
 
 
 class Factored(NamedTuple):
-    """Inverse Cholesky factors of the inner blocks, `left` and `right` couplings, and the factor of the separators."""
+    """Inverse Cholesky factors of the blocks, their couplings to the separators, and the factor of the separators."""
 
     inner: Float[Array, "blocks m m"]
     left: Float[Array, "m 3 blocks"]
     right: Float[Array, "m 3 blocks"]
-    separators: Float[Array, "k k"]  # the inverse factor with more than DENSE unknowns
+    separators: Float[Array, "k k"]  # the inverse of the factor if k > DENSE
 
 
 def factor(band: Float[Array, "4 n"]) -> Factored:
@@ -89,7 +89,7 @@ def _factored_blocks(own: Float[Array, "blocks 3 3"], before: Float[Array, "bloc
 
 
 def _of_separators(factored: Float[Array, "k k"], right: Float[Array, " k"]) -> Float[Array, " k"]:
-    """Return the solution for the separators."""
+    """Return the values of the separating unknowns."""
     if right.size > DENSE:
         return jnp.sum(factored * jnp.sum(factored * right[None], axis=1)[:, None], axis=0)
     triangular = functools.partial(jax.lax.linalg.triangular_solve, factored, left_side=True, lower=True)
@@ -97,7 +97,7 @@ def _of_separators(factored: Float[Array, "k k"], right: Float[Array, " k"]) -> 
 
 
 def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m blocks"]:
-    """Return the inverse of the lower Cholesky factor of band matrices.
+    """Return the inverses of the lower Cholesky factors of band matrices with w subdiagonals.
 
     `rows[i]` contains the entries (i, i − w) to (i, i); entries before the first column must be zero.
     """
@@ -107,7 +107,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
     none = jnp.zeros((width, m, blocks), dtype)
 
     def step(last: Any, given: Any) -> tuple[Any, Array]:
-        """Compute the next row from the previous rows of the inverse and their entries in the last columns."""
+        """Compute a row of the inverse from the w previous rows (`whole`) and their entries in w columns (`corner`)."""
         whole, corner = last
         row, at = given
         factor = jnp.sum(corner * row[None, :-1], axis=1)
@@ -124,7 +124,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
 
 
 def _own(count: int, dtype: Any) -> Array:
-    """Return 1 for entries of the first rows in existing columns, and 0 for entries before the first column."""
+    """Return a mask of the first `count` rows: 1 for entries in existing columns, 0 before the first column."""
     return jnp.asarray([[i + e >= count for e in range(count + 1)] for i in range(count)], dtype)[:, :, None]
 
 

@@ -16,7 +16,7 @@ UNROLLED = 4
 
 
 class Factored(NamedTuple):
-    """The lower Cholesky factor: its entries (i, i − 3), (i, i − 2) and (i, i − 1), and inverses of (i, i)."""
+    """The lower Cholesky factor: its entries (i, i − 3), (i, i − 2) and (i, i − 1), and inverses of its diagonal."""
 
     third: Float[Array, " n"]
     second: Float[Array, " n"]

@@ -2,16 +2,16 @@
 
 The speed is unbounded if a profile of arbitrarily large a = u̇² satisfies all limits. At a large value of a, each node
 has an interval of possible a'. Without a limit on the jerk, such a profile exists if a can be large on at least one
-whole cell, and can become large and small again. It is large from the start if the speed there is free. Elsewhere it
-can become large only where a' has no upper bound, because the bounds on a' are proportional to a. The same applies to
+whole cell, and can become large and small again. It can be large from the start if the speed there is free. Elsewhere
+it can become large only where a' has no upper bound, because bounds on a' are proportional to a. The same applies to
 the end, with lower bounds. So a limit on power alone, which bounds a' only from above, does not bound the speed if the
-start speed is free: the vehicle may start arbitrarily fast, and drag only slows it down in proportion.
+start speed is free: the vehicle may start arbitrarily fast, and drag reduces its speed only by a factor.
 
 A limit on the jerk bounds the speed on every path that bends. On a straight path, only the profiles whose squared
 speed is a linear function of the distance have no jerk.
 
-Values of a are large relative to a typical value, which follows from the limits, the length of the path and the speeds
-at its ends. So the result does not depend on units or on the parameter of the path.
+A value of a counts as large relative to a typical value, which follows from the limits, the length of the path and the
+speeds at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
 from typing import Any
@@ -31,8 +31,8 @@ LARGEST = 1e12
 """Bound on the squared speed where no limit bounds it, relative to a typical squared speed."""
 
 STRAIGHT = 1e-12
-"""The lateral part of r'' is treated as zero if it is less than about this fraction of r'' squared, or of a turn of
-one radian in a cell."""
+"""The lateral part of r'' is treated as zero if its square is less than this fraction of |r''|², or if the path turns
+by less than about this angle [rad] in a cell."""
 
 
 def largest(
@@ -42,11 +42,11 @@ def largest(
     ends: Float[Array, " 2"],
     vehicle: RoadParameters | None,
 ) -> Float[Array, "*nodes"]:
-    """Return the bounds on a where no limit bounds it, from r' at the nodes of a path of the duration `span`.
+    """Return the bounds on a for nodes at which no limit bounds a, from r' at the nodes; the path has duration `span`.
 
-    With the length L of the path, a limit in m^k s^-n is reached at a typical rate (limit/L^k)^(1/n) [1/s]. The rates
-    of friction and power are those of the accelerations that they allow. The highest rate counts, or that of the
-    prescribed bounds `ends` on a. Infinite limits and bounds are absent.
+    For a path of length L, a limit in m^k s^-n implies the typical rate (limit/L^k)^(1/n) [1/s]. Limits on friction and
+    power imply the rates of the accelerations that they allow, and the bounds `ends` on a imply |r'|√a/L. The highest
+    rate counts; L times this rate is the typical speed. Infinite limits and bounds are ignored.
     """
     square = jnp.sum(r1 * r1, axis=0)
     highest = jnp.max(square)
@@ -67,7 +67,7 @@ def largest(
 
 @jax.jit
 def unbounded(program: Program, a: Float[Array, "2 cells+1"], stops: Bool[Any, " 2"]) -> Flag:
-    """Return whether the speed is unbounded, or a solution `a` is almost as large as possible.
+    """Return whether the speed is unbounded, or the solution `a` exceeds half of its largest value at some node.
 
     `stops` indicates whether r' = 0 at the start and at the end.
     """
@@ -87,7 +87,7 @@ def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]
 
 
 def _slopes(c: Constraints, a: Float[Array, " nodes"]) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
-    """Return bounds on a' at each node for a large `a`; the lower bound is the larger one if no a' is possible."""
+    """Return bounds on a' at each node for a large `a`; low > high if no a' is possible."""
     low, high = jnp.full_like(c.upper, -jnp.inf), jnp.full_like(c.upper, jnp.inf)
     for aa, ab, bb in c.forms:
         limited = bb * a**2 > 1
@@ -125,7 +125,7 @@ def _any(possible: Bool[Array, " nodes"], low: Array, high: Array) -> Flag:
 
 
 def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) -> Bool[Array, " nodes"]:
-    """Return the nodes that are reached through possible nodes from one at which a may become large."""
+    """Return the nodes that can be reached, through possible nodes only, from a node where a can become large."""
     index = jnp.arange(possible.size)
     last = jax.lax.cummax(jnp.where(possible & entered, index, -1))
     return last > jax.lax.cummax(jnp.where(possible, -1, index))
@@ -134,8 +134,11 @@ def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) ->
 def _linear(
     jerk: Float[Array, "6 nodes"], place: Array, a: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
 ) -> Flag:
-    """Return whether a squared speed that is constant or proportional to the distance from an end is possible."""
-    _, _, bend, _, mixed, square = jerk  # multiples of 9 |r''|², 3 r'·r'' and |r'|² in units of cells
+    """Return whether the path is straight and the limits allow an arbitrarily large squared speed without jerk.
+
+    Such a squared speed is constant, or proportional to the distance from one end.
+    """
+    _, _, bend, _, mixed, square = jerk  # proportional to 9|r''|², 3r'·r'' and |r'|²
     moving = jnp.where(square > 0, square, 1.0)
     across = bend - jnp.where(square > 0, mixed**2 / moving, 0.0)
     straight = jnp.all(across <= STRAIGHT * bend + STRAIGHT**2 * square)

@@ -39,7 +39,7 @@ FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 """Limits whose squares are quadratic forms in a and a'."""
 
 NAMES = (*UPPER, *FORMS, "jerk", *ROAD)
-"""Limits that depend on the timing, in the order of all arrays, which omit absent limits."""
+"""Limits that depend on the timing. Arrays have this order, and omit absent limits."""
 
 POWERS = {name: 0.5 * QUANTITIES[name].per_time for name in NAMES if name not in ROAD}
 """For each quantity an exponent p: if a is multiplied by a constant k, the quantity is multiplied by k^p.
@@ -52,14 +52,14 @@ STANDING = 1e-8
 
 
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
-    """Return the names of the rows of arrays for the limits `bounds`; with a vehicle there is a row for all `ROAD`."""
+    """Return the names of the rows of arrays for the limits `bounds`; with a vehicle, all of `ROAD` have a row."""
     return tuple(name for name in NAMES if (vehicle if name in ROAD else name in bounds))
 
 
 class Constraints(NamedTuple):
     """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, and `road`.
 
-    There is one form for each limit of `FORMS`. The jerk and the road are None without such a limit.
+    There is one form for each limit of `FORMS` that is set. `jerk` and `road` are None without such limits.
     """
 
     upper: Float[Array, "*nodes"]
@@ -134,7 +134,7 @@ def parts(
         return found
     direction = jnp.stack(ahead) * inv_ahead[None]
     on_road = road.coefficients(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
-    # Where r' vanishes, r'' has the direction of motion or the opposite direction.
+    # Where r' vanishes, r'' may be opposite to the direction of motion, so omit friction and power there.
     return found._replace(road=road.without(on_road, ~moving))
 
 
@@ -173,7 +173,7 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
 
 
 def ratios(found: Float[Array, "limits *nodes"], rows: tuple[str, ...]) -> Float[Array, "limits *nodes"]:
-    """Return the result of `used` with each quantity divided by its limit; `rows` are the names of the rows."""
+    """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
     linear = [name in UPPER and POWERS[name] < 1 for name in rows]
     return jnp.stack([jnp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
 
@@ -207,7 +207,8 @@ def second_derivatives(
 ) -> list[list[Array]]:
     """Return the lower triangle of Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0.
 
-    For the jerk constraint y² ≤ 1 with y = √a w, replacing 1/√a by its tangent leaves the second derivatives 2∇yᵀ∇y.
+    The jerk constraint is |y|² ≤ 1, y = √a·w, with w linear in v. Replacing 1/√a by its tangent leaves the second
+    derivatives 2YᵀY, where Y is the Jacobian of y.
     """
     found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
     for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):

@@ -1,7 +1,8 @@
 """Compute the direction of motion of a route at its stops.
 
-On a segment, −1 ≤ s ≤ 1, let r' = (1 + s)^m (1 − s)^n q, where q is a polynomial that does not vanish at the stops. The
-two factors are positive except at stops, so the direction of motion and its derivatives can be computed from q.
+On a segment with the normalised time s, −1 ≤ s ≤ 1, let r' = (1 + s)^m (1 − s)^n q, where q is a polynomial that does
+not vanish at the stops. The factors of q are positive except at stops, so the direction of motion and its derivatives
+can be computed from q.
 """
 
 from fractions import Fraction
@@ -19,10 +20,10 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
 
 STANDS = 1e-12
-"""A velocity below this fraction of the size of its segment is treated as zero."""
+"""A velocity below about this fraction of the largest velocity in its segment is treated as zero."""
 
 ROUNDED = 2.0
-"""Number of rounding errors in each coefficient of the directions."""
+"""Bound on the rounding of each coefficient of q, in rounding errors of the largest coefficient."""
 
 
 STRAIGHT = 1e-9
@@ -32,8 +33,8 @@ STRAIGHT = 1e-9
 class Directions(NamedTuple):
     """For each segment, the coefficients of Q(t) with dQ/dt = q, the powers m and n, and a bound on the error of q.
 
-    The error is a multiple of the rounding error of the largest coefficient of q. It accounts for the rounding of the
-    coefficients, and for the small remainder of r' at the stop that the division by (1 + s) or (1 − s) neglects.
+    The bound is in rounding errors of the largest coefficient of q. It accounts for the rounding of the coefficients,
+    and for the small remainder of r' at the stop that the division by (1 + s) or (1 − s) neglects.
     """
 
     coefficients: Float[np.ndarray, "segments terms 3"]
@@ -44,8 +45,8 @@ class Directions(NamedTuple):
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
     """Return the directions of all segments, or None if no moving segment starts or ends at a stop.
 
-    `standing` (segments, 2) indicates whether the velocity is zero at the start and at the end. Each coefficient is
-    rounded once. For segments without motion, Q is an arbitrary straight line.
+    `standing` (segments, 2) indicates whether the velocity is zero at the start and at the end. Exact fractions are
+    used, so each coefficient is rounded once. For segments without motion, Q is an arbitrary straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)

@@ -17,7 +17,10 @@ from qtraj.path.quantity import QUANTITIES
 def with_straight(
     path: AbstractHodograph, knots: Float[Array, " cells+1"], codes: Int[Array, "limits cells"], names: tuple[str, ...]
 ) -> Int[Array, "limits cells"]:
-    """Return the codes with the status UNDEFINED where the natural trihedral is undefined, on straight parts."""
+    """Return the codes; for the angular rate on straight parts, UNDEFINED replaces UNDECIDED and SAMPLED.
+
+    On straight parts the natural trihedral is undefined.
+    """
     if "angular_rate" not in names:
         return codes
     rows = np.array([name == "angular_rate" for name in names])[:, None]
@@ -26,7 +29,7 @@ def with_straight(
 
 
 def undefined(codes: Int[Array, "limits cells"]) -> Bool[Array, "limits cells"]:
-    """Return the cells in which a quantity is undefined, unless its limit is broken in some cell."""
+    """Return the cells in which a quantity is undefined, unless its limit is violated in some cell."""
     return (codes == UNDEFINED) & ~jnp.any(codes == BROKEN, axis=1, keepdims=True)
 
 
@@ -43,7 +46,7 @@ def certificate(
     polynomials: MovingPolynomials | None,
     names: tuple[str, ...],
 ) -> Certificate:
-    """Return the certificate; `values` are the largest values; those of undefined quantities become NaN."""
+    """Return the certificate. `values` are the largest values; an undefined quantity gets NaN."""
     rank = jnp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
     whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:
@@ -57,7 +60,7 @@ def certificate(
 
 
 def joined(found: Sequence[Certificate], names: tuple[str, ...]) -> Certificate:
-    """Return the certificate of all limits in the order of `names`, which occur in one of the certificates each."""
+    """Return one certificate of all limits in the order of `names`; each name is in exactly one of the certificates."""
     own = [name for certificate in found for name in certificate.names]
     order = np.array([own.index(name) for name in names], int)
     fields = ("codes", "times", "values", "limits")

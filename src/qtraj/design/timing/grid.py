@@ -39,7 +39,7 @@ class Grid(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A part of a path that starts at the parameter `start` and has cells of the mean length `per_cell`."""
+    """A part of a path that starts at the parameter `start` [s] and has cells of the mean length `per_cell` [s]."""
 
     path: AbstractHodograph
     start: Scalar
@@ -55,9 +55,10 @@ def uniform(cells: int) -> Grid:
 def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops: tuple[bool, bool]) -> Grid:
     """Return at least `cells` cells of n segments, whose indices start at `first`.
 
-    Initially each segment is one cell. Then the longest cell is halved repeatedly until there are enough cells.
-    `starts` (n + 1,) are the parameters at the starts of the segments and at the end of the last one. `stops` indicates
-    whether the velocity is zero at the start and at the end.
+    Initially each segment is one cell. Then the longest cell is halved repeatedly until there are enough cells. In this
+    comparison, lengths in a segment next to a stop are multiplied by `FINER`. `starts` (n + 1,) are the parameters at
+    the starts of the segments and at the end of the last one. `stops` indicates whether the velocity is zero at the
+    start and at the end.
     """
     lengths = np.diff(starts)
     weights = np.ones(lengths.size)

@@ -16,18 +16,19 @@ the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over 
 
 
 def initial(p: Program) -> Float[Array, " cells+3"]:
-    """Return coefficients of the smoothed fastest timing for the upper bounds and the longitudinal acceleration.
+    """Return coefficients of the smoothed fastest timing for the upper bounds on a and bounds on |a'|.
 
-    Limits on power and jerk are replaced by upper bounds: the power and the jerk for a constant a.
+    Limits on power and jerk are replaced by the upper bounds on a that they imply for a constant a.
 
-    Let E be the kinetic energy, and x the path length in units of 2/(largest acceleration). The limits are an upper
-    bound on E, and |dE/dx| ≤ 1. So the largest E(x) is the minimum of E(y) + |x − y| over all y.
+    Let `pace`·|a'| ≤ 1 be the bound on |a'|, E = a·pace², and x = 2∫pace du. The iterate has an upper bound on E, and
+    |dE/dx| ≤ 1, which is twice the bound. So the largest E(x) is the minimum over all y of E_max(y) + |x − y|, where
+    E_max is the upper bound.
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
     highest, largest = 1 / c.upper[0], p.largest[0]
     if c.jerk is not None:
-        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')² is at most 1.
+        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[5] ≤ 1.
         steepest = jnp.max(c.jerk[5])
         typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), jnp.inf)
         highest = jnp.where(jnp.all(highest > 0.5 * largest), jnp.minimum(highest, typical), highest)
@@ -44,7 +45,7 @@ def initial(p: Program) -> Float[Array, " cells+3"]:
     a = energy / pace**2
     k = np.arange(count)
     width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
-    for _ in range(2):  # averaged twice, because after one average the slope of a jumps
+    for _ in range(2):  # averaged twice: one moving average leaves jumps in da/du
         whole = jnp.pad(jnp.cumsum(a), (1, 0))
         a = (whole[k + width + 1] - whole[k - width]) / (2.0 * width + 1.0)
     ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]

@@ -27,10 +27,10 @@ from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band
 from qtraj.foundation.types import Flag, Scalar
 
 BOUNDARY, POSITIVE = 0.99, 0.9
-"""Largest fractions of the distance to the boundary that a step may cover, for slacks and multipliers, and for a."""
+"""Largest fractions of the distance to zero that a step may cover, for slacks and multipliers, and for a."""
 
 BALANCE = 0.001
-"""The target of the duality gap is at least this fraction of the dual residual, so that both converge together."""
+"""The target of the duality gap is at least this fraction of the residuals, so that all of them converge together."""
 
 VIOLATED = 1e-6
 """The largest violation of a constraint, relative to its limit, at which a search may end."""
@@ -92,7 +92,7 @@ def _unfinished(coefficients: Array, slacks: Array, multipliers: Array, steps: A
 
 
 def solve(program: Program, start: State, enough: Scalar) -> State:
-    """Compute the optimal coefficients; the search ends if the optimality error is below `enough`."""
+    """Compute the optimal coefficients; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
 
     def goes_on(s: State) -> Flag:
         return (s.error >= enough) & (s.steps < start.steps + MAX_STEPS)
@@ -181,7 +181,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
 
 
 def _curvature(p: Program, v: Array, z: Array, ratio: Array, a: Array) -> list[list[Array]]:
-    """Return the second derivatives of the Lagrangian at the nodes.
+    """Return the Hessian at the nodes: that of the Lagrangian, plus the terms of the eliminated slacks and multipliers.
 
     The loop over knots and inner nodes keeps the compiler from computing these values again for every entry of the
     matrix.
@@ -206,7 +206,7 @@ def _gradient(p: Program, cost_slope: Array, slope: Gradients, multipliers: Arra
 
 
 class _Scaled(NamedTuple):
-    """A factored matrix with unit diagonal, and the scale of the rows and columns."""
+    """A factored matrix that was scaled to a unit diagonal, and the scale of its rows and columns."""
 
     factored: Any
     scale: Float[Array, " cells+3"]

@@ -2,7 +2,7 @@
 
 The majorant bounds the function on ellipses around the cell in the complex plane, and all errors are relative to the
 majorant. Suppose that the errors of the inputs are at most `RELATIVE` times their majorants, and that the products in a
-polynomial formula have fewer than `FACTORS` factors. Then the error of the formula is at most `FACTORS`·`RELATIVE`
+polynomial formula have at most `FACTORS`/2 factors. Then the error of the formula is at most `FACTORS`·`RELATIVE`
 times its majorant; rounding errors are far smaller. So an operation acts on one array, and no error bounds have to be
 propagated.
 """
@@ -18,7 +18,7 @@ from qtraj.algebra.chebyshev_model import NODES, SLACK, ChebyshevModel
 ELLIPSES = 3
 
 RELATIVE = 2.0**-40
-"""The maximum error of an input relative to its majorant, which is enlarged if necessary."""
+"""Largest error of an input relative to its majorant; the majorant is enlarged if necessary."""
 
 FACTORS = 32
 """Twice the largest number of inputs in a product, so that the bound covers all rounding errors, too.
@@ -61,14 +61,14 @@ class Majorant:
 
 
 def from_model(p: ChebyshevModel) -> tuple[Majorant, ...]:
-    """Return the components of a vector of models, whose axis of cells has length 1."""
+    """Return the components of a vector of models; the cell axis of the model has length 1."""
     enough = jnp.maximum(p.error / RELATIVE, SMALLEST)
     bound = jnp.maximum(jnp.maximum(p.bound, p.size[None]), enough[None]) * SLACK
     return tuple(Majorant(jnp.concatenate([row, bound])[:, 0]) for row in p.values)
 
 
 def to_model(functions: Sequence[Majorant]) -> ChebyshevModel:
-    """Return the functions as models, stacked on the axis of cells."""
+    """Return one model of all functions, which are stacked on its cell axis."""
     both = jnp.stack([f.both for f in functions], axis=1)
     bound = both[NODES:] * ENLARGED
     return ChebyshevModel(both[:NODES], bound[0], FACTORS * RELATIVE * bound[0], bound)

@@ -69,7 +69,7 @@ class Retimed(AbstractOutcome):
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """Return the time intervals (start, end) [s] of the cells in which a quantity reaches `part` times its limit.
+        """Return the time intervals (start, end) [s] in whose cells a quantity reaches at least `part` times its limit.
 
         **Raises:** ValueError for the result of a batch, or for a limit that was not given.
         """
@@ -123,7 +123,7 @@ class Retimed(AbstractOutcome):
                 "limit on friction or power, a slope or a bank may be too steep for the tyres or the engine: raise the "
                 "limit, use fewer knots, or check the path."
             )
-        if code == int(np.asarray(self.certificate.code)[at]):  # names the limits
+        if code == int(np.asarray(self.certificate.code)[at]):  # the text of the certificate names the limits
             return self.certificate.explain(at)
         return code.text
 

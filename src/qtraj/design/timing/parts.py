@@ -18,7 +18,7 @@ from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
 
 CONTINUOUS = 1e-6
-"""A smaller relative jump of the velocity or of the acceleration at a joint is treated as a rounding error."""
+"""A relative jump of the velocity or the acceleration at a joint below this value counts as a rounding error."""
 
 SAMPLES = 33
 
@@ -53,7 +53,9 @@ def standing(route: Route, speed: float | None, distance: float) -> Route:
 def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
     """Return the parts in order, and whether the velocity of a route is zero at its start and at its end.
 
-    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route that stops within a
+    `jerk` indicates whether the jerk is limited.
+
+    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route that reverses within a
     segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration jumps.
     """
     if not isinstance(path, Route):
@@ -115,20 +117,20 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
         i, k = found[0]
         at = float(s.starts[i] + local[i, k])
         raise ValueError(
-            f"the route turns back at about {at:.4g} s, within a segment, but retime divides a route only at joints "
+            f"the route reverses at about {at:.4g} s, within a segment, but retime divides a route only at joints "
             f"where the vehicle is at rest. {_advice(s, at)}"
         )
 
 
 def _advice(s: Segments, at: float) -> str:
-    """Return advice on a route that turns back at the time `at`; most such routes move slowly next to a stop."""
+    """Return advice on a route that reverses at the time `at` [s]; most such routes move slowly next to a stop."""
     slow = next(
         ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
     )
     parts = f"before {slow[0]:.6g} s and after {slow[1]:.6g} s" if slow else "before and after this instant"
     return (
         f"Either extract the parts {parts} with route.window(t0, t1) and retime each of them, with end_speed=0 or "
-        "start_speed=0 at an end at rest, or call tune_route, which leaves the segments at a stop unchanged."
+        "start_speed=0 at an end at rest, or use tune_route instead of retime: it does not change segments at a stop."
     )
 
 

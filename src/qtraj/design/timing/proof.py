@@ -23,7 +23,7 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
-"""Largest half-width of a subcell relative to its segment, smallest relative to its cell; maximum number of rounds."""
+"""Subcells: largest half-width relative to the segment, smallest relative to the cell; maximum number of rounds."""
 
 
 class Proofs(eqx.Module):
@@ -38,7 +38,7 @@ class Proofs(eqx.Module):
 
 
 class _Queue(NamedTuple):
-    """The queue of subcells `centre` ± `half` of [−1, 1] in a `cell`, from `head` to `tail` modulo the capacity.
+    """The queue of subcells `centre` ± `half` of a `cell`, [−1, 1]; `head` to `tail`, modulo the capacity, are open.
 
     `rows` are the inequalities to prove in a subcell: the limits, and a > 0. The other fields are the results so far.
     """
@@ -65,8 +65,8 @@ def prove(
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
-    are infinite or not in `bounds` are absent. No code is compiled for limits that are not in `bounds`. Limits on
-    friction and power are absent without a `vehicle`.
+    are infinite or not in `bounds` are absent; their status is that of a > 0. No code is compiled for limits that are
+    not in `bounds`. Limits on friction and power are absent without a `vehicle`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     names = tuple(name for name in known if name in bounds)

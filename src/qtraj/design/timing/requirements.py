@@ -27,8 +27,8 @@ def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
             f"retime does not support a limit on {', '.join(unknown)}; it supports limits on {', '.join(NAMES)}. "
-            "Remove the others, and check them with qtraj.certify on the path of the result: quantities that depend "
-            "only on the shape, such as the curvature, are the same for every timing."
+            "Remove the other limits, and check them with qtraj.certify on the path of the result: quantities that "
+            "depend only on the shape, such as the curvature, are the same for every timing."
         )
     bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
     if not set(bounding) & set(names) and (free or not names):
@@ -69,14 +69,13 @@ def require_regular(slowest: Scalar) -> None:
     known = concrete(slowest)
     if known is not None and not (np.asarray(known) > 1e-9).all():
         raise ValueError(
-            "the velocity of the path is zero at some instant, and retime does not support such a stop within a path: "
-            "retime the parts between the stops separately, or parametrise the path differently, for example by arc "
-            "length"
+            "the velocity of the path is zero at some instant, but retime supports such stops only at the joints of a "
+            "route: pass a qtraj.Route, or parametrise the path differently, for example by arc length"
         )
 
 
 def speed_at(v: ArrayInput | None, side: str) -> Scalar | None:
-    """Return the speed [m/s] at a side as a scalar, or None if it is free; raise an error if it is negative."""
+    """Return the speed [m/s] at one end as a scalar, or None if it is free; raise an error if it is negative."""
     if v is None:
         return None
     speed: Any = real_scalar(v, f"the speed at the {side}")

@@ -66,12 +66,12 @@ def retime(
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `angular_rate` and, with a vehicle, `friction`
     and `power`. `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the
-    search choose the speed. Inside jit, vmap and grad, a speed of zero must be a Python number. At an end at rest where
-    the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the
-    ends.
+    search choose the speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end
+    at rest where the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only
+    between the ends.
 
-    With the path parameter u, the function u̇²(u) is a cubic spline with continuous second derivative in `knots` cells,
-    a power of two. With more cells the duration is closer to the minimum over all timings.
+    Let u be the path parameter. The function u̇²(u) is a cubic spline with continuous second derivative and `knots`
+    cells; `knots` is a power of two. With more cells the duration is closer to the minimum over all timings.
 
     A route is divided at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to
     rest, and the stops keep their durations. An interval is also treated as a stop if the speed is at most `stop_speed`
@@ -81,19 +81,20 @@ def retime(
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
-    and are tightened in cells where they are exceeded elsewhere. If the path is polynomial, the limits are then proved
-    to be satisfied on every cell. At a stop, friction and power count as zero. `duration` is differentiable with
-    respect to the path and the limits, in forward and reverse mode; `jax.vmap` and `jax.lax.map` create batches. A
+    and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
+    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration` is differentiable
+    with respect to the path and the limits, in forward and reverse mode; `jax.vmap` and `jax.lax.map` create batches. A
     route must have concrete values, but its limits may be traced.
 
-    The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, friction
-    and accelerations bound it only if a speed is given at one end, and power only if `start_speed` is given.
+    The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
+    friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
+    `start_speed` is given.
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
     a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path other than a route whose
-    velocity is zero at an instant, a route whose velocity jumps or that stops within a segment, and a route with stops
-    and a limit on power but none on acceleration, friction or jerk. RuntimeError with `throw` if the retiming
-    fails.
+    velocity is zero at an instant, a route that is traced, is always at rest, reverses within a segment, or whose
+    velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit
+    on power but none on acceleration, friction or jerk. RuntimeError with `throw` if the retiming fails.
     """
     require_float64(path)
     names = require_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))

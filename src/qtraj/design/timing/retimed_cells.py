@@ -14,7 +14,7 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.path.route import Route
 
 ROUNDINGS = 64
-"""Largest distance between a knot and the end of a dyadic cell, in rounding errors of the duration of the path."""
+"""Largest accepted distance between a knot and the end of a dyadic cell, in rounding errors of the path's duration."""
 
 
 class Cells(NamedTuple):
@@ -32,7 +32,7 @@ class Cells(NamedTuple):
 def cells_of(path: RetimedPath) -> Cells | None:
     """Return the cells of the timing, or None if they are not dyadic parts of the segments of the original path.
 
-    For a path with one segment and traced knots, the cells are known only if they are of equal length. See
+    For a path with one segment and traced knots, the result assumes cells of equal length. Check this assumption with
     `divides_equally`.
     """
     knots, count = path.timing.knots, path.timing.coefficients.shape[-2]
@@ -67,7 +67,7 @@ def divides_equally(path: RetimedPath, cells: Cells) -> Array:
 
 
 def of_parts(parts: list[Part]) -> Cells:
-    """Return the cells of all parts that `retime` timed; a stop has one cell, in which the vehicle does not move."""
+    """Return the moving cells of all parts of a path; a stop has one cell in the timing, which is omitted."""
     columns, grids, stops, first = [], [], [], 0
     for part in parts:
         count = 1 if part.grid is None else part.grid.cells

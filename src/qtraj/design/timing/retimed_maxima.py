@@ -17,7 +17,9 @@ PLACES = 17
 """Number of equally spaced points in each cell at which quantities are evaluated."""
 
 ZOOM_PLACES, ZOOMS = 9, 10
-"""Number of points in a cell, and in each of the smaller and smaller intervals around the largest value."""
+"""Number of points in each interval of the search for a maximum, and number of intervals.
+
+The first interval is the cell; the others are smaller and smaller intervals around the largest value so far."""
 
 INSIDE = 1e-9
 """Smallest distance of a maximum from the ends of its cell, relative to the cell."""
@@ -54,9 +56,8 @@ def largest_in(
 ) -> tuple[Float[Array, " limits"], Float[Array, " limits"]]:
     """Return the time of the maximum of each quantity in its `cell` of the timing, and the ratio to its limit.
 
-    The result is computed as the largest of `ZOOM_PLACES` values, which are sampled `ZOOMS` times, each time closer to
-    the last maximum. Rounding errors dominate the direction of motion close to a stop, so that this search keeps away
-    from it.
+    Each of `ZOOMS` steps samples `ZOOM_PLACES` values, and the next step samples closer to the largest value. Close to
+    a stop, rounding errors dominate the direction of motion, so the search stays away from the stop.
     """
     timing, cells, count = limited.path.timing, limited.cells, len(names)
     k = jnp.searchsorted(jnp.asarray(cells.columns), cell)  # a cell without motion is never the worst one

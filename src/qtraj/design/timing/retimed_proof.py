@@ -1,4 +1,4 @@
-"""Certify limits on a retimed path, with the proof of `retime` and with the proof for the original path."""
+"""Certify limits on a retimed path: limits on the timing as in `retime`, limits on the shape on the original path."""
 
 from collections.abc import Callable
 from functools import partial
@@ -33,10 +33,10 @@ Certify = Callable[[AbstractHodograph, Limits], Certificate]
 
 
 def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Certificate:
-    """Return the certificate of a retimed path or a batch; `certify` is the function for all other paths but routes.
+    """Return the certificate of a retimed path or a batch; `certify` certifies paths other than routes.
 
-    Limits that the proof of `retime` supports are proved with it, and limits on the shape on the original path. All
-    other limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
+    Limits that the proof of `retime` supports are proved with this proof, and limits on the shape on the original path.
+    All other limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
@@ -67,7 +67,7 @@ def _batched(function: Any, axes: Any, count: int) -> Any:
 
 
 def _provable(path: RetimedPath) -> Cells | None:
-    """Return the cells of a retimed path whose original path and cells the proof supports, otherwise None."""
+    """Return the cells of a retimed path if the proof supports them and the original path, otherwise None."""
     cells = cells_of(path)
     if cells is None or isinstance(path.path, Route):
         return cells
@@ -84,7 +84,7 @@ def _batch_axis(batched: int, place: Any, x: Any) -> int | None:
 def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     """Return the certificate of one path for limits that are in `NAMES`.
 
-    At the time of the largest value, the value is that of the path, so it confirms a violation.
+    Each largest value is evaluated at a point of the path, so a value above the limit confirms a violation.
     """
     names, dtype = tuple(limits.given()), path.duration.dtype
     bounds = {name: jnp.asarray(value, dtype) for name, value in limits.given().items()}
@@ -124,9 +124,9 @@ def _certificate(
 
 
 def _at_new_times(path: RetimedPath, shape: Certificate) -> Certificate:
-    """Return a certificate of the original path with the times at which the retimed path is at the same places.
+    """Convert the times of a certificate of the original path to times of the retimed path.
 
-    If the timing does not cover exactly the whole path, a limit is not proved or violated on the retimed path.
+    If the timing does not cover exactly the whole path, UNDECIDED replaces PROVED and BROKEN.
     """
     timing, duration = path.timing, jnp.asarray(path.path.duration)
     error = jnp.maximum(jnp.abs(timing.knots[0]), jnp.abs(timing.knots[-1] - duration))

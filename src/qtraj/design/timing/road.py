@@ -7,9 +7,10 @@ a S, so all three are affine functions of a and a'. The limits are
     friction   √((X/μ_along)² + (Y/μ_across)²) ≤ limit·Z, a second-order cone
     power      √(a S) m (X + C_rr Z) ≤ limit.
 
-As squares, the first is X² + Y² − Z² ≤ 0. Replacing the concave term −Z² by its tangent gives a convex set inside the
-feasible set. The second becomes linear in (a, a') if 1/√a is replaced by its tangent. So the second derivatives of −Z²
-and of the power are omitted.
+With μ and the limit absorbed in X and Y, the limit on friction is X² + Y² − Z² ≤ 0. Replacing the concave term −Z² by
+its tangent gives a convex set inside the feasible set. Divided by √a, the limit on power has the right side limit/√a,
+and becomes linear in (a, a') if 1/√a is replaced by its tangent. So the Hessian of the Lagrangian omits the second
+derivatives of −Z² and of the power.
 """
 
 from collections.abc import Mapping
@@ -25,19 +26,19 @@ ROAD = ("friction", "power")
 """Limits that need a vehicle."""
 
 LEAST_LOAD = 1e-6
-"""Lower bound on the normal force, relative to the force at rest, in the ratio of the friction to its limit."""
+"""Lower bound on the divisor Z in the ratio of the friction to its limit, relative to the normal force at rest."""
 
 
 SLOWEST = 0.9
-"""Smallest factor on a by which a violation of the limits on friction and power slows down the whole timing."""
+"""Smallest factor on a with which the whole timing is slowed down to satisfy limits on friction and power."""
 
 
 class Road(NamedTuple):
     """The coefficients of affine functions of 1, a and a' at all nodes.
 
-    `along` and `across` are X and Y divided by the limit on friction, `onto` is Z; all are divided by the normal force
-    at rest. `power` is the power divided by √a and by its limit. `across` and `onto` do not depend on a'. `upper` is
-    the upper bound on a, inverted, that the lateral force alone implies.
+    `along` and `across` are X and Y divided by μ and by the limit on friction, `onto` is Z; all are divided by the
+    normal force at rest. `power` is the power divided by √a and by its limit. `across` and `onto` do not depend on a'.
+    `upper` is 1/a for the upper bound on a that the lateral force alone implies.
     """
 
     along: Float[Array, "3 *nodes"]
@@ -55,9 +56,10 @@ def coefficients(
     vehicle: RoadParameters,
     bounds: Mapping[str, Scalar],
 ) -> Road:
-    """Compute the coefficients from unit vectors `ahead`, r'' and |r'| at the nodes, and the factor `half` of |r'|·a'.
+    """Compute the coefficients from the direction of motion `ahead`, r'' (`second`) and |r'| (`speed`) at the nodes.
 
-    A limit that is infinite or not in `bounds` is absent.
+    The acceleration along the path contains a' with the factor `half`·|r'|. A limit that is infinite or not in `bounds`
+    is absent.
     """
     x, y, z = ahead
     square = x * x + y * y
@@ -81,7 +83,7 @@ def coefficients(
 
 
 def _upper(across: Array, onto: Array) -> Array:
-    """Return 1/a for the largest a with |Y| ≤ Z, or 0 if the inequality does not hold at rest."""
+    """Return 1/a for the largest a with |Y| ≤ Z, or 0 if there is none, or if it is violated at rest."""
     found = jnp.zeros_like(onto[0])
     for sign in (-1.0, 1.0):
         reserve, rate = onto[0] - sign * across[0], sign * across[1] - onto[1]
@@ -90,14 +92,14 @@ def _upper(across: Array, onto: Array) -> Array:
 
 
 def steady(r: Road) -> Float[Array, "*nodes"]:
-    """Return a lower bound on the largest constant a at which the power is sufficient; infinite for no limit."""
+    """Return a lower bound on the largest constant a at which the power is sufficient; infinite without a limit."""
     slope, drag = jnp.maximum(2 * r.power[0], 0.0), jnp.maximum(2 * r.power[1], 0.0)
     bounds = [jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** e, jnp.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
     return jnp.minimum(*bounds)
 
 
 def without(r: Road, omitted: Array) -> Road:
-    """Return the constraints, which are always satisfied at the nodes at which `omitted` is true."""
+    """Replace the constraints at the nodes where `omitted` is true by constraints that are always satisfied."""
     neutral = Road(*(jnp.zeros_like(x) for x in r))
     neutral = neutral._replace(onto=neutral.onto.at[0].set(1.0))
     return Road(*(jnp.where(jnp.broadcast_to(omitted, x.shape), x, y) for x, y in zip(neutral, r, strict=True)))
@@ -106,8 +108,8 @@ def without(r: Road, omitted: Array) -> Road:
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
-    For friction, the forces that depend on the timing are multiplied instead. Gravity on a slope or a banked road could
-    exceed a reduced limit at every speed.
+    For friction, the parts of X and Y that depend on the timing are multiplied by the factors instead. Otherwise
+    gravity on a slope or a banked road could violate a reduced limit at every speed.
     """
     friction, power = factors[:1], factors[1:]
     along = jnp.concatenate([r.along[:1], r.along[1:] * friction])
@@ -132,11 +134,11 @@ def slowing(
 ) -> Float[Array, "2 *cells"]:
     """Return the factors on a with which friction and power satisfy their limits approximately, or 1.
 
-    A relative violation of at most `allowed` needs no factor: where the vehicle brakes uphill, a slower timing may need
-    more power.
+    A relative violation of at most `allowed` gets the factor 1, because a slower timing may need more power where the
+    vehicle brakes uphill.
 
-    `at_rest` is the usage for a = 0. On a slope or a banked road, the tyres carry a part of the weight at every speed,
-    so only the rest of the friction decreases. If the factor would be less than `SLOWEST`, it is 1. Then the violation
+    `at_rest` is the usage for a = 0. On a slope or a banked road, the tyres balance a part of gravity at every speed,
+    so only the rest of the friction decreases with a. A factor less than `SLOWEST` is replaced by 1. Then the violation
     remains, because a much slower timing would be useless.
     """
     over = usage > 1 + allowed

@@ -37,7 +37,7 @@ GAPS = (1e-5, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
 
 FINEST = 128
-"""With more cells than this, the gap at the end of the last search grows with the square of their number, because
+"""With more cells than this, the allowed gap of the last search grows with the square of their number, because
 rounding errors in the jerk prevent a gap of 1e-8."""
 
 ROUNDS, ALLOWED = 10, 8e-6
@@ -74,8 +74,8 @@ class Problem(NamedTuple):
 class Tables(NamedTuple):
     """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell.
 
-    `cell` and `place` are the index of the cell and the position in it for all nodes, followed by all points at which
-    limits are checked.
+    For each node, and then for each point at which limits are checked, `cell` is the index of its cell and `place` its
+    position in the cell, from 0 to 1.
     """
 
     grid: Grid
@@ -111,8 +111,8 @@ def last_gap(cells: int) -> float:
 def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:
     """Return the tables of a grid.
 
-    `rest` indicates whether the vehicle is at rest at the start and at the end, and `jerk` whether the jerk is limited,
-    which may jump where one segment ends and the next one starts.
+    `rest` indicates whether the vehicle is at rest at the start and at the end, and `jerk` whether the jerk is limited.
+    The jerk may jump where one segment ends and the next one starts, so nodes are placed on both sides of this knot.
     """
     return _tables(tuple(tuple(x.tolist()) for x in grid), rest, jerk)
 
@@ -140,7 +140,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
 
 class _Round(NamedTuple):
-    """The state of the last search, its factors on the limits (`used`), the next factors, the usage, and a counter.
+    """The last state, the factors by which its search divided the limits (`used`), the next factors, usage and count.
 
     The rows of `usage` are those of `constraints.used`.
     """
@@ -224,7 +224,7 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
         usage = r.usage * jnp.stack(factors)[:, None]
-    else:  # friction and power change by no known factor
+    else:  # the change of friction and power has no closed form
         usage = _between_nodes(between, t.within, slowed)
     return powers, ratios(usage, rows), error
 

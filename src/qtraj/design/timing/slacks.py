@@ -46,7 +46,7 @@ def enclosures(
     given: dict[str, Array],
     vehicle: RoadParameters | None,
 ) -> Any:
-    """Return a function that computes bounds (rows, subcells) on the minima of the slacks of the limits, and of a."""
+    """Return a function that computes lower and upper bounds (rows, subcells) on the minima of all slacks and of a."""
     segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
     shape = segments.derivatives
@@ -106,7 +106,7 @@ def _limit(both: Float[Array, "2 subcells"]) -> Majorant:
 
 
 def _models(p: CellPolynomial, at: tuple[Array, Array]) -> list[ChebyshevModel]:
-    """Return polynomials that are stacked on the first axis, in subcells."""
+    """Return one model on the subcells `at` for each of the polynomials that are stacked on the first axis of `p`."""
     models = jax.vmap(lambda own: own.on(*at))(p)
     return [jax.tree.map(lambda x, k=k: x[k], models) for k in range(p.error.shape[0])]
 
@@ -162,7 +162,7 @@ class _Cells(NamedTuple):
 
 
 def _slack(name: str, bound: Majorant, c: _Cells) -> Majorant:
-    """Return limit² · denominator − numerator."""
+    """Return the slack of a limit: limit² · denominator − numerator, where `bound` is limit²."""
     real, i, a = Invariants([None, *c.path]), Invariants([None, *c.ahead]), c.a
     if name == "lateral_acceleration":
         across = cross(i.r[1], real.r[2])

@@ -23,7 +23,10 @@ ORDERS = 3
 """Number of orders: value, first and second derivative."""
 
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
-"""Node of the one-point Gauss quadrature for ∫ f(z)/√z dz, exact for linear f, and its weight, a factor on f/√z."""
+"""Node and weight of the one-point Gauss quadrature for ∫ f(z)/√z dz over [0, 1], exact for linear f.
+
+The weight is a factor on f/√z.
+"""
 
 Numbers = Float[np.ndarray, "..."]
 
@@ -77,7 +80,7 @@ def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 c
 def nodes(
     knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool], jumps: Bool[np.ndarray, " cells"] | None = None
 ) -> Nodes:
-    """Return the nodes; `rest` indicates whether the value is zero at the start and at the end.
+    """Return the nodes; `rest` indicates whether the spline is zero at the start and at the end.
 
     `jumps` indicates the cells at whose end a constraint may jump. The node inside such a cell is moved to its end, so
     that the constraint is imposed on both sides of the knot, and the integral is computed by the trapezoidal rule.

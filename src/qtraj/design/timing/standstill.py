@@ -4,8 +4,9 @@ Where the recorded vehicle was at rest, a fitted route moves slowly, and sometim
 T₂ be the start and the end of such an interval, at which the speed has a given value v. The replacement consists of a
 short drive to the point halfway between r(T₀) and r(T₂), a stop, and a short drive from that point. Both drives are
 quintics with the position, velocity and acceleration of the route at T₀ and T₂, and zero velocity and acceleration at
-the stop. A drive of length d has the duration 3d/v, as in the motion x = d(1 − (1 − τ)³), so the vehicle does not turn
-back. During the remaining time the vehicle is at rest. The route outside the interval does not change.
+the stop. A drive of length d has the duration 3d/v, as in the motion x = d(1 − (1 − τ)³), so the vehicle does not
+reverse; in a short interval, both durations are reduced. During the remaining time the vehicle is at rest. The route
+outside the interval does not change.
 """
 
 from typing import NamedTuple
@@ -35,8 +36,9 @@ class _Stop(NamedTuple):
 def with_stops(route: Route, s: Segments, speed: float, distance: float) -> Route:
     """Return the route with stops instead of slow motion.
 
-    An interval in which the speed is at most `speed` [m/s] is replaced, unless the vehicle moves more than `distance`
-    [m] in it, or the interval is already a stop. In a stop the vehicle is at rest at some instant and never turns back.
+    An interval in which the speed is at most `speed` [m/s] is replaced, with three exceptions: the vehicle moves more
+    than `distance` [m] in it; the interval is already a stop, in which the vehicle is at rest at some instant and never
+    reverses; or the new stop would be behind the vehicle.
     """
     found = [x for x in (_stop(s, *interval, speed, distance) for interval in stops(s, speed)) if x is not None]
     if not found:
@@ -84,7 +86,7 @@ def _stop(s: Segments, start: float, end: float, speed: float, distance: float) 
 
 
 def _is_stop(v: Float[np.ndarray, "n 3"]) -> bool:
-    """Return whether the vehicle is at rest at some instant and never turns back."""
+    """Return whether the vehicle is at rest at some instant and never reverses."""
     return not v.any(axis=1).all() and not (np.sum(v[1:] * v[:-1], axis=1) < 0).any()
 
 

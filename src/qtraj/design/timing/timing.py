@@ -28,8 +28,8 @@ NEWTON_STEPS = 8
 class Timing(eqx.Module):
     """The relation between a path parameter u and time: u̇² = a(u), where a is a cubic polynomial between two `knots`.
 
-    `knots` (n + 1,) increase from 0. `coefficients` (n, 4) are the coefficients of a in each cell, for ascending powers
-    of the position x in the cell, 0 ≤ x ≤ 1. `rest` indicates whether the vehicle is at rest, a = 0, at the start and
+    `knots` (n + 1,) [s] increase from 0. `coefficients` (n, 4) are those of a in each cell, for ascending powers of the
+    position x in the cell, 0 ≤ x ≤ 1. `rest` indicates whether the vehicle is at rest, a = 0, at the start and
     at the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and `parameter` are
     inverses of each other to within about 1e-12 of the duration.
     """
@@ -69,7 +69,7 @@ class Timing(eqx.Module):
         return jnp.maximum(_horner(self.coefficients[cell], place), 0.0)
 
     def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
-        """Return the Taylor coefficients of a about one parameter `u`."""
+        """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
         cell, place = self._locate(one_instant(u))
         c = self.coefficients[cell]
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
@@ -211,7 +211,7 @@ class RetimedPath(AbstractHodograph):
     """A path r(u) with a timing u(t): the hodograph r(u(t)), where t is the time [s] since the start.
 
     This hodograph is not polynomial in t. The proofs of `retime` and `certify` use the polynomials r(u) and u̇²(u)
-    instead. They need the cells of a timing by `retime`; `certify` samples a path with other cells.
+    instead. These proofs need cells of the form that `retime` creates. With other cells, `certify` samples the path.
     """
 
     path: AbstractHodograph

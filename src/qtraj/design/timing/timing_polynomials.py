@@ -20,9 +20,9 @@ def scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
 
 
 def on_wide_ellipses(p: ChebyshevModel) -> ChebyshevModel:
-    """Return the model with bounds that include the errors on the ellipses of a whole cell.
+    """Return the model with bounds that include the errors on the ellipses about a whole cell.
 
-    The bounds of `CellPolynomial.on` are for the small ellipses of subcells. In the cell itself the errors are smaller.
+    `CellPolynomial.on` bounds the polynomials on the small ellipses about subcells, where the errors are smaller.
     """
     return eqx.tree_at(lambda x: x.bound, p, p.bound + RADIUS**DEGREE * p.error[None])
 
@@ -30,7 +30,7 @@ def on_wide_ellipses(p: ChebyshevModel) -> ChebyshevModel:
 def of_timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return a, a' and a'' as polynomials in s, −1 ≤ s ≤ 1, and a without its factor that vanishes at rest."""
+    """Return a, a' and a'' as polynomials in s, −1 ≤ s ≤ 1, and a divided by its factor that vanishes at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)
