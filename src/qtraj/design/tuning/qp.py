@@ -62,8 +62,7 @@ class QP(NamedTuple):
 class Active(NamedTuple):
     """The active constraints; `used` marks the elements of the arrays that are in use.
 
-    `constraint` contains indices into the list of all slot constraints, the upper bounds, the lower bounds and
-    t ≥ min_violation.
+    `constraint` contains indices into the list of slot constraints, upper bounds, lower bounds and t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
