@@ -53,9 +53,9 @@ REACHED = 1e-5
 def retime(
     path: AbstractHodograph,
     limits: Limits,
-    *,
     start_speed: ArrayInput | None = None,
     end_speed: ArrayInput | None = None,
+    *,
     knots: int = KNOTS,
     stop_speed: float | None = None,
     stop_distance: float = STOP_DISTANCE,
