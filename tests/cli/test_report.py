@@ -126,7 +126,7 @@ def test_a_turn_is_reported(qtraj, tmp_path):
     assert qtraj("slew", "--samples", 11, "--out", tmp_path).exit_code == 0
     result = qtraj("report", tmp_path)
     assert result.exit_code == 0
-    assert "Quarter turn of a spacecraft" in result.stdout
+    assert "Slew of a spacecraft by 90°" in result.stdout
     found = data(tmp_path / "report.html")
     assert (found["kind"], len(found["bodies"][0]["time"])) == ("attitude", 11)
     limits = {panel["title"]: [limit["value"] for limit in panel["limits"]] for panel in found["panels"]}

@@ -217,7 +217,7 @@ def test_a_recorded_turn():
 
 def test_the_result_is_stored(tmp_path):
     fitted = qt.fit_route(recorded(30.0))
-    document.save(fitted, tmp_path / "fitted.json")
+    fitted.save(tmp_path / "fitted.json")
     again = qt.load(tmp_path / "fitted.json")
     np.testing.assert_array_equal(again.covariance(), fitted.covariance())
     assert again.result == fitted.result
@@ -355,7 +355,7 @@ def test_recorded_rates_are_compared_after_the_mounting_is_estimated(tmp_path):
     for name in ("rms", "correlation", "mounting"):
         np.testing.assert_allclose(getattr(fitted.rates, name), getattr(compiled, name), rtol=1e-9, atol=1e-12)
     assert "rate_mounting" in fitted.to_xarray()
-    document.save(fitted, tmp_path / "fitted.json")
+    fitted.save(tmp_path / "fitted.json")
     assert qt.load(tmp_path / "fitted.json").rates.correlation.shape == (3,)
 
     vertical = qt.compare_rates(program, qt.Track(*parts, (rates + bias)[:, 2:]))

@@ -138,7 +138,7 @@ def test_derivatives_of_the_duration_with_respect_to_the_vehicle():
 
 def test_the_result_is_stored_with_its_vehicle_and_its_profile_shows_the_limits(corner, tmp_path):
     _, timed = corner
-    document.save(timed, tmp_path / "timed.json")
+    timed.save(tmp_path / "timed.json")
     loaded = qt.load(tmp_path / "timed.json")
     assert float(loaded.vehicle.bank) == 0.05
     profile = qt.speed_profile(loaded)

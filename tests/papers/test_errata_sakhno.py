@@ -1,4 +1,4 @@
-"""The errata of Sakhno, Kravets, Bas, Krivda (2017): each printed formula fails here, and the corrected one holds.
+"""The errata of Sakhno, Kravets, Bas, Krivda (2018): each printed formula fails here, and the corrected one holds.
 
 One right-angled, climbing turn with unequal radii and general end velocities serves throughout. The table is
 docs/errata.md.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.fitting.route_system import covariances
+from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
@@ -118,6 +120,10 @@ class FittedRoute(AbstractOutcome):
                 f"{longest:.3g} s."
             )
         return " ".join(texts)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it."""
+        document.save(self, file)
 
     def record(self) -> Record:
         """Return the variables of the route, of the residual (with the prefix `residual_`), and of the fit."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.drawing import draw
@@ -126,6 +128,10 @@ class Retimed(AbstractOutcome):
         if code == int(np.asarray(self.certificate.code)[at]):  # the text of the certificate names the limits
             return self.certificate.explain(at)
         return code.text
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it."""
+        document.save(self, file)
 
     def record(self) -> Record:
         """Return the duration, the end speeds, the timing and the certificate as labelled quantities."""
