@@ -12,7 +12,6 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.parts import of_path
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.sources import source
-from qtraj.foundation import document
 
 G = 9.80665
 RADIUS, ANGLE = 30.0, 2.0
