@@ -95,7 +95,7 @@ def triple_product(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
 
 
 def rotation(q: Quat) -> Mat4:
-    """Return Aᵗ·ᵗAᵗ = |λ|² diag(1, α) with the direction cosines α.
+    """Return Aᵗ·ᵗAᵗ = |λ|² diag(1, α) of λ = `q`, with the direction cosines α.
 
     For a unit λ, this matrix maps (0, v_ξ) to (0, v_X).
     """
@@ -105,14 +105,17 @@ def rotation(q: Quat) -> Mat4:
 def rotation_slope(q: Quat, q_dot: Quat) -> Mat4:
     """Return the time derivative of `rotation`, (Aᵗ)˙·ᵗAᵗ + Aᵗ·(ᵗAᵗ)˙.
 
-    For a unit λ, its last three rows are (0, τ̇), (0, ṅ) and (0, ḃ).
+    If |λ| = 1 at all times, the last three rows of the result are (0, τ̇), (0, ṅ) and (0, ḃ), with the body axes τ, n
+    and b in inertial components.
     """
     first = jnp.matmul(at(q_dot), tat(q), precision="highest")
     return first + jnp.matmul(at(q), tat(q_dot), precision="highest")
 
 
 def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
-    """Return the matrix Ω of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ(ω_X) for body axes, A(ω_ξ) for inertial axes.
+    """Return the matrix Ω of 2λ̇ = Ωλ for the rate `omega` (3,) [rad/s].
+
+    Ω is ᵗAᵗ(ω_X) if `omega` is in body axes (ω_X), and A(ω_ξ) if it is in inertial axes (ω_ξ).
 
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
@@ -140,6 +143,6 @@ def _dot(a: Vec3, b: Vec3) -> Array:
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
-    """Return Σ_k components_k basis_k, without rounding errors, because each entry has only one nonzero term."""
+    """Return Σ_k components[k]·basis[k]; there are no rounding errors, because each entry has only one nonzero term."""
     components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

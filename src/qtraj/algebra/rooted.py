@@ -34,7 +34,10 @@ ONE, ROOT_S, ROOT_H = 0, 1, 2
 
 
 class RootSum:
-    """A number a + b√S + c√H + d√(SH); `coefficients` are models, or the integers 0 and 1."""
+    """A number a + b√S + c√H + d√(SH) with two positive functions S and H.
+
+    `coefficients` are a, b, c and d, each a model or the integer 0 or 1; `squares` are the models of S and H.
+    """
 
     def __init__(self, coefficients: Sequence[Any], squares: tuple[ChebyshevModel, ChebyshevModel]):
         self.coefficients = tuple(coefficients)
@@ -143,7 +146,7 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
 
 
 def _chebyshev(x: Float[Array, "ellipses cells paths"]) -> Float[Array, "k ellipses cells paths"]:
-    """Return the Chebyshev polynomials T_0 … T_(NODES−1) at x ≥ 1, increased to cover rounding."""
+    """Return the values of the Chebyshev polynomials T_0, …, T_(NODES−1) at x ≥ 1, increased to cover rounding."""
     found = [jnp.ones_like(x), x]
     while len(found) < NODES:
         found.append(2 * x * found[-1] - found[-2])

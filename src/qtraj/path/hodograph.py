@@ -133,7 +133,7 @@ class Curve(AbstractHodograph):
 
 
 Jet = Callable[[Scalar], tuple[Vec3, ...]]
-"""A function of time that returns a value and its first derivatives."""
+"""A function of time that returns a vector and its time derivatives, in ascending order from the first."""
 
 
 def _with_next_derivative(jet: Jet) -> Jet:
