@@ -123,7 +123,8 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
     values = jnp.sqrt(jnp.maximum(square.values, 0.0))
     a = jnp.tensordot(jnp.asarray(TO_CHEBYSHEV, values.dtype), values, 1, precision="highest")
     # q is the polynomial with the computed coefficients that exceed the rounding error. The smaller coefficients are
-    # only rounding errors, but on the large ellipses of small cells they would be multiplied by huge values of T_k.
+    # only rounding errors, but on the large ellipses of small cells they would be multiplied by huge values of the
+    # Chebyshev polynomials T_k.
     eps = float(np.finfo(values.dtype).eps)
     size = max_abs(values)
     rounding = 8 * NODES**2 * eps * size
@@ -131,7 +132,7 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
     magnitudes = jnp.where(kept, jnp.abs(a), 0.0)
     # At the rounded nodes q differs from `values` by the rounding of its coefficients and by the omitted coefficients.
     uncertainty = (rounding + jnp.sum(jnp.where(kept, 0.0, jnp.abs(a)), axis=0)) * SLACK
-    # On an ellipse |T_k| is largest at the ends of the major axis.
+    # On an ellipse the magnitude of a Chebyshev polynomial is largest at the ends of the major axis.
     bound = jnp.sum(magnitudes[:, None] * _chebyshev(axes), axis=0) * SLACK
     lowest = a[0] - jnp.sum(magnitudes[1:], axis=0) - rounding
     q = ChebyshevModel(values, size, uncertainty, bound)

@@ -47,7 +47,7 @@ def to_rotation_vector(q: Quat) -> Vec3:
 
 
 def from_rotation_vector(v: Vec3) -> Quat:
-    """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector `v` = Φe [rad]."""
+    """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector `v` = Φe [rad], axis e and angle Φ."""
     return exp(0.5 * v)
 
 

@@ -2,7 +2,7 @@
 
 A failure does not raise an error unless `throw=True` is passed. The result of a solve has a `code` for each element of
 its batch, and a text that says what to do. Codes below `NOTES` are full successes, codes from `FAILURES` on are
-failures, and codes in between are successes with a note.
+failures, and codes from `NOTES` to below `FAILURES` are successes with a note.
 """
 
 import abc

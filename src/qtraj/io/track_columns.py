@@ -64,7 +64,7 @@ OTHERS = {
     "attitude": ("deg", "°", "rad"),
     "rate": ("deg/s", "°/s", "dps", "mrad/s", "rpm", "m/s"),
 }
-"""Units of each quantity other than those in `UNITS`; a column with such a unit in brackets is rejected."""
+"""Known units of each quantity that differ from `UNITS`; a column with one of them in brackets is rejected."""
 
 ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
 """Spellings of angle units in the brackets of a column name, and the unit that each spelling denotes."""

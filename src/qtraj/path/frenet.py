@@ -177,7 +177,7 @@ def natural_rate(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> t
 
 
 def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """Return the components along τ and b of the angular acceleration ε⁰ = dω⁰/dt [rad/s²] of the natural trihedral.
+    """Return the components along τ and b of the angular acceleration [rad/s²] of the natural trihedral.
 
     The component along n is zero. The formulas are from paper S, with corrected errata; the arguments are the same as
     for `natural_rate`.

@@ -106,7 +106,8 @@ class Curve(AbstractHodograph):
     `position` may be a plain function or a callable Module; derivatives with respect to arrays of the Module are
     supported.
 
-    **Raises:** ValueError if `position` is not such a function, or `duration` [s] is not positive.
+    **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,), or if `duration` [s] is not
+    positive.
     """
 
     function: Callable[..., Vec3]

@@ -16,7 +16,7 @@ from qtraj.path.path_quantity import PRINCIPAL, Division, PathQuantity, inverse_
 
 
 def _accelerations(i: Any, by: Division) -> tuple[Any, Any]:
-    """Return the components along τ and b of the angular acceleration; zeros where the trihedral does not exist."""
+    """Return the angular acceleration of the trihedral along τ and b; zeros where the trihedral does not exist."""
     inv_speed, inv_cross_norm = _inverses(i, by)
     return natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
 

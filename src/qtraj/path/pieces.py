@@ -49,8 +49,8 @@ def hermite(h: Any, states: Any) -> Any:
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]
-    # Subtract from the end state the state that the Taylor polynomial about the start has there. The factor h**k
-    # converts the difference of the k-th derivatives to a length.
+    # Subtract the Taylor polynomial about the start, evaluated at the end, from the end state. The factor h**k converts
+    # the difference of the k-th derivatives to a length.
     gaps = []
     for k in range(orders):
         reached = [math.comb(j, k) * math.factorial(k) * low[j] * h ** (j - k) for j in range(k + 1, orders)]

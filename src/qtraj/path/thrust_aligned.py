@@ -56,8 +56,8 @@ class ThrustAligned(AbstractFrame):
     acceleration are exact; they use the third and the fourth derivative of the path. A frame whose heading is a
     function cannot be saved.
 
-    **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is negative or
-    not finite, or has the wrong shape.
+    **Raises:** ValueError for a heading that is not finite, or is neither a number nor a function that JAX can trace.
+    ValueError for a gravity that is negative or not finite, or has the wrong shape.
     """
 
     heading: Any

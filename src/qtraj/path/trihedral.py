@@ -62,7 +62,7 @@ class Trihedral(AbstractResult):
         return jnp.stack([self.tangent, self.normal, self.binormal])
 
     def quaternion(self) -> Quat:
-        """Return the unit quaternion, trihedral to world, whose first non-zero component is positive.
+        """Return the unit quaternion, trihedral to world; its first non-zero component is positive.
 
         `rotation.continuous` makes the signs of consecutive quaternions continuous.
         """

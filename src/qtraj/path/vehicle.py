@@ -174,7 +174,8 @@ def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
 
-    **Raises:** ValueError if there is no such inertia; the message says that `what` needs it.
+    **Raises:** ValueError if there is no vehicle, no inertia, or an inertia with other principal axes; the message says
+    that `what` needs an inertia with these principal axes.
     """
     vehicle = require_inertia(vehicle, what)
     if has_principal_inertia(vehicle):

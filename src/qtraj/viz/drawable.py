@@ -62,7 +62,8 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
 def path_samples(source: Any) -> xarray.Dataset:
     """Return a dataset with the dimensions `path` and `sample`, like the results of `qtraj.io.dataset.path_dataset`.
 
-    **Raises:** ValueError if the dataset of `source` does not contain such samples; the message names what is missing.
+    **Raises:** ValueError if the dataset of `source` does not contain samples of paths; the message names the missing
+    dimensions and variables.
     """
     dataset = drawable(source)
     missing = [name for name in ("path", "sample") if name not in dataset.dims]
