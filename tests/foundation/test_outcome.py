@@ -76,7 +76,9 @@ def test_success_is_an_array_also_inside_a_trace():
     assert outcome(CODES).successful.tolist() == [True, True, False, False]
     successful = jax.jit(jax.vmap(lambda code: Outcome(code).successful))(jnp.asarray(CODES, jnp.int32))
     assert successful.tolist() == [True, True, False, False]
-    with pytest.raises(ValueError, match="not available inside jit, vmap or grad: use successful or code"):
+    with pytest.raises(
+        ValueError, match="not available inside jit, vmap or grad: use the attribute 'successful' or 'code'"
+    ):
         jax.jit(lambda one: len(one.result))(outcome(0))
 
 

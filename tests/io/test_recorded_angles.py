@@ -110,7 +110,7 @@ def test_angles_without_a_convention_are_refused_with_the_options(tmp_path):
     ("name", "value", "words"),
     [
         ("sequence", "ZYZ", "must be x, y and z in any order"),
-        ("sequence", "ZyX", "all in one case"),
+        ("sequence", "ZyX", "all upper or all lower case"),
         ("heading", "north", "'north-clockwise' or 'x-anticlockwise'"),
         ("unit", "degrees", "'deg' or 'rad'"),
         ("body", "frd", "'forward-right-down' or 'forward-left-up'"),

@@ -184,7 +184,7 @@ def test_precision_is_drawn_on_logarithmic_axes_down_to_round_off():
     ("make", "message"),
     [
         (lambda loop: profiles_figure({}), "at least one profile"),
-        (lambda loop: loops_figure({}), "needs at least one solution, and all solutions need commands"),
+        (lambda loop: loops_figure({}), "needs solutions with commands, but there is no solution"),
         (
             lambda loop: loops_figure({"a": loop}, {"b": loop.error}),
             "closed_forms contains 'b', but solutions",

@@ -40,7 +40,7 @@ class Bernstein(NamedTuple):
 
     @property
     def lower(self) -> Float[np.ndarray, " n"]:
-        """A lower bound on each polynomial on [0, 1]; not finite if there is none."""
+        """A lower bound on each polynomial on [0, 1]; it is not finite if the polynomial has no bound."""
         return self.values.min(axis=-2) - self.error * SLACK
 
     @property
@@ -125,7 +125,10 @@ def add_rounding(error: np.ndarray, count: int, size: np.ndarray) -> np.ndarray:
 
 @lru_cache
 def _to_bernstein(count: int) -> np.ndarray:
-    """Return the matrix that converts power coefficients on [0, 1] to Bernstein coefficients; no entry exceeds 1."""
+    """Return the matrix that converts power coefficients on [0, 1] to Bernstein coefficients; no entry exceeds 1.
+
+    The rows are the Bernstein coefficients, and the columns are the powers.
+    """
     n = count - 1
     return np.array([[math.comb(j, k) / math.comb(n, k) for k in range(count)] for j in range(count)])
 
@@ -136,7 +139,10 @@ def _binomials(degree: int) -> np.ndarray:
 
 
 def _of_products(pairs: list[list[tuple[np.ndarray, np.ndarray]]], p: Bernstein, q: Bernstein, axes: Any) -> Bernstein:
-    """Return sums of products: a vector with `axes` components, or single polynomials if `axes` is None."""
+    """Return sums of products: a vector with `axes` components, or single polynomials if `axes` is None.
+
+    `pairs[i]` contains the factors of each product in component i; the factors are coefficients of `p` and `q`.
+    """
     m, n = p.values.shape[-2] - 1, q.values.shape[-2] - 1
     if m + n > MAX_DEGREE:
         infinite = np.full_like(p.size, np.inf)
@@ -164,7 +170,7 @@ def _convolved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _elevated(p: Bernstein, q: Bernstein) -> tuple[Bernstein, Bernstein]:
-    """Return both polynomials with the same degree."""
+    """Raise the lower of two degrees to the higher degree, and return both polynomials."""
     m, n = p.values.shape[-2], q.values.shape[-2]
     if m == n:
         return p, q

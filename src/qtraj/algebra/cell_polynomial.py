@@ -18,7 +18,7 @@ ELLIPSES_RADIUS = 3.0
 
 
 class CellPolynomial(eqx.Module):
-    """A vector of polynomials with ascending `coefficients`.
+    """A vector of polynomials with ascending `coefficients`; the axis of length k contains the powers.
 
     `shifts[l]` contains the coefficients of the l-th derivative divided by l!. In each component, `error` bounds the
     sum of the errors of the coefficients, also after a change to the scaled variable of a cell.
@@ -75,5 +75,5 @@ def _values(coefficients: Float[Array, "axes k 1 paths"], s: Cells) -> tuple[Arr
 
 
 def _binomials(n: int) -> np.ndarray:
-    """Return a matrix with the entry C(k+l, l) in row l and column k; the entry is 0 if k + l > n."""
+    """Return a matrix with the binomial coefficient C(k+l, l) in row l and column k, or 0 if k + l > n."""
     return np.array([[math.comb(k + j, j) if k + j <= n else 0 for k in range(n + 1)] for j in range(n + 1)], float)

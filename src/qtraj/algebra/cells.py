@@ -59,7 +59,10 @@ def semi_axes(half: Cells) -> Float[Array, "ellipses cells paths"]:
 
 @jax.jit
 def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
-    """Bound, in each cell, the minimum of a function that differs by at most `error` from Σ c_k s^k, s ∈ [−1, 1]."""
+    """Bound, in each cell, the minimum of a function that differs by at most `error` from Σ c_k s^k, s ∈ [−1, 1].
+
+    `c[k]` contains the coefficient c_k in each cell.
+    """
     eps, count = float(np.finfo(c.dtype).eps), c.shape[0]
     size = jnp.sum(jnp.abs(c), axis=0)
     steepness = jnp.sum(jnp.arange(count, dtype=c.dtype)[:, None, None] * jnp.abs(c), axis=0)
@@ -83,7 +86,10 @@ def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure
 
 
 def _to_bernstein(count: int) -> np.ndarray:
-    """Return the matrix, with entries in [−1, 1], that converts power to Bernstein coefficients on [−1, 1]."""
+    """Return the matrix, with entries in [−1, 1], that converts power to Bernstein coefficients on [−1, 1].
+
+    The rows are the Bernstein coefficients, and the columns are the powers.
+    """
     n = count - 1
 
     def entry(j: int, k: int) -> float:
@@ -94,7 +100,7 @@ def _to_bernstein(count: int) -> np.ndarray:
 
 
 def _quadratic_minimum(c: Float[Array, "k cells paths"]) -> Cells:
-    """Return the point of [−1, 1] at which c_0 + c_1 s + c_2 s² is smallest; 0 if c_1 is zero."""
+    """Return the point s of [−1, 1] at which c_0 + c_1 s + c_2 s² is smallest, c_k = `c[k]`; 0 if c_1 is zero."""
     convex, slope = c[2] > 0, jnp.abs(c[1])
     return -jnp.sign(c[1]) * jnp.where(convex, jnp.minimum(slope / jnp.where(convex, 2 * c[2], 1.0), 1.0), 1.0)
 
@@ -179,13 +185,16 @@ def refine(build: Build, front: Front) -> Front:
 
 @jax.jit
 def _evaluate(c: Float[Array, "k cells paths"], u: Cells) -> tuple[Cells, Cells, Cells]:
-    """Return the value, the slope and half the second derivative of Σ c_k s^k at s = u."""
+    """Return the value, the slope and half the second derivative of Σ c_k s^k at s = `u`, with c_k = `c[k]`."""
     value, slope, half_curvature = taylor_terms(list(c), u, 2)
     return value, slope, half_curvature
 
 
 def _newton_step(c: Float[Array, "k cells paths"], u: Cells) -> Cells:
-    """Return `u` after a Newton step to the minimum, clipped to [−1, 1]; unchanged where Σ c_k s^k is not convex."""
+    """Return `u` after a Newton step to the minimum of Σ c_k s^k, c_k = `c[k]`, clipped to [−1, 1].
+
+    Where the polynomial is not convex at `u`, `u` is only clipped.
+    """
     _, slope, half_curvature = _evaluate(c, u)
     convex = half_curvature > 0
     return jnp.clip(u - jnp.where(convex, 0.5 * slope / jnp.where(convex, half_curvature, 1.0), 0.0), -1.0, 1.0)

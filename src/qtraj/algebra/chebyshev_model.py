@@ -44,13 +44,19 @@ def _cosine(m: np.ndarray) -> np.ndarray:
 
 _ODD = 2 * np.arange(NODES) + 1
 POINTS = _cosine(_ODD)
-"""The nodes: the zeros of the Chebyshev polynomial T_n, n = `NODES`."""
+"""The nodes, which are the zeros of the Chebyshev polynomial T_n, n = `NODES`."""
 
 TO_CHEBYSHEV = _cosine(np.outer(np.arange(NODES), _ODD)) * np.where(np.arange(NODES) == 0, 1.0, 2.0)[:, None] / NODES
-"""The matrix that converts values at the nodes to the Chebyshev coefficients of the interpolating polynomial."""
+"""The matrix that converts values at the nodes to the Chebyshev coefficients of the interpolating polynomial.
+
+The rows are the coefficients, and the columns are the nodes.
+"""
 
 TO_POWERS = np.zeros((NODES, NODES))
-"""The matrix that converts Chebyshev coefficients to coefficients of powers of s; its entries are integers."""
+"""The matrix that converts Chebyshev coefficients (columns) to coefficients of powers of s (rows).
+
+Its entries are integers.
+"""
 for _k, _unit in enumerate(np.eye(NODES)):
     _powers = np.polynomial.chebyshev.cheb2poly(_unit)
     TO_POWERS[: _powers.size, _k] = _powers
@@ -65,9 +71,9 @@ SEMI_AXES, MIN_LAST_SEMI_AXIS = (3.0, 6.0), 16.0
 """
 
 INTERPOLATION_FACTOR = 4 / 1.6 / 1.94 ** (NODES - 1)
-"""Constant that, divided by a^NODES, is an upper bound on the factor 4/((ρ − 1) ρ^(NODES−1)) of theorem 8.2.
+"""Upper bound on a^NODES times the factor 4/((ρ − 1) ρ^(NODES−1)) of theorem 8.2.
 
-a is the semi-major axis of the ellipse, and ρ is the sum of the semi-axes. Since a ≥ 3, ρ > 1.94 a and ρ − 1 > 1.6 a.
+a is the semi-major axis of an ellipse, and ρ is the sum of its semi-axes. Since a ≥ 3, ρ > 1.94 a and ρ − 1 > 1.6 a.
 """
 
 
@@ -75,8 +81,9 @@ class ChebyshevModel(eqx.Module):
     """Functions f, represented by `values` at the nodes, with error bounds.
 
     At the nodes, |value − f| ≤ `error` and |value| ≤ `size`; on the ellipses, |f| ≤ `bound`. The components of a vector
-    share the three bounds. Theorem 8.2 is stated for nodes at the extrema of T_n. It also applies to nodes at the zeros
-    of T_n, because at either set of nodes every T_k with k > n has, up to sign, the same values as some T_j with j ≤ n.
+    share the three bounds. Theorem 8.2 is stated for nodes at the extrema of the Chebyshev polynomial T_n, n = `NODES`.
+    It also applies to nodes at the zeros of T_n, because at either set of nodes every T_k with k > n has, up to sign,
+    the same values as some T_j with j ≤ n.
     """
 
     values: Float[Array, "*vector node cells paths"]
@@ -140,9 +147,7 @@ def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Ar
 def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
     """Return the coefficients (k, cells, paths) of the interpolating polynomial Σ c_k s^k, and a bound on its error.
 
-    The bound is valid on [−1, 1].
-
-    `semi_axes` are the semi-major axes of the ellipses to which `p.bound` refers.
+    The bound is valid on [−1, 1]. `semi_axes` are the semi-major axes of the ellipses to which `p.bound` refers.
     """
     eps = float(np.finfo(p.values.dtype).eps)
     a = _apply(TO_CHEBYSHEV, p.values)

@@ -9,12 +9,12 @@ from qtraj.foundation.types import Mat3, Quat, Scalar
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
 """Paper S's matrix H, which maps the squared components of a unit quaternion to (1, α11, α22, α33).
 
-H/2 is its own inverse.
+α are the direction cosines. The matrix H/2 is its own inverse.
 """
 
 
 def to_dcm(q: Quat) -> Mat3:
-    """Return the direction cosines α = R(λ)ᵀ, which convert inertial to body components.
+    """Return the direction cosines α of the attitude `q`, which convert inertial to body components.
 
     `q` and `c*q` give the same result for any c ≠ 0.
     """
@@ -29,22 +29,25 @@ def to_dcm(q: Quat) -> Mat3:
 
 
 def from_dcm(C: Mat3) -> Quat:
-    """Return the unit quaternion of direction cosines α; its first non-zero component is positive (scalar part ≥ 0).
+    """Return the unit quaternion λ of the direction cosines `C`; its first non-zero component is positive.
 
     Shepperd's method selects the row of the matrix 4 λ_i λ_k that contains the largest diagonal element. (The diagonal
     alone, as in `squares_from_dcm`, does not determine the signs of the components.) The value and the gradient are
-    finite at every rotation. If α is not orthogonal, the result depends on the selected row.
+    finite at every rotation. If `C` is not orthogonal, the result depends on the selected row.
     """
     return canonical(unit_quaternion(pivot_row(C)))
 
 
 def squares_from_dcm(C: Mat3) -> Quat:
-    """Return the squared components (λ0², …, λ3²) of the unit quaternion, paper S's ¼H(1, α11, α22, α33)."""
+    """Return the squared components of the unit quaternion of the direction cosines `C`.
+
+    In paper S these are ¼H(1, α11, α22, α33), with the matrix H = `SIGNS` and the direction cosines α.
+    """
     return 0.25 * jnp.stack(_squares(C))
 
 
 def pivot_row(C: Mat3) -> Quat:
-    """Return 4 λ_k (λ0, λ1, λ2, λ3) for the k with the largest λ_k², where λ is the unit quaternion of a rotation.
+    """Return 4 λ_k (λ0, λ1, λ2, λ3) for the k with the largest λ_k²; λ is the unit quaternion of the matrix `C`.
 
     The norm of the result is at least 2. Each component is selected separately, because the code that XLA generates for
     indexing an array of rows is slow for many matrices.
@@ -57,7 +60,7 @@ def pivot_row(C: Mat3) -> Quat:
 
 
 def _outer(C: Mat3) -> list[list[Scalar]]:
-    """Return 4 λ_i λ_k for all pairs of components of the unit quaternion."""
+    """Return the matrix with 4 λ_i λ_k in row i and column k; λ is the unit quaternion of the matrix `C`."""
     squares = _squares(C)
     d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
     s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]

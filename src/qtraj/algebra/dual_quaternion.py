@@ -1,9 +1,10 @@
 """Dual quaternions Λ = λ + s λ′, s² = 0, which represent position and attitude by eight components.
 
 The pose with position r (inertial axes) and attitude λ is Λ = λ + s ½ r∘λ; a point x of the body has the position r +
-λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC. With the twist U = ω + s u, 2Λ̇ = Λ∘U_X = U_ξ∘Λ, where u_X is
-the velocity of the body's origin in body axes, and u_ξ = v + r × ω is the velocity of the body point at the inertial
-origin (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
+λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC, where Λ_AB is the pose of B relative to A. Let ω be the
+angular rate and v the velocity of the body's origin. With the twist U = ω + s u, 2Λ̇ = Λ∘U_X = U_ξ∘Λ. In body axes
+(index X), u is v; in inertial axes (index ξ), u = v + r × ω is the velocity of the body point at the inertial origin
+(Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
 
 A dual quaternion is an array (8,) with λ first. The functions accept no batches; use `jax.vmap` for a batch.
 """
@@ -23,7 +24,10 @@ def from_pose(position: Vec3, q: Quat) -> DualQuat:
 
 
 def to_pose(dual: DualQuat) -> tuple[Vec3, Quat]:
-    """Return the position r = 2λ′∘λ⁻¹ (3,) [m] and the attitude λ (4,); Λ and cΛ, c ≠ 0, have the same position."""
+    """Return the position 2λ′∘λ⁻¹ (3,) [m] and the attitude λ (4,) of Λ = λ + s λ′.
+
+    Λ and cΛ, c ≠ 0, have the same position.
+    """
     real, dual_part = dual[:4], dual[4:]
     return 2 * quaternion.product(dual_part, quaternion.inverse(real))[1:], real
 
@@ -35,12 +39,12 @@ def product(a: DualQuat, b: DualQuat) -> DualQuat:
 
 
 def conjugate(dual: DualQuat) -> DualQuat:
-    """Return the conjugate Λ̄ = λ̄ + s λ̄′, which is the inverse of Λ if Λ is a pose with |λ| = 1."""
+    """Return the conjugate λ̄ + s λ̄′ of Λ = λ + s λ′; it is the inverse if Λ is a pose with |λ| = 1."""
     return jnp.concatenate([quaternion.conjugate(dual[:4]), quaternion.conjugate(dual[4:])])
 
 
 def inverse(dual: DualQuat) -> DualQuat:
-    """Return the inverse Λ⁻¹ = λ⁻¹ − s λ⁻¹∘λ′∘λ⁻¹."""
+    """Return the inverse Λ⁻¹ = λ⁻¹ − s λ⁻¹∘λ′∘λ⁻¹ of Λ = λ + s λ′."""
     real = quaternion.inverse(dual[:4])
     return jnp.concatenate([real, -quaternion.product(quaternion.product(real, dual[4:]), real)])
 
@@ -54,8 +58,8 @@ def transform(dual: DualQuat, point: Vec3) -> Vec3:
 def derivative(dual: DualQuat, omega: Vec3 | Quat, velocity: Vec3) -> DualQuat:
     """Return Λ̇ = ½ Λ∘(ω_X + s λ⁻¹∘v∘λ) from the velocity v of the body's origin and the angular rate ω_X.
 
-    `velocity` [m/s] has inertial components, and `omega` [rad/s] has body components. `omega` is (3,), or (4,) with
-    ω0 = d/dt ln|λ|² first.
+    λ is the attitude in Λ = λ + s λ′. `velocity` is v [m/s] in inertial components. `omega` is ω_X [rad/s] in body
+    components: (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
     """
     rate = omega if omega.shape == (4,) else _pure(omega)
     body_velocity = _pure(quaternion.rotate(quaternion.conjugate(dual[:4]), velocity))

@@ -63,7 +63,9 @@ def to_euler(q: Quat, seq: str) -> Vec3:
 
 
 def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the angles of e_i(third)∘e_j(second)∘e_i(first) from A and B.
+    """Return the angles first, second and third of e_i(third)∘e_j(second)∘e_i(first) = A + B∘e_j.
+
+    `plane_a` and `plane_b` are the components of A and B in the plane of 1 and e_i (see the module).
 
     In gimbal lock, `first` is 0 if `keep_third` is true; otherwise `third` is 0.
     """
@@ -81,7 +83,7 @@ def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scal
 
 
 def _argument(plane: Pair, lost: Flag) -> Scalar:
-    """Return the polar angle of a pair, or 0 with zero derivative if `lost`, that is, if the norm is only round-off."""
+    """Return the polar angle of a pair; 0 with zero derivative if `lost`, that is, if the pair is only round-off."""
     return jnp.arctan2(jnp.where(lost, 0.0, plane[1]), jnp.where(lost, 1.0, plane[0]))
 
 

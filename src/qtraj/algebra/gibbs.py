@@ -14,10 +14,10 @@ from qtraj.foundation.types import Mat3, Quat, Vec3
 
 
 def to_gibbs(q: Quat) -> Vec3:
-    """Return the Gibbs vector G_k = λ_k/λ0; `q` and `c*q` give the same result for any c ≠ 0.
+    """Return the Gibbs vector (λ1, λ2, λ3)/λ0 of λ = `q`; `q` and `c*q` give the same result for any c ≠ 0.
 
     A half turn (λ0 = 0) has no finite Gibbs vector. The components of the result are then 0 where the axis has a zero
-    component, and inf or −inf elsewhere. Two opposite axes describe the same half turn; the signs are those of the axis
+    component, and inf or −inf elsewhere. Two opposite axes describe the same half turn; the function chooses the axis
     whose first non-zero component is positive. The derivative is 0, never NaN.
     """
     q = canonical(balanced(q))
@@ -28,7 +28,7 @@ def to_gibbs(q: Quat) -> Vec3:
 
 
 def from_gibbs(g: Vec3) -> Quat:
-    """Return the unit quaternion (1, G)/√(1+|G|²).
+    """Return the unit quaternion (1, G)/√(1+|G|²) of the Gibbs vector G = `g`.
 
     If one component is infinite, the result is a half turn about the coordinate axis of this component. If several
     components are infinite, the axis is unknown, and the result is NaN.
@@ -41,20 +41,21 @@ def from_gibbs(g: Vec3) -> Quat:
 
 
 def gibbs_from_dcm(C: Mat3) -> Vec3:
-    """Return the Gibbs vector of a matrix of direction cosines α.
+    """Return the Gibbs vector of the matrix `C` of direction cosines α.
 
-    If λ0² is the largest squared component of the unit quaternion, the result is (α23−α32, α31−α13, α12−α21)/(1 + tr
-    α). Otherwise the components are the ratios λ_jλ_k/(λ0λ_k) for the k with the largest λ_k², because these ratios
-    lose the fewest digits near Φ = π. For Φ = π see `to_gibbs`.
+    Let λ be the unit quaternion of α. If λ0² is the largest squared component of the unit quaternion, the result is
+    (α23−α32, α31−α13, α12−α21)/(1 + tr α). Otherwise the components are the ratios λ_jλ_k/(λ0λ_k) for the k with the
+    largest λ_k², because these ratios lose the fewest digits near a half turn. For a half turn see `to_gibbs`.
     """
     return to_gibbs(pivot_row(C))
 
 
 def gibbs_ratios(C: Mat3) -> Float[Array, "3 2"]:
-    """Return the six ratios printed in paper S, two for each component of the Gibbs vector G.
+    """Return the six ratios printed in paper S; row k contains the two ratios for component k of the Gibbs vector.
 
-    The two ratios for G_k divide by 4λ0λ_m, m ≠ k. If this product is zero, the value and the gradient are infinite or
-    NaN. `gibbs_from_dcm` does not have this limitation.
+    Let λ be the unit quaternion of the direction cosines `C`. The two ratios for component G_k divide by 4λ0λ_m, m ≠ k.
+    If this product is zero, the value and the gradient are infinite or NaN. `gibbs_from_dcm` does not have this
+    limitation.
     """
     d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
     s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]
@@ -63,7 +64,7 @@ def gibbs_ratios(C: Mat3) -> Float[Array, "3 2"]:
 
 
 def to_mrp(q: Quat) -> Vec3:
-    """Return the MRP e tan Φ/4 of the shorter rotation, so |MRP| ≤ 1.
+    """Return the MRP e tan Φ/4 of the shorter rotation, with the axis e and the angle Φ ≤ π; so |MRP| ≤ 1.
 
     `q` and `c*q` give the same result for any c ≠ 0.
     """
@@ -72,6 +73,6 @@ def to_mrp(q: Quat) -> Vec3:
 
 
 def from_mrp(p: Vec3) -> Quat:
-    """Return the unit quaternion (1 − |p|², 2p)/(1 + |p|²); p and its shadow set −p/|p|² yield λ and −λ."""
+    """Return the unit quaternion (1 − |p|², 2p)/(1 + |p|²); the shadow set −p/|p|² yields its negative."""
     square = jnp.sum(p * p)
     return jnp.concatenate([(1 - square)[None], 2 * p]) / (1 + square)

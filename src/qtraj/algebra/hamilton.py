@@ -36,9 +36,9 @@ def from_axes(
 ) -> tuple[Any, Any, Any, Any]:
     """Return the unit quaternion (w, x, y, z), of either sign, of the frame with the given orthonormal axes.
 
-    The function is intended for many frames at once. It selects values instead of branching, and uses `inverse_root`,
-    a function that returns 1/√x, instead of divisions. For one matrix use `rotation.from_dcm`, whose sign and gradient
-    are defined at every rotation.
+    The function is intended for many frames at once. It selects values instead of branching, and uses `inverse_root`, a
+    function that returns 1/√x, instead of divisions. For one matrix use `rotation.from_dcm`: the sign and the gradient
+    of its result are defined at every rotation.
 
     Let τ, n, b be the axes, each (x, y, z), and let u = w + ix and m = z − iy. Then um = (τ_y + iτ_z)/2, u² = (n_y +
     b_z + i(n_z − b_y))/2 and m² = (b_z − n_y − i(n_z + b_y))/2. If |u| ≥ |m|, the function computes u as a square root

@@ -39,32 +39,32 @@ TA_BASIS = TAT_BASIS.transpose(0, 2, 1)
 
 
 def a(q: Quat) -> Mat4:
-    """Return A = L(q), the matrix of x → q∘x."""
+    """Return A = L(q), the matrix that maps x to q∘x."""
     return _combine(q, A_BASIS)
 
 
 def at(q: Quat) -> Mat4:
-    """Return Aᵗ = L(q̄), the transpose of A."""
+    """Return Aᵗ = L(q̄), the matrix that maps x to q̄∘x and the transpose of A; q̄ is the conjugate of q."""
     return _combine(q, AT_BASIS)
 
 
 def ta(q: Quat) -> Mat4:
-    """Return ᵗA = R(q̄), which is A with its first row and column exchanged."""
+    """Return ᵗA = R(q̄), the matrix that maps x to x∘q̄; it is A with its first row and first column exchanged."""
     return _combine(q, TA_BASIS)
 
 
 def tat(q: Quat) -> Mat4:
-    """Return ᵗAᵗ = R(q), the matrix of x → x∘q and the transpose of ᵗA."""
+    """Return ᵗAᵗ = R(q), the matrix that maps x to x∘q and the transpose of ᵗA."""
     return _combine(q, TAT_BASIS)
 
 
 def r0(v: Vec3) -> Mat4:
-    """Return the matrix Ṙ₀ of the vector v, that is, the matrix of x → −x∘(0, v)."""
+    """Return the matrix Ṙ₀ of the vector v, which maps x to −x∘(0, v)."""
     return _combine(v, TA_BASIS[1:])
 
 
 def r0_prime(v: Vec3) -> Mat4:
-    """Return the matrix Ṙ₀′ of the vector v, that is, the matrix of x → −(0, v)∘x."""
+    """Return the matrix Ṙ₀′ of the vector v, which maps x to −(0, v)∘x."""
     return _combine(v, AT_BASIS[1:])
 
 
@@ -95,9 +95,9 @@ def triple_product(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
 
 
 def rotation(q: Quat) -> Mat4:
-    """Return Aᵗ·ᵗAᵗ = |λ|² diag(1, α) with the direction cosines α.
+    """Return Aᵗ·ᵗAᵗ = |λ|² diag(1, α) of λ = `q`, with the direction cosines α.
 
-    For a unit λ, this matrix maps (0, v_ξ) to (0, v_X).
+    For a unit λ, this matrix maps (0, v_ξ) to (0, v_X), the inertial to the body components of a vector.
     """
     return jnp.matmul(at(q), tat(q), precision="highest")
 
@@ -105,14 +105,17 @@ def rotation(q: Quat) -> Mat4:
 def rotation_slope(q: Quat, q_dot: Quat) -> Mat4:
     """Return the time derivative of `rotation`, (Aᵗ)˙·ᵗAᵗ + Aᵗ·(ᵗAᵗ)˙.
 
-    For a unit λ, its last three rows are (0, τ̇), (0, ṅ) and (0, ḃ).
+    If |λ| = 1 at all times, the last three rows of the result are (0, τ̇), (0, ṅ) and (0, ḃ), with the body axes τ, n
+    and b in inertial components.
     """
     first = jnp.matmul(at(q_dot), tat(q), precision="highest")
     return first + jnp.matmul(at(q), tat(q_dot), precision="highest")
 
 
 def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
-    """Return the matrix Ω of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ(ω_X) for body axes, A(ω_ξ) for inertial axes.
+    """Return the matrix Ω of 2λ̇ = Ωλ for the rate `omega` (3,) [rad/s].
+
+    Ω is ᵗAᵗ(ω_X) if `omega` is in body axes (ω_X), and A(ω_ξ) if it is in inertial axes (ω_ξ).
 
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
@@ -121,7 +124,9 @@ def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
 
 
 def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
-    """Return the angular rate (3,) [rad/s] from λ and λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial axes.
+    """Return the angular rate (3,) [rad/s] from λ = `q` and λ̇ = `q_dot` [1/s].
+
+    It is the vector part of 2Aᵗλ̇/|λ|² in body axes, and of 2 ᵗA λ̇/|λ|² in inertial axes, with the matrix A of λ.
 
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
@@ -140,6 +145,6 @@ def _dot(a: Vec3, b: Vec3) -> Array:
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
-    """Return Σ_k components_k basis_k, without rounding errors, because each entry has only one nonzero term."""
+    """Return Σ_k components[k]·basis[k]; there are no rounding errors, because each entry has only one nonzero term."""
     components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

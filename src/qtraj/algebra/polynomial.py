@@ -69,9 +69,10 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
         return _cubic(start, end, duration)
     a = start * _unit_scales(m, duration)
     b = end * _unit_scales(n, duration)
-    # With u = t/duration, p(u) = a(u) + u^m q(u). The data at the end determine the Taylor series of q about u = 1.
+    # With u = t/duration, the polynomial is a(u) + u^m q(u). The data at the end determine the Taylor series of q about
+    # u = 1.
     difference = b - taylor(a, 1.0, n - 1)
-    series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # of u^(-m) about u = 1
+    series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # Taylor coefficients of u^(-m) about u = 1
     about_one = jnp.stack([sum(series[j] * difference[k - j] for j in range(k + 1)) for k in range(n)])
     c = jnp.concatenate([a, taylor(about_one, -1.0, n - 1)])
     return c / duration ** jnp.arange(m + n, dtype=c.dtype)

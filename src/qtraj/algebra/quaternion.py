@@ -48,9 +48,9 @@ __all__ = [
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
 _ATANC = [(-1) ** k / (2 * k + 1) for k in range(8)]
-# Below these values of θ² and tan² θ, the series and their first two derivatives are exact to within rounding error.
-# Above them, the closed forms are accurate, because the rounding error of their derivatives grows only in proportion to
-# 1/θ.
+# Below these values of θ² (`exp`) and tan² θ (`log`), where θ is the norm of the logarithm, the series and their first
+# two derivatives are exact to within rounding error. Above them, the closed forms are accurate, because the rounding
+# error of their derivatives grows only in proportion to 1/θ.
 _SMALL_ANGLE_SQUARED = 0.05
 _SMALL_TANGENT_SQUARED = 0.0025
 
@@ -91,17 +91,17 @@ def canonical(q: Quat) -> Quat:
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
-    """Return λ from components with the scalar part last, the order of ROS, TUM files and, by default, SciPy."""
+    """Move the scalar part from last to first; last is the order of ROS, TUM files and, by default, SciPy."""
     return jnp.roll(xyzw, 1, axis=-1)
 
 
 def to_xyzw(q: Quat) -> Quat:
-    """Reorder the components of λ so that the scalar part is last."""
+    """Move the scalar part of `q` from first to last."""
     return jnp.roll(q, -1, axis=-1)
 
 
 def rotate(q: Quat, v_body: Vec3) -> Vec3:
-    """Return λ∘v∘λ⁻¹, the inertial components of a body vector; `q` and `c*q` give the same result for any c ≠ 0."""
+    """Return q∘v∘q⁻¹, the inertial components of a body vector v; `q` and `c*q` give the same result for any c ≠ 0."""
     q = balanced(q)
     s, u = q[0], q[1:]
     return v_body + 2 * jnp.cross(u, s * v_body + jnp.cross(u, v_body)) / norm_squared(q)
@@ -153,9 +153,10 @@ def log_norm(q: Quat) -> Scalar:
 
 
 def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
-    """Return λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_X in body axes, ω_ξ∘λ in inertial axes.
+    """Return the derivative λ̇ [1/s] of λ = `q` at the rate `omega` [rad/s].
 
-    `omega` is a vector (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
+    2λ̇ = λ∘ω_X with the rate ω_X in body axes, and 2λ̇ = ω_ξ∘λ with the rate ω_ξ in inertial axes; `axes` are the axes
+    of `omega`. `omega` is a vector (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
 
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """

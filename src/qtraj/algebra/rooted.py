@@ -34,7 +34,10 @@ ONE, ROOT_S, ROOT_H = 0, 1, 2
 
 
 class RootSum:
-    """A number a + b√S + c√H + d√(SH); `coefficients` are models, or the integers 0 and 1."""
+    """A number a + b√S + c√H + d√(SH) with two positive functions S and H.
+
+    `coefficients` are a, b, c and d, each a model or the integer 0 or 1; `squares` are the models of S and H.
+    """
 
     def __init__(self, coefficients: Sequence[Any], squares: tuple[ChebyshevModel, ChebyshevModel]):
         self.coefficients = tuple(coefficients)
@@ -120,7 +123,8 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
     values = jnp.sqrt(jnp.maximum(square.values, 0.0))
     a = jnp.tensordot(jnp.asarray(TO_CHEBYSHEV, values.dtype), values, 1, precision="highest")
     # q is the polynomial with the computed coefficients that exceed the rounding error. The smaller coefficients are
-    # only rounding errors, but on the large ellipses of small cells they would be multiplied by huge values of T_k.
+    # only rounding errors, but on the large ellipses of small cells they would be multiplied by huge values of the
+    # Chebyshev polynomials T_k.
     eps = float(np.finfo(values.dtype).eps)
     size = max_abs(values)
     rounding = 8 * NODES**2 * eps * size
@@ -128,7 +132,7 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
     magnitudes = jnp.where(kept, jnp.abs(a), 0.0)
     # At the rounded nodes q differs from `values` by the rounding of its coefficients and by the omitted coefficients.
     uncertainty = (rounding + jnp.sum(jnp.where(kept, 0.0, jnp.abs(a)), axis=0)) * SLACK
-    # On an ellipse |T_k| is largest at the ends of the major axis.
+    # On an ellipse the magnitude of a Chebyshev polynomial is largest at the ends of the major axis.
     bound = jnp.sum(magnitudes[:, None] * _chebyshev(axes), axis=0) * SLACK
     lowest = a[0] - jnp.sum(magnitudes[1:], axis=0) - rounding
     q = ChebyshevModel(values, size, uncertainty, bound)
@@ -143,7 +147,7 @@ def _times_root(b: ChebyshevModel, square: ChebyshevModel, half: Cells) -> Cheby
 
 
 def _chebyshev(x: Float[Array, "ellipses cells paths"]) -> Float[Array, "k ellipses cells paths"]:
-    """Return the Chebyshev polynomials T_0 … T_(NODES−1) at x ≥ 1, increased to cover rounding."""
+    """Return the values of the Chebyshev polynomials T_0, …, T_(NODES−1) at x ≥ 1, increased to cover rounding."""
     found = [jnp.ones_like(x), x]
     while len(found) < NODES:
         found.append(2 * x * found[-1] - found[-2])

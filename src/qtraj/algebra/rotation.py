@@ -39,19 +39,23 @@ def __dir__() -> list[str]:
 
 
 def to_rotation_vector(q: Quat) -> Vec3:
-    """Return Φe [rad] of the shorter rotation, 0 ≤ Φ ≤ π; for Φ = π, the first non-zero component of e is positive."""
+    """Return Φe [rad] of the shorter rotation, with the axis e and the angle Φ, 0 ≤ Φ ≤ π.
+
+    For Φ = π, the first non-zero component of e is positive.
+    """
     return 2 * log(canonical(q))
 
 
 def from_rotation_vector(v: Vec3) -> Quat:
-    """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector v = Φe [rad]."""
+    """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector `v` = Φe [rad], axis e and angle Φ."""
     return exp(0.5 * v)
 
 
 def continuous(qs: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """Return consecutive quaternions with signs such that ⟨λ_{k−1}, λ_k⟩ ≥ 0; the first quaternion is unchanged.
+    """Return the quaternions `qs` with signs that make their sequence continuous; the first quaternion is unchanged.
 
-    The signs are treated as constants in differentiation.
+    The scalar product of two consecutive quaternions of the result is not negative. The signs are treated as constants
+    in differentiation.
     """
     directions = qs / jnp.max(jnp.abs(qs), axis=1, keepdims=True)  # the products of small quaternions would underflow
     alignment = jnp.sum(directions[1:] * directions[:-1], axis=1)

@@ -8,10 +8,10 @@ from jaxtyping import Array, Float, Int
 def min_and_argmin(values: Float[Array, "..."], axis: int = 0) -> tuple[Float[Array, "..."], Int[Array, "..."]]:
     """Return the minimum of `values` along an axis, and the index of the minimum.
 
-    If several values are minimal, the index of any of them may be returned. NaN counts as positive infinity. If all
-    values are NaN or positive infinity, the index is 0. The result is treated as constant in differentiation. The
-    function is several times faster than `jnp.argmin`, whose exact rules for NaN and ties prevent XLA from compiling
-    plain comparisons.
+    If several values are equal to the minimum, the index of any of these values may be returned. NaN counts as positive
+    infinity. If all values are NaN or positive infinity, the index is 0. The result is treated as constant in
+    differentiation. The function is several times faster than `jnp.argmin`, because the exact rules of `jnp.argmin` for
+    NaN and equal values prevent XLA from compiling it to plain comparisons.
     """
     finite = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
     indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, axis)

@@ -53,12 +53,12 @@ def concrete(x: Any) -> np.ndarray | None:
 
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
-    """Return `x[index]`, computed by NumPy if both are concrete, because JAX is slower for a small array."""
+    """Return `x[index]`; if `x` and `index` are concrete, NumPy computes it, because JAX is slower for small arrays."""
     return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
 def bucket(count: int) -> int:
-    """Return the size to which `count` rows are padded, a power of two, so that similar sizes share one executable."""
+    """Return the padded number of rows for `count` rows: a power of two, so that similar sizes share one executable."""
     return max(MIN_BUCKET, 1 << (count - 1).bit_length())
 
 
@@ -132,7 +132,10 @@ def require_positive(x: Array, name: str, unit: str) -> None:
 
 
 def require_element(index: Any, count: int, what: str) -> None:
-    """Raise an IndexError if `index` is a concrete integer (Python, NumPy or JAX) outside −count … count−1."""
+    """Raise an IndexError if `index` is a concrete integer (Python, NumPy or JAX) outside [−count, count − 1].
+
+    `what` names the elements in the message.
+    """
     value = concrete(index) if isinstance(index, int | np.integer | np.ndarray | jax.Array) else None
     if value is None or value.ndim > 0 or value.dtype.kind not in "iu":
         return

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[Any, Any, Any]:
     """Return f(x), ∂f/∂x and ∂²f/∂x², computed in forward mode.
 
-    For x (n,), the first derivatives have one additional axis of length n, and the second derivatives have two.
+    For x (n,), the first derivatives have one additional last axis of length n, and the second derivatives have two.
     """
 
     def value(x: Array) -> tuple[Any, Any]:

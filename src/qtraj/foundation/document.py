@@ -64,7 +64,10 @@ def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
 
 
 def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]) -> Callable[[type[T]], type[T]]:
-    """Return a class decorator: `save` stores the fields that `fields` returns, and `load` passes them to `build`."""
+    """Return a class decorator for a class that is stored in another form.
+
+    `save` stores the fields that `fields` returns, and `load` passes these fields to `build`.
+    """
 
     def register(cls: type[T]) -> type[T]:
         _forms[cls.__name__] = (fields, build)

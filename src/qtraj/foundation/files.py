@@ -69,9 +69,10 @@ def move(staged: Path, target: Path) -> None:
 def sweep(folder: Path) -> None:
     """Remove the staging folders of killed processes in `folder`.
 
-    Only folders of this user are removed, and only folders created since this machine started (their names contain the
-    boot ID), because a lock is reliable only within one running kernel. Folders of other machines on a shared file
-    system are kept. Without file locks (Windows, some network file systems) nothing is removed.
+    Only folders of this user are removed, and only folders that were created since this machine started, because a lock
+    is reliable only within one running kernel. The names of staging folders contain the boot ID. Folders of other
+    machines on a shared file system are kept. Without file locks (Windows, some network file systems) nothing is
+    removed.
     """
     prefix = _prefix()
     if prefix is None:
@@ -109,7 +110,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # fails unless the folder is empty; its owner, if any, then creates another one
+        os.rmdir(stage)  # fails unless the folder is empty; the owner, if any, then creates another folder
         return
     try:
         if _acquire(lock, stage):

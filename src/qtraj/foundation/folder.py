@@ -58,7 +58,7 @@ def write_all(out: Path, writers: Mapping[str, Writer], obsolete: Iterable[Path]
 
 
 def _existing(folder: Path) -> Path:
-    """Return the folder as an absolute path, or its nearest existing parent."""
+    """Return the folder as an absolute path if it exists, otherwise its nearest existing parent."""
     folder = folder.absolute()
     return next(f for f in (folder, *folder.parents) if f.exists())
 

@@ -63,7 +63,7 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
 
 def _hint(name: str, keys: Sequence[str]) -> str:
     """Return a suggestion for the unknown key `name` in a table with other `keys`."""
-    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened or misspelt the key
+    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened the key
     near = difflib.get_close_matches(name, begun or keys, n=1, cutoff=0.0 if begun else LIKE)
     return f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
 
@@ -88,6 +88,6 @@ def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:
 
 
 def _choices(annotation: Any) -> list[Any]:
-    """Return a type, its type arguments (members of a union, elements of a list), and their type arguments."""
+    """Return a type, its type arguments (members of a union, elements of a list), and the arguments of these types."""
     choices = [annotation, *get_args(annotation)]
     return choices + [inner for choice in choices for inner in get_args(choice)]

@@ -48,6 +48,6 @@ def degrees(value: float | None, digits: int = 6) -> str:
 
 
 def intervals(bounds: Sequence[tuple[float, float]], most: int = 12) -> str:
-    """Format at most `most` intervals, such as "0.00-1.25, 3.00-4.50"; other intervals are only counted."""
+    """Format the first `most` intervals, such as "0.00-1.25, 3.00-4.50"; further intervals are only counted."""
     listed = ", ".join(f"{a:.2f}-{b:.2f}" for a, b in bounds[:most])
     return f"{listed} and {len(bounds) - most} more" if len(bounds) > most else listed

@@ -2,7 +2,7 @@
 
 A failure does not raise an error unless `throw=True` is passed. The result of a solve has a `code` for each element of
 its batch, and a text that says what to do. Codes below `NOTES` are full successes, codes from `FAILURES` on are
-failures, and codes in between are successes with a note.
+failures, and codes from `NOTES` to below `FAILURES` are successes with a note.
 """
 
 import abc
@@ -85,9 +85,9 @@ class ResultCode(enum.IntEnum):
     )
     wrong_sign = (
         FAILURES + 2,
-        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
-        "is undefined. λ and −λ represent the same attitude: start from −λ (omit sign='as given'), or from "
-        "choose_sign(law, program(t0), quaternion, rate).",
+        "stopped: the integration failed, and the error quaternion started with a negative scalar part (μ0 < 0). It "
+        "probably came close to zero, where the law is undefined. λ and −λ represent the same attitude: start from −λ "
+        "(omit sign='as given'), or from choose_sign(law, program(t0), quaternion, rate).",
     )
     not_finite = (
         FAILURES + 3,
@@ -119,14 +119,14 @@ class ResultCode(enum.IntEnum):
     )
     limits_undefined = (
         FAILURES + 10,
-        "a limited quantity is undefined somewhere on the path: at a stop, where the path is straight or vertical, or "
-        "where the load on the road is zero. Limit another quantity, or change the path.",
+        "a limited quantity is undefined somewhere on the path. This occurs at stops, on straight or vertical parts, "
+        "and where the load on the road is zero. Limit another quantity, or change the path.",
     )
     route_not_found = (
         FAILURES + 12,
         "no route that stays within the tube and satisfies the limits was found; a local search cannot prove that "
-        "there is none. Widen the tube, raise the limits that are not proved to be satisfied, or fix fewer states. If "
-        "the objective is 'smoothest', which keeps the duration, try 'nearest'.",
+        "no such route exists. Widen the tube, raise the limits that are not proved to be satisfied, or fix fewer "
+        "states. If the objective is 'smoothest', which keeps the duration, try 'nearest'.",
     )
     broken_at_stops = (
         FAILURES + 13,
@@ -150,7 +150,7 @@ class ResultCode(enum.IntEnum):
     )
     speed_unbounded = (
         FAILURES + 17,
-        "no limit bounds the speed on some part of the path, for example a straight one, so the duration is not "
+        "on some part of the path, for example a straight part, no limit bounds the speed, so the duration is not "
         "meaningful. Add a limit on speed. On a straight path, limits on friction and acceleration bound the speed "
         "only if start_speed or end_speed is given, and a limit on power only if start_speed is given.",
     )
@@ -261,7 +261,9 @@ def concrete_codes(outcome: AbstractOutcome) -> np.ndarray:
     """
     codes = concrete(outcome.code)
     if codes is None:
-        raise ValueError("the text of a result is not available inside jit, vmap or grad: use successful or code")
+        raise ValueError(
+            "the text of a result is not available inside jit, vmap or grad: use the attribute 'successful' or 'code'"
+        )
     return codes
 
 

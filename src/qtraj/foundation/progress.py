@@ -33,7 +33,7 @@ Report = TypeAliasType("Report", Callable[[Progress], None])
 def throttled(report: Report | None, interval: float = INTERVAL, clock: Callable[[], float] = time.monotonic) -> Report:
     """Return a function that calls `report` at most once per `interval` [s].
 
-    Reports in between are dropped. If `report` is None, all reports are dropped.
+    Other reports are dropped. If `report` is None, all reports are dropped.
     """
     last = -float("inf")
 

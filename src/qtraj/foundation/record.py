@@ -1,4 +1,4 @@
-"""Represent results as labelled arrays with units, from which datasets, HTML tables and summaries are made."""
+"""Represent results as labelled arrays with units, which are the source of datasets, HTML tables and summaries."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -48,7 +48,7 @@ class Record:
 
     `summary` is one line of text, `attributes` describe the whole record, and `labels` name the entries along the
     component axes. If a quantity has more dimensions than names in `axes`, the first dimensions are batch axes. A
-    quantity may have fewer batch axes than the record; its batch axes are then the last ones of the record.
+    quantity may have fewer batch axes than the record; its batch axes are then the last batch axes of the record.
     """
 
     summary: str

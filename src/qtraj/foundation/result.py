@@ -75,8 +75,8 @@ def batch_prefix(shape: tuple[int, ...], what: str = "") -> str:
 def extent(values: Any, unit: str = "") -> str:
     """Format the range of the values, such as "0 … 12 s", or one number if all are equal.
 
-    NaN and infinities are not part of the range, but the text mentions that there are some. `unit` is in netCDF
-    notation, such as "m s-1".
+    NaN and infinities are not part of the range; if there are any, the text says so. `unit` is in netCDF notation, such
+    as "m s-1".
     """
     values = np.asarray(values)
     finite = values[np.isfinite(values)]

@@ -1,4 +1,4 @@
-"""Format the `repr` of Modules, which contains the fields that are not None, with values and units."""
+"""Format the `repr` of Modules: the fields that are not None, with their values and units."""
 
 import dataclasses
 from typing import Any

@@ -46,7 +46,7 @@ def read_bytes(path: Path) -> bytes:
 def read_text(path: Path) -> str:
     """Read a text file in UTF-8, without its byte order mark.
 
-    **Raises:** The errors of `read_bytes`; ValueError with the name of the file if the content is not in UTF-8.
+    **Raises:** the same errors as `read_bytes`; ValueError with the name of the file if the content is not in UTF-8.
     """
     return decoded(path, read_bytes(path))
 

@@ -26,11 +26,11 @@ _ONE, _ROLLED_OVER, _NORTH = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (np.sqr
 class AttitudeAngles:
     """The convention of recorded roll, pitch and heading.
 
-    No field has a default, because recordings use different conventions. `sequence` consists of three letters for the
-    order of the rotations: x for roll, y for pitch, z for heading. Upper case means rotations about the moving body
+    No field has a default value, because recordings use different conventions. `sequence` consists of three letters for
+    the order of the rotations: x for roll, y for pitch, z for heading. Upper case means rotations about the moving body
     axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is the usual order for aircraft and equals
-    "xyz". `heading` is "north-clockwise" (from world y, north, towards world x, east) or "x-anticlockwise" (from
-    world x towards world y). `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
+    "xyz". `heading` is "north-clockwise" (from world y, north, towards world x, east) or "x-anticlockwise" (from world
+    x towards world y). `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
     "forward-right-down" or "forward-left-up". Roll and pitch are right-handed about x and y, so a positive pitch raises
     the nose with "forward-right-down" and lowers the nose with "forward-left-up".
 
@@ -46,8 +46,8 @@ class AttitudeAngles:
         ordered = self.sequence in (self.sequence.upper(), self.sequence.lower())
         if sorted(self.sequence.lower()) != ["x", "y", "z"] or not ordered:
             raise ValueError(
-                f"the sequence of attitude angles must be x, y and z in any order, all in one case, such as 'ZYX', but "
-                f"{self.sequence!r} was given"
+                "the sequence of attitude angles must be x, y and z in any order, all upper or all lower case, such as "
+                f"'ZYX', but {self.sequence!r} was given"
             )
         for name, choices in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
             if getattr(self, name) not in choices:

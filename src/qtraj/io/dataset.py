@@ -38,10 +38,10 @@ SAMPLES = 513
 """Default number of samples of each path."""
 
 LIMIT_VARIABLES = {name: entry.variable for name, entry in QUANTITIES.items()}
-"""For each limit, by name, the name of the variable that it bounds."""
+"""The variable that each limit bounds, by the name of the limit."""
 
 SIGNED_VARIABLES = frozenset(entry.variable for entry in QUANTITIES.values() if entry.signed)
-"""The variables that a limit bounds only from above; a limit on any other variable bounds the magnitude."""
+"""The variables that a limit bounds only from above; a limit on any other variable bounds its magnitude."""
 
 LAYOUT = "time(path, sample) is the time from the start of the path; progress(sample) = time / duration, from 0 to 1"
 
@@ -73,11 +73,11 @@ def path_dataset(
     paths, the default is `Upright()` if there is a recorded `track`, because vehicles stay upright, otherwise
     `Natural()`. A limited variable has the attribute `limit`. The positions of a recorded track are added as
     `recorded_position`, and the times from its first sample as `recorded_time`. The properties of a `fitted` path
-    become variables and attributes whose names begin with `fit_`. `findings` contains the certificates of some of the
-    paths, by name. They become the variables `largest_curvature`, `largest_curvature_time` and `finding_curvature` for
-    a limit on curvature, and similarly for other limits; these variables refer to the whole path, not only to its
-    samples. If the limits have a vehicle, the dataset also contains forces and power; the parameters of the vehicle are
-    variables whose names begin with `vehicle_`.
+    become variables and attributes whose names begin with `fit_`. `findings` contains certificates of paths, by the
+    names of the paths. The certificates become the variables `largest_curvature`, `largest_curvature_time` and
+    `finding_curvature` for a limit on curvature, and similarly for other limits; these variables refer to the whole
+    path, not only to its samples. If the limits have a vehicle, the dataset also contains forces and power; the
+    parameters of the vehicle are variables whose names begin with `vehicle_`.
 
     **Raises:** ValueError if there is no path, or fewer than 2 samples are requested.
     """
@@ -167,7 +167,7 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         variables[f"largest_{variable}_time"] = (
             ("path",),
             np.array(times, float),
-            variable_attributes("s", f"time of the peak {about}"),
+            variable_attributes("s", f"time of the largest value {about}"),
         )
         variables[f"finding_{variable}"] = (
             ("path",),

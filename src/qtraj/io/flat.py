@@ -164,7 +164,7 @@ def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[st
 
 
 def _kind(variable: xarray.Variable, name: str) -> str:
-    """Return the type of the values, a NumPy number type or `TEXT`."""
+    """Return the type of the values: the name of a NumPy number type, or `TEXT`."""
     if variable.dtype.kind in KINDS and variable.dtype.itemsize <= 8:
         return str(variable.dtype.newbyteorder("="))
     texts = variable.dtype.kind in "UT" or all(isinstance(value, str) for value in variable.values.ravel().tolist())

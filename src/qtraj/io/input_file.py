@@ -56,6 +56,6 @@ def _parsed(file: Path, text: str) -> dict[str, Any]:
         raise ValueError(f"{file}: not {'valid JSON' if is_json else 'a scenario'}: {error}") from None
     if is_json and not (isinstance(data, dict) and "format" in data):
         raise ValueError(
-            f"{file}: not a saved object, which has the keys 'format' and 'type'; scenarios are TOML files"
+            f"{file}: not a saved object, because the key 'format' is missing; a scenario must be a TOML file"
         )
     return data

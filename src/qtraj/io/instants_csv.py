@@ -19,7 +19,7 @@ PATH_HEADERS = {
     "torsion": ["torsion [1/m]"],
     "quaternion": ["qw", "qx", "qy", "qz"],
 }
-"""Column headers of a path, except for the angular rate; its headers depend on the frame.
+"""Column headers of a path, except for the angular rate, because its headers depend on the frame.
 
 `qtraj.read_track` recognises the columns of time, position, velocity and attitude by these names."""
 

@@ -24,7 +24,7 @@ PREDEFINED = {
     "torque": ("N m", "torque, body axes", (3,)),
     "force": ("N", "force, body axes", (3,)),
 }
-"""Unit, meaning and possible numbers of components of the arrays that attitude functions return."""
+"""Unit, meaning and possible numbers of components of arrays with a predefined name; 0 means no component axis."""
 
 COMPONENTS = {3: "body", 4: "component"}
 """Name of the component axis, by the number of components."""

@@ -1,4 +1,4 @@
-"""Titles and column headers of the printed tables of a path, which are at most 80 columns wide."""
+"""Titles and column headers of the printed tables of a path; the tables are at most 80 characters wide."""
 
 from collections.abc import Container
 

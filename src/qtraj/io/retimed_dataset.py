@@ -32,9 +32,9 @@ def retimed_dataset(
 ) -> xarray.Dataset:
     """Create a `path_dataset` of the original path, named "before", and the retimed path, named "after".
 
-    `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to within 1 %.
-    `limits` and `certificate` may contain additional limits on the shape. By default, `certificate` is the certificate
-    of the retiming, and `limits` are its limits.
+    The variable `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to
+    within 1 %. `limits` and `certificate` may contain additional limits on the shape of the path. By default,
+    `certificate` is the certificate of the retiming, and `limits` are the limits of this certificate.
     """
     own = timed.certificate
     given = {name: limit for name, (_, _, limit) in own.worst.items()}

@@ -18,7 +18,7 @@ def saved_path(file: Path) -> SpiralHelix:
     **Raises:** OSError if the file cannot be read; ValueError with the name of the file if it does not contain a
     spiral-helix.
     """
-    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
+    from qtraj.io.stored import load  # imported here, because `stored` imports all classes that can be stored
 
     stored = load(file)
     path = stored.path if isinstance(stored, Tuned | Fitted) else stored
@@ -32,7 +32,7 @@ def saved_hodograph(file: Path) -> AbstractHodograph:
 
     **Raises:** OSError if the file cannot be read; ValueError with the name of the file if it does not contain a path.
     """
-    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
+    from qtraj.io.stored import load  # imported here, because `stored` imports all classes that can be stored
 
     stored = load(file)
     path = getattr(stored, "path", None) if isinstance(stored, AbstractOutcome) else stored
@@ -48,7 +48,7 @@ def saved_program(file: Path) -> AbstractProgram:
     **Raises:** OSError if the file cannot be read; ValueError with the name of the file if it does not contain an
     attitude program.
     """
-    from qtraj.io.stored import load  # imported here, because this module imports all classes that can be stored
+    from qtraj.io.stored import load  # imported here, because `stored` imports all classes that can be stored
 
     stored = load(file)
     if not isinstance(stored, AbstractProgram):

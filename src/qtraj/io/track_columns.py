@@ -64,7 +64,7 @@ OTHERS = {
     "attitude": ("deg", "°", "rad"),
     "rate": ("deg/s", "°/s", "dps", "mrad/s", "rpm", "m/s"),
 }
-"""Units of each quantity other than those in `UNITS`; a column with such a unit in brackets is rejected."""
+"""Known units of each quantity that differ from `UNITS`; a column with one of them in brackets is rejected."""
 
 ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
 """Spellings of angle units in the brackets of a column name, and the unit that each spelling denotes."""
@@ -112,10 +112,10 @@ def choose(
     With `angles`, the attitude is given by roll, pitch and heading. With `globe`, the position is given by latitude,
     longitude and height.
 
-    **Raises:** ValueError for an unknown key, a wrong number of columns, three angles without `angles`, or columns in
-    the wrong order (latitude before longitude; roll, pitch, heading). ValueError with the name of the file for
-    columns that do not exist, a missing required quantity, a quantity with incomplete columns (except the angular
-    rate), and columns whose names indicate other units.
+    **Raises:** ValueError for an unknown key, a wrong number of columns, three angles without `angles`, or names that
+    indicate an order other than latitude, longitude, height or roll, pitch, heading. ValueError with the name of the
+    file for columns that do not exist, a missing required quantity, a quantity with incomplete columns (except the
+    angular rate), and columns whose names indicate other units.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
         raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")

@@ -34,11 +34,11 @@ def read_track(
 
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
     names its columns, for example {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}. The
-    attitude is a quaternion, body to world, scalar first. "rate" names three angular rates, or only the yaw rate.
-    A quantity whose entry is None is omitted. Quantities that `columns` does not contain are recognised by common names
-    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz; angvel_x, …; wx, wy, wz),
-    if all columns of the quantity have common names. A rate about z without the other two rates is read as the yaw
-    rate.
+    attitude is a quaternion, body to world, scalar first. "rate" names three angular rates, or only the yaw rate. A
+    quantity whose entry is None is omitted. Quantities that `columns` does not contain are recognised by common names
+    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, vel_north, vel_up; qw, qx, qy, qz; angvel_x,
+    angvel_y, angvel_z; wx, wy, wz, and similar names), if all columns of the quantity have common names. A rate about z
+    without the other two rates is read as the yaw rate.
 
     A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content.
     The quaternions of a TUM trajectory, scalar last, are reordered. Files whose names end with .gz are decompressed.
@@ -72,7 +72,7 @@ def read_track(
 
 
 def _content(path: Path) -> Lines:
-    """Return the lines with their numbers, without comments and blank lines."""
+    """Return the lines of a file with their line numbers, without comments and blank lines."""
     try:
         text = read_text(path)
     except FileNotFoundError:

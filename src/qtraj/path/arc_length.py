@@ -28,14 +28,14 @@ An estimate of the length therefore uses at most about a million evaluations of 
 """
 
 TOLERANCE = 1e-9
-"""The refinement ends if the relative change of the length is at most this, or at most `ROUNDINGS` machine epsilons."""
+"""The refinement ends if the relative change of the length is at most `TOLERANCE` or `ROUNDINGS` machine epsilons."""
 
 ROUNDINGS = 32
 
 MAX_CHANGE = 1e-6
 """Maximum relative change after a million evaluations; if the change is larger, the length is NaN.
 
-In float32, `ROUNDINGS` machine epsilons (4e-6) are the maximum.
+In float32, the maximum is `ROUNDINGS` machine epsilons (4e-6) instead.
 """
 
 Speed = Callable[[Scalar], Scalar]

@@ -27,8 +27,8 @@ class Bend(NamedTuple):
 def bends(track: Track, min_turn: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
     """Find the bends with a turn of at least `min_turn` [rad], in order; consecutive bends have opposite directions.
 
-    A track that stays within `standstill` [m] of its mean position has no bends. If no velocities were recorded, the
-    directions are computed from chords of about `spacing` [m].
+    A track has no bends if its horizontal distance from its mean position is never more than `standstill` [m]. If no
+    velocities were recorded, the directions are computed from horizontal chords of at least `spacing` [m].
     """
     if spread_radius(track) <= standstill:
         return []
@@ -46,7 +46,8 @@ def chord_length(track: Track, spacing: float) -> float:
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the times [s] and the unwrapped directions of travel [rad] while the vehicle moves.
 
-    There is one direction for each recorded velocity or, without velocities, for each chord between positions.
+    There is one direction for each recorded velocity. Without velocities, there is one direction for each chord of at
+    least `spacing` [m]; its time is the middle of the chord's time interval.
     """
     times = to_float64(track.times)
     if track.velocities is not None:
@@ -60,7 +61,10 @@ def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """Return the indices of selected samples; each is at least `spacing` [m] from the previously selected sample."""
+    """Select samples of `positions` (n, 2) [m], and return their indices.
+
+    Each selected sample is at least `spacing` [m] from the previously selected sample.
+    """
     marks = [0]
     for k, position in enumerate(positions):
         if np.hypot(*(position - positions[marks[-1]])) >= spacing:
@@ -69,9 +73,9 @@ def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _turning_points(direction: np.ndarray, min_turn: float) -> list[int]:
-    """Return the indices of the extrema of the direction; successive extrema differ by at least `min_turn` [rad].
+    """Return the indices of the extrema of `direction` (n,) [rad], in order.
 
-    If there is no bend, the list is empty.
+    Successive extrema differ by at least `min_turn` [rad]. If there is no bend, the list is empty.
     """
     points: list[int] = []
     low = high = sense = 0
@@ -88,7 +92,7 @@ def _turning_points(direction: np.ndarray, min_turn: float) -> list[int]:
 
 
 def _bend(times: np.ndarray, direction: np.ndarray) -> Bend:
-    """Create the bend between two turning points."""
+    """Create the bend between two turning points from the `times` (n,) [s] and directions (n,) [rad] between them."""
     turn = direction[-1] - direction[0]
     part = (direction - direction[0]) / turn
     start, end = np.flatnonzero(part <= ENDS)[-1], np.flatnonzero(part >= 1 - ENDS)[0]

@@ -55,10 +55,10 @@ class BoundaryState(AbstractResult):
 class Cylindrical(eqx.Module):
     """A boundary state in cylindrical coordinates: `radius` ρ [m], `azimuth` φ [rad] and `height` h [m].
 
-    `velocity` [m/s] and `acceleration` [m/s²] have components along e_ρ, e_φ and the axis. `planar` (3,) [m] is the
-    position without its axial component, in the axes of the placement. Azimuth differences are computed from `planar`,
-    because the subtraction of two azimuths loses digits. `rounding` [rad] is the error of the azimuth due to rounding
-    of the coordinates.
+    `velocity` [m/s] and `acceleration` [m/s²] have components along the radial direction e_ρ, the azimuthal direction
+    e_φ and the axis. `planar` (3,) [m] is the position without its axial component, in the axes of the placement.
+    Azimuth differences are computed from `planar`, because the subtraction of two azimuths loses digits. `rounding`
+    [rad] is the error of the azimuth due to rounding of the coordinates.
     """
 
     radius: Scalar
@@ -71,28 +71,37 @@ class Cylindrical(eqx.Module):
 
     @property
     def rate(self) -> Scalar:
-        """The angular rate V_φ/ρ about the axis [rad/s]."""
+        """The angular rate φ̇ = V_φ/ρ about the axis [rad/s], with the azimuthal velocity V_φ and the radius ρ.
+
+        If ρ is zero, the divisor is 1.
+        """
         return self.velocity[1] / jnp.where(self.radius > 0, self.radius, 1.0)
 
     @property
     def radial_acceleration(self) -> Scalar:
-        """The radial acceleration ρ̈ = a_ρ + ρ φ̇² [m/s²]; the state must have an acceleration."""
+        """The second derivative of the radius, ρ̈ = a_ρ + ρ φ̇² [m/s²]; the state must have an acceleration.
+
+        a_ρ is the radial component of the acceleration, and φ̇ is the angular rate about the axis.
+        """
         return _required(self.acceleration)[0] + self.radius * self.rate**2
 
     @property
     def angular_acceleration(self) -> Scalar:
-        """The angular acceleration φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; the state must have an acceleration."""
+        """The second derivative of the azimuth, φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; the state must have an acceleration.
+
+        a_φ is the azimuthal component of the acceleration, ρ the radius, and φ̇ the angular rate about the axis.
+        """
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
 @eqx.filter_jit
 def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
-    """Convert `state` to cylindrical components about the axis of `placement`, or about the world's z axis."""
+    """Convert `state` to cylindrical components about the axis of `placement`; None means the world's z axis."""
     placement = Placement() if placement is None else placement
     x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
     planar = jnp.stack([x, y, jnp.zeros_like(x)])
     radius = norm(planar)
-    # On the axis e_ρ is undefined. A fixed direction keeps the derivatives finite.
+    # On the axis the radial direction is undefined. A fixed direction keeps the derivatives finite.
     cos, sin, _ = unit(planar, jnp.zeros_like(planar).at[0].set(1.0))
     largest = jnp.maximum(jnp.max(jnp.abs(state.position)), jnp.max(jnp.abs(placement.origin.astype(x.dtype))))
 

@@ -15,10 +15,13 @@ from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, 
 from qtraj.path.placement import Placement
 
 RATE_TOLERANCE = 1e-9
-"""Maximum relative difference of V_φ/ρ between the ends of a path with a constant rate (float32: 16 epsilons)."""
+"""Maximum relative difference between the angular rates V_φ/ρ at both ends of a path with a constant rate.
+
+V_φ is the azimuthal velocity, and ρ is the radius. In float32, the maximum is 16 machine epsilons.
+"""
 
 AZIMUTH_TOLERANCE = 32
-"""The difference of two azimuths counts as zero if it is at most this multiple of their rounding errors."""
+"""The difference of two azimuths counts as zero if it is at most this multiple of the sum of their rounding errors."""
 
 PARALLEL_TOLERANCE = 1e-9
 """Two horizontal velocities count as parallel if the sine of the angle between them is below this value."""
@@ -29,10 +32,11 @@ Coefficients = Float[Array, "_"]
 def uniform(
     start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients, Scalar, Placement | None, Scalar]:
-    """Return the coefficients of ρ, φ and h, duration, placement and mismatch of a path with constant φ̇ = V_φ/ρ.
+    """Return the spiral-helix with a constant angular rate V_φ/ρ, as the arguments of `SpiralHelix`.
 
-    The mismatch is the relative difference of V_φ/ρ between the two ends; it is infinite if there is no solution. The
-    equations are paper S's boundary conditions.
+    V_φ is the azimuthal velocity. The arguments are the ascending coefficients of the radius ρ, the azimuth φ and the
+    height h, the duration, the placement, and the mismatch. The mismatch is the relative difference of V_φ/ρ between
+    the two ends; it is infinite if there is no solution. The equations are paper S's boundary conditions.
     """
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError(
@@ -53,7 +57,7 @@ def uniform(
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
     """Return the signed turn [rad] from `a` to `b`; its sign is the sign of V_φ at `a`, or + if V_φ is zero.
 
-    The magnitude is `turns` whole turns plus an angle in [0, 2π).
+    V_φ is the azimuthal velocity. The magnitude of the turn is `turns` whole turns plus an angle in [0, 2π).
 
     **Raises:** ValueError if `turns` is negative or not an integer.
     """
@@ -83,7 +87,11 @@ def whole_turns(turns: int) -> int:
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Return the coefficients of ρ, φ and h from all boundary values: cubics, or quintics with accelerations."""
+    """Return the ascending coefficients of the radius ρ, the azimuth φ and the height h from all boundary values.
+
+    The polynomials are cubics, or quintics if the states have accelerations. `duration` is in s, and `turns` is the
+    signed number of whole turns in addition to an azimuth difference in (−π, π].
+    """
     if (start.acceleration is None) != (end.acceleration is None):
         raise ValueError("only one boundary state has an acceleration: pass accelerations for both ends or for neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
@@ -95,7 +103,11 @@ def hermite(
 def polynomials(
     a: Cylindrical, b: Cylindrical, turn: Scalar, duration: Scalar, uniform: bool
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Return the coefficients of ρ, φ and h between two states; `duration` is in s. If `uniform`, φ is linear in t."""
+    """Return the ascending coefficients of the radius ρ, the azimuth φ and the height h between two states.
+
+    `turn` is the azimuth of `b` minus the azimuth of `a`, including whole turns [rad]; `duration` is in s. If `uniform`
+    is true, φ is linear in time, and the angular rates of the states are not used.
+    """
     ends = [_boundary_values(a), _boundary_values(b)]
     radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
     if uniform:
@@ -105,7 +117,10 @@ def polynomials(
 
 
 def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Return the values and time derivatives of ρ, φ and h at one end."""
+    """Return the value and the time derivatives of radius, azimuth and height at one end, as one array for each.
+
+    The arrays have two elements, or three if the state has an acceleration.
+    """
     rows = [(state.radius, state.azimuth, state.height), (state.velocity[0], state.rate, state.velocity[2])]
     if state.acceleration is not None:
         rows.append((state.radial_acceleration, state.angular_acceleration, state.acceleration[2]))
@@ -114,7 +129,7 @@ def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Co
 
 
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
-    """Return a placement whose vertical axis makes V_ρ zero at both ends.
+    """Return a placement with a vertical axis about which the radial velocities at both ends are zero.
 
     Each state has a horizontal normal, a line through the position that is perpendicular to the velocity. Seen from
     above, the axis is at the intersection of the two normals.
@@ -123,8 +138,9 @@ def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
     """
     middle = (start.position + end.position)[:2] / 2
     va, vb = start.velocity[:2], end.velocity[:2]
-    # The point p satisfies (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0. The equations are solved relative to the midpoint,
-    # so that large coordinates lose no digits.
+    # The point p satisfies (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, with the horizontal positions p_A, p_B and
+    # velocities v_A, v_B at both ends. The equations are solved relative to the midpoint, so that large coordinates
+    # lose no digits.
     a, b = va @ (start.position[:2] - middle), vb @ (end.position[:2] - middle)
     determinant = va[0] * vb[1] - va[1] * vb[0]
     _require_crossing(va, vb)

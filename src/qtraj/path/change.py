@@ -26,7 +26,7 @@ PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
 """Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""A tuned path whose length or duration exceeds the original value by more than this factor has a `warning`."""
+"""A tuned path has a `warning` if its length or duration is more than this multiple of the original value."""
 SLOWER = "takes {:.3g} times as long"
 
 
@@ -35,7 +35,8 @@ class PathChange(AbstractResult):
 
     The following arrays have one entry for each path, original and tuned:
 
-    - `velocities` (2, 2, 3) [m/s]: the cylindrical components V_ρ, V_φ, V_h at start and end.
+    - `velocities` (2, 2, 3) [m/s]; the axes are the path, the end (start, end) and the component: V_ρ away from the
+      axis, V_φ about the axis, and V_h along the axis.
     - `durations` (2,) [s], `lengths` (2,) [m], and `mean_rates` (2,) [rad/s] about the axis.
 
     The following values compare the tuned path with the original path:
@@ -45,8 +46,8 @@ class PathChange(AbstractResult):
     - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
     - `deviation` [m]: the largest distance of a point of the tuned path from the original path.
 
-    `size` [m] is the diagonal of the bounding box of the original path. `given` (2, 3) [m/s] are the requested boundary
-    velocities, or None.
+    `size` [m] is the diagonal of the bounding box of the original path. `given` (2, 3) [m/s], or None, are the
+    requested boundary velocities, with the rows start and end and the columns V_ρ, V_φ and V_h.
     """
 
     velocities: Float[Array, "2 2 3"]
@@ -62,7 +63,10 @@ class PathChange(AbstractResult):
 
     @property
     def warning(self) -> str | None:
-        """A warning if the tuned path is much longer or slower, or deviates by more than `size`; otherwise None."""
+        """A warning if the tuned path is much longer or slower, or deviates by more than `size`; otherwise None.
+
+        Much longer or slower means that the length or the duration is more than three times the original value.
+        """
         texts = []
         for values, what, unit in (
             (self.lengths, "is longer by a factor of {:.3g}", "m"),
@@ -99,7 +103,7 @@ class PathChange(AbstractResult):
         return f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."
 
     def sentences(self) -> list[str]:
-        """Return a legend of the `rows`, `given_text` if there is one, the deviation, and `text`."""
+        """Return sentences: a legend of `rows`, `given_text` unless it is None, the deviation, and `text`."""
         legend = "A: start, B: end. V_ρ, V_φ and V_h: away from, about and along the axis."
         deviation = f"The tuned path deviates from the original path by at most {float(self.deviation):.3g} m."
         return [legend, *filter(None, [self.given_text]), deviation, self.text]
@@ -208,7 +212,10 @@ def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
 
 
 def _heading_change(before: Vec3, after: Vec3) -> Any:
-    """Return the horizontal change of direction [rad], positive to the left; NaN if a vector is vertical or zero."""
+    """Return the change [rad] of the horizontal direction between two vectors (3,), positive to the left.
+
+    The result is NaN if one of the vectors is vertical or zero.
+    """
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
@@ -221,7 +228,7 @@ def _row(name: str, values: Any, unit: str) -> tuple[str, str, str, str, str]:
 
 
 def _in_words(turn: float) -> str:
-    """Describe a change of direction [rad], positive to the left."""
+    """Describe a change of direction `turn` [rad], positive to the left, in words and degrees."""
     if math.isnan(turn):
         return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)

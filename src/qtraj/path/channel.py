@@ -21,10 +21,10 @@ SIZES = {axis: len(names) for axis, names in labels_of("").items()}
 
 @dataclass(frozen=True)
 class Channel:
-    """An output; `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
+    """An output of `qtraj.evaluate`: name, unit, meaning, axes and formula.
 
-    `needs` names the data required in addition to the path and the frame: "" for none, or a constant of
-    `path_quantity`.
+    `axes` are the names of the component axes. `formula` computes the output from `batch.instants.Instants`. `needs`
+    names the data required in addition to the path and the frame: "" for none, or a constant of `path_quantity`.
     """
 
     name: str
@@ -117,13 +117,16 @@ def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:
 
 
 def vehicle_outputs(vehicle: Vehicle | None) -> list[str]:
-    """Return the names of the path quantities that need a vehicle and can be evaluated with this vehicle, or None."""
+    """Return the names of the path quantities that need a vehicle and can be evaluated with this vehicle.
+
+    Without a vehicle (None), the list is empty.
+    """
     has = provided(vehicle)
     return [x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in has]
 
 
 def provided(vehicle: Vehicle | None) -> set[str]:
-    """Return the values of `needs` that are satisfied with this vehicle, or without a vehicle if it is None."""
+    """Return the values of `Channel.needs` that this vehicle satisfies; if it is None, only "" is satisfied."""
     has_inertia = vehicle is not None and vehicle.inertia is not None
     satisfied = {VEHICLE: vehicle is not None, INERTIA: has_inertia, PRINCIPAL: has_principal_inertia(vehicle)}
     return {"", *(need for need, holds in satisfied.items() if holds)}

@@ -40,7 +40,7 @@ def scaled(a: Triple, factor: Array) -> Triple:
 
 
 def rotated_z(v: Any, cos: Any, sin: Any) -> Triple:
-    """Rotate `v` about the third axis by the angle with the cosine `cos` and the sine `sin`."""
+    """Rotate the triple `v` about the third axis by the angle with the cosine `cos` and the sine `sin`."""
     x, y, z = v
     return sub(mul(x, cos), mul(y, sin)), add([mul(x, sin), mul(y, cos)]), z
 

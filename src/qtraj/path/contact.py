@@ -1,20 +1,21 @@
 """Compute the forces between a vehicle and the road: tangential, lateral and normal (paper S, conclusions).
 
-The direction of motion τ is tangential to the road. Without bank the road is level in the lateral direction. Then n =
-up×r'/√H, with H = |up×r'|², points to the left, and b = τ×n points upwards. These are the axes of the upright frame. A
-bank β rotates n and b about τ. The force of the road on the vehicle is m(r'' + g·up) plus the drag m·k·v² along τ. With
-the specific force f = r'' + g·up and v² = S, the components of this force are
+Let r' and r'' be the derivatives of the path, and `up` the unit vertical. The direction of motion τ is tangential to
+the road. Without bank the road is level in the lateral direction. Then n = up×r'/√H, with H = |up×r'|², points to the
+left, and b = τ×n points upwards. These are the axes of the upright frame. A bank β rotates n and b about τ. Let m be
+the mass, g gravity, v = |r'| the speed, and m·k·v² the air drag. The force of the road on the vehicle is m·f, with the
+specific force f = r'' + g·up, plus the drag along τ. Its components are
 
         tangential:  X = m(f·τ + k v²),   lateral: Y = m(cos β f·n − sin β f·b),   normal: Z = m(cos β f·b + sin β f·n).
 
 `Contact` computes X, Y and Z divided by the mass and multiplied by a factor that removes the denominators of τ, n and
-b: v for X, and v√H for Y and Z. The results are polynomials in the derivatives and in v = √S. At a stop of the path,
-`derivatives[1]` may be any vector in the direction of motion; the velocity is `pace` times this vector.
+b: v for X, and v√H for Y and Z. The results are polynomials in v and in the derivatives of the path. At a stop of the
+path, `derivatives[1]` may be any vector in the direction of motion; the velocity is `pace` times this vector.
 
 X is the net tangential force of the road on all tyres. Rolling resistance is a moment on each wheel. If all wheels are
 driven, the drive torque balances this moment without using grip: the drive torque divided by the wheel radius is X +
-C_rr·Z (Gillespie, Fundamentals of Vehicle Dynamics, chapter 4). Then rolling resistance contributes to the power, but
-not to the friction demand.
+C_rr·Z, with the coefficient of rolling resistance C_rr (Gillespie, Fundamentals of Vehicle Dynamics, chapter 4).
+Rolling resistance then contributes to the power, but not to the friction demand.
 """
 
 from functools import cached_property
@@ -24,9 +25,10 @@ from qtraj.algebra.sparse import mul
 
 
 class Contact:
-    """The forces between a vehicle and the road, for invariants of any numeric type; each is computed at its first use.
+    """The forces between a vehicle and the road, for invariants of any numeric type.
 
-    The invariants are S, H, B, P, V and W of `frenet`, v = √S, h = √H, the `pace`, and the parameters of the `vehicle`.
+    Each force is computed at its first use. It is a function of the `frenet.Invariants` S, H, B, P, V, W, v = √S and h
+    = √H, the `pace`, and the parameters of the `vehicle`.
     """
 
     def __init__(self, invariants: Any):
@@ -39,36 +41,42 @@ class Contact:
 
     @cached_property
     def along(self) -> Any:
-        """The scaled tangential force X·v/m = r'·f + k·pace²·v³."""
+        """The scaled tangential force X·v/m = r'·f + k·pace²·v³, with the symbols of this module."""
         i = self.invariants
         return i.B + i.vehicle.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
     @cached_property
     def across(self) -> Any:
-        """The scaled lateral force Y·v√H/m, positive to the left."""
+        """The scaled lateral force Y·v√H/m, positive to the left, with the symbols of this module."""
         i = self.invariants
         return i.vehicle.cos * (i.P * i.v) - i.vehicle.sin * self._upwards
 
     @cached_property
     def onto(self) -> Any:
-        """The scaled normal force Z·v√H/m, positive if the road pushes the vehicle."""
+        """The scaled normal force Z·v√H/m, positive if the road pushes the vehicle, with the symbols of this module."""
         i = self.invariants
         return i.vehicle.cos * self._upwards + i.vehicle.sin * (i.P * i.v)
 
     @cached_property
     def _upwards(self) -> Any:
-        """The scaled upward component f·b·v√H, where b√(SH) = S·up − V·r'."""
+        """The scaled component of the specific force along b, (f·b)·v√H.
+
+        The factor removes the root: b·v√H = S·up − V·r', with S = r'·r' and the climb rate V = r'·up.
+        """
         i = self.invariants
         return i.S * i.W - i.V * i.B + i.vehicle.gravity * i.H
 
 
 def friction_numerator(i: Any) -> Any:
-    """Return ((X/μ_along)² + (Y/μ_across)²)·SH/m², the numerator of the squared friction demand."""
+    """Return ((X/μ_along)² + (Y/μ_across)²)·v²H/m², the numerator of the squared friction demand.
+
+    μ_along and μ_across are the coefficients of friction; the module defines the other symbols.
+    """
     p, x, y = i.vehicle, i.contact.along, i.contact.across
     return p.inv_long * (p.inv_long * (x * x * i.H)) + p.inv_lat * (p.inv_lat * (y * y))
 
 
 def power_numerator(i: Any) -> Any:
-    """Return (X + C_rr·Z)·pace·v·√H, the drive power times √H."""
+    """Return (X + C_rr·Z)·pace·v·√H, the drive power times √H, with the symbols of this module."""
     p = i.vehicle
     return mul(i.pace, p.mass * (i.contact.along * i.h + p.rolling * i.contact.onto))

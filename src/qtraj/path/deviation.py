@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 MAX_POINTS = 1000
-"""Maximum number of points that are compared; from a longer sequence, points at equal steps are selected."""
+"""Maximum number of points whose distance is computed; a longer sequence is thinned evenly."""
 
 MAX_PAIRS = 1_000_000
 """Maximum number of pairs of a point and a segment that are processed together, to limit memory."""

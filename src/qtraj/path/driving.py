@@ -42,9 +42,9 @@ class Driving(AbstractFrame):
     and `defined` is true, although the path has no tangent.
 
     Each row of the arrays is a time interval. `starts` (rows,) [s] are the start times. `signs` (rows,) are 1 for
-    forward motion, −1 for reverse and 0 for a stop. `angles` (rows, 2, 6) contain, for a stop, the ascending
-    coefficients of heading and pitch [rad] as polynomials in the time since the start of the row. Rows with infinite
-    start times are padding. `up` (3,) is the vertical in world axes.
+    forward motion, −1 for reverse and 0 for a stop. `angles` (rows, 2, 6) contain, for a stop, the six ascending
+    coefficients of heading and of pitch [rad] as polynomials in the time since the start of the row; for other rows
+    they are not used. Rows with infinite start times are padding. `up` (3,) is the vertical in world axes.
     """
 
     starts: Float[Array, " rows"]
@@ -93,7 +93,7 @@ class Driving(AbstractFrame):
         return cls(starts, signs, np.concatenate([rows.angles, np.zeros((n_padding, 2, 6))]), upright.up)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """Return the trihedral of `Upright` from `r`, the position and its first four time derivatives."""
+        """Return the trihedral of `Upright`; the rows of `r` are the position and its first four time derivatives."""
         return Upright(self.up).trihedral(r, duration)
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
@@ -106,9 +106,10 @@ class Driving(AbstractFrame):
         return dataclasses.replace(frame, speed=path.speed, curvature=path.curvature, torsion=path.torsion)
 
     def _held(self, t: Scalar, start: Scalar, angles: Float[Array, "2 6"]) -> Float[Array, "5 3"]:
-        """Return the derivatives of a fictitious motion at unit speed with heading and pitch `angles`.
+        """Return the derivatives (5, 3) of a fictitious motion at unit speed, with the heading and pitch of a stop.
 
-        `angles` contains the coefficients of two polynomials in the time since `start`.
+        The rows of `angles` are the ascending coefficients of heading and pitch in the time since `start`. Rows 0
+        (position) and 4 (fourth derivative) of the result are zero, because the upright frame does not depend on them.
         """
         up = Upright(self.up).unit_up(t.dtype)
         reference = level(up)

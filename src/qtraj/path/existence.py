@@ -33,9 +33,10 @@ def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int 
 
 
 def require_defined(path: AbstractHodograph, frame: AbstractFrame) -> None:
-    """Raise a ValueError if a frame does not exist on the whole path.
+    """Raise a ValueError if a frame does not exist everywhere on the path.
 
-    The message names the first instant at which the frame does not exist, and frames that exist on more paths.
+    The frame is checked at `SAMPLES` instants. The message contains the first instant at which the frame does not
+    exist, and the names of other frames.
     """
     if (when := first_undefined(path, frame)) is not None:
         reason = f" ({MISSING[frame.name]})" if frame.name in MISSING else ""

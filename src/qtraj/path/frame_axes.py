@@ -52,7 +52,7 @@ AXES = {
     ),
     "trihedral": FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = normal, z = binormal"),
 }
-"""Axes by the name of the frame; "trihedral" is for a trihedral whose frame is unknown."""
+"""Axes by the name of the frame; "trihedral" is for a trihedral of an unknown frame."""
 
 OTHER = FrameAxes(_LETTERS, _LETTERS, "x, y, z are the axes of the frame")
 """Axes of a user-defined frame."""

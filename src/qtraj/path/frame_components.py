@@ -27,7 +27,11 @@ FORWARD, UP = (1, 0, 0), (0, 0, 1)
 
 
 class FrameComponents(NamedTuple):
-    """A frame on a path: `axes` in the moving basis of the path, and angular rate and acceleration in these axes."""
+    """A frame on a path, with its angular rate and acceleration.
+
+    `axes` are τ, n and b, each a triple of components in the moving basis of the path. `rate` [rad/s] and
+    `acceleration` [rad/s²] are components along τ, n and b. `defined` is true where the frame exists.
+    """
 
     axes: tuple[Triple, Triple, Triple]
     rate: Triple
@@ -68,7 +72,7 @@ class Basis:
         return rotated_z(v, self.cos, -self.sin) if self.rotating else v
 
     def world_quaternion(self, q: Quaternion) -> Quaternion:
-        """Return the quaternion from a frame to world axes; `q` maps from this frame to the moving basis."""
+        """Convert a quaternion from frame to moving basis, `q`, to the quaternion from frame to world axes."""
         if self.rotating:
             cos, sin = self.half
             q = hamilton.product((cos, 0, 0, sin), q)
@@ -82,7 +86,7 @@ class Basis:
 def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
     """Return the natural trihedral (paper S with corrected errata) of a path with invariants `i` and `duration` [s]."""
     exists = has_natural_frame(i, duration)
-    # Where the trihedral does not exist, 1/v and 1/|c| are replaced by 0, so that all products with them are 0.
+    # Where the trihedral does not exist, 1/|r'| and 1/|r'×r''| are replaced by 0, so all products with them are 0.
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
     rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
@@ -92,7 +96,7 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
 
 
 def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameComponents:
-    """Return the upright frame of a path with invariants `i`; `up` is the unit vertical in world axes."""
+    """Return the upright frame of a path with invariants `i` and `duration` [s]; `up` is the unit vertical (world)."""
     up = basis.local(up)
     i = Invariants(i.r, up)
     exists = has_upright_frame(i, duration)
@@ -121,7 +125,7 @@ def filled(row: Triple, zero: Array) -> Triple:
 
 
 def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple, Triple, Triple]:
-    """Return τ, n in the direction of `across` × τ, and b = τ × n.
+    """Return τ in the direction of the velocity `r1`, n in the direction of `across` × τ, and b = τ × n.
 
     Where the speed is zero, τ is world x. Where `exists` is false, b is the direction closest to world z that is
     perpendicular to τ; if τ is steep, b is the direction closest to world x.

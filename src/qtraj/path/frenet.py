@@ -24,8 +24,9 @@ def safe_root(x: Any) -> Any:
 class Invariants:
     """Scalar products of r', r'', r''' and r'''' (paper S), each computed at its first use.
 
-    With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. The formulas with the vertical
-    contain the climb rate V, the squared horizontal speed H, and P = c·up.
+    Let c = r'×r''; its derivative is c' = r'×r'''. With S = r'·r', N = c·c and T = c·r''', the speed is √S, the
+    curvature is √(N/S³), and the torsion is T/N. The formulas with the vertical contain the climb rate V = r'·up, the
+    squared horizontal speed H, and P = c·up.
     """
 
     def __init__(
@@ -36,11 +37,11 @@ class Invariants:
         root: Callable[[Any], Any] = safe_root,
         pace: Any = 1,
     ):
-        """Store the derivatives: `derivatives[k]` is the k-th, k ≥ 1; `up` is the vertical, by default the third axis.
+        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1.
 
-        `vehicle` contains the `RoadParameters` for quantities that need them, and `root` computes the square root of a
-        number. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
-        `derivatives[1]`.
+        `up` is the vertical, by default the third axis. `vehicle` contains the `RoadParameters` for quantities that
+        need them, and `root` computes the square root of a number. If `derivatives[1]` has only the direction of the
+        velocity, `pace` is the velocity divided by `derivatives[1]`.
         """
         self.r = derivatives
         self.up = up
@@ -50,12 +51,12 @@ class Invariants:
 
     @cached_property
     def v(self) -> Any:
-        """The speed √S."""
+        """The speed v = |r'|."""
         return self.root(self.S)
 
     @cached_property
     def h(self) -> Any:
-        """The horizontal speed √H."""
+        """The horizontal speed h, the norm of the horizontal component of r'."""
         return self.root(self.H)
 
     @cached_property
@@ -90,32 +91,32 @@ class Invariants:
 
     @cached_property
     def B(self) -> Any:
-        """The scalar product r'·r'', half the derivative of S."""
+        """The scalar product r'·r'', half the derivative of S = r'·r'."""
         return dot(self.r[1], self.r[2])
 
     @cached_property
     def C(self) -> Any:
-        """The scalar product r'·r''', which equals B' − A."""
+        """The scalar product r'·r''', which equals (r'·r'')' − r''·r''."""
         return dot(self.r[1], self.r[3])
 
     @cached_property
     def N(self) -> Any:
-        """The squared norm c·c of the cross product."""
+        """The squared norm of the cross product c = r'×r''."""
         return dot(self.c, self.c)
 
     @cached_property
     def T(self) -> Any:
-        """The triple product c·r'''."""
+        """The triple product c·r''', with c = r'×r''."""
         return dot(self.c, self.r[3])
 
     @cached_property
     def E(self) -> Any:
-        """The scalar product c·c', half the derivative of N."""
+        """The scalar product c·c', with c = r'×r''; it is half the derivative of N = c·c."""
         return dot(self.c, self.c1)
 
     @cached_property
     def D(self) -> Any:
-        """The scalar product c·r'''', the derivative of T."""
+        """The scalar product c·r'''', with c = r'×r''; it is the derivative of T = c·r'''."""
         return dot(self.c, self.r[4])
 
     @cached_property
@@ -125,33 +126,36 @@ class Invariants:
 
     @cached_property
     def W(self) -> Any:
-        """The vertical acceleration r''·up, the derivative of V."""
+        """The vertical acceleration r''·up, the derivative of the climb rate."""
         return self._vertical(self.r[2])
 
     @cached_property
     def X(self) -> Any:
-        """The vertical jerk r'''·up, the derivative of W."""
+        """The vertical jerk r'''·up, the derivative of the vertical acceleration."""
         return self._vertical(self.r[3])
 
     @cached_property
     def H(self) -> Any:
-        """The squared norm of the horizontal component of r'."""
+        """The squared horizontal speed, that is, the squared norm of the horizontal component of r'."""
         level = self._level(self.r[1])
         return dot(level, level)
 
     @cached_property
     def G(self) -> Any:
-        """The scalar product of the horizontal components of r' and r'', half the derivative of H."""
+        """The scalar product of the horizontal components of r' and r'', half the derivative of H.
+
+        H is the squared horizontal speed.
+        """
         return dot(self._level(self.r[1]), self._level(self.r[2]))
 
     @cached_property
     def P(self) -> Any:
-        """The vertical component c·up of the cross product."""
+        """The vertical component of the cross product c = r'×r''."""
         return self._vertical(self.c)
 
     @cached_property
     def P1(self) -> Any:
-        """The vertical component c'·up, the derivative of P."""
+        """The vertical component of c' = r'×r''', the derivative of P = (r'×r'')·up."""
         return self._vertical(self.c1)
 
     def _vertical(self, v: Any) -> Any:
@@ -163,16 +167,21 @@ class Invariants:
 
 
 def natural_rate(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """Return the nonzero components, along τ and b, of ω⁰ = (vχ, 0, vκ) [rad/s], with vκ = |c|/v².
+    """Return the components along τ and b of the angular rate ω⁰ [rad/s] of the natural trihedral.
 
-    `inv_speed` is 1/v, `inv_cross_norm` is 1/|c|, and `torsion` is χ = T/N. Where one of these values is undefined,
-    pass any finite number to obtain finite results and derivatives.
+    In the trihedral's own axes, ω⁰ = (vχ, 0, vκ), with the speed v and the curvature κ. With c = r'×r'', vκ = |c|/v².
+    `inv_speed` is 1/v, `inv_cross_norm` is 1/|c|, and `torsion` is χ = c·r'''/|c|². Where one of these values is
+    undefined, pass any finite number to obtain finite results and derivatives.
     """
     return i.S * inv_speed * torsion, i.N * inv_cross_norm * inv_speed**2
 
 
 def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """Return the nonzero components, along τ and b, of ε⁰ = dω⁰/dt [rad/s²] (paper S, errata corrected)."""
+    """Return the components along τ and b of the angular acceleration [rad/s²] of the natural trihedral.
+
+    The component along n is zero. The formulas are from paper S, with corrected errata; the arguments are the same as
+    for `natural_rate`.
+    """
     inv_N = inv_cross_norm**2
     torsion_rate = i.D * inv_N - 2 * i.T * i.E * inv_N**2
     along = i.B * inv_speed * torsion + i.S * inv_speed * torsion_rate
@@ -180,36 +189,46 @@ def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: A
 
 
 def binormal_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any) -> Any:
-    """Return the component of ε⁰ along b [rad/s²], which depends on the first three derivatives of the path."""
+    """Return the component along b [rad/s²] of the angular acceleration of the natural trihedral.
+
+    It depends on the first three derivatives of the path. The arguments are the same as for `natural_rate`.
+    """
     inv_S = inv_speed**2
     return i.E * inv_cross_norm * inv_S - 2 * (i.N * inv_cross_norm) * i.B * inv_S**2
 
 
 def tangential_numerator(i: Any) -> Any:
-    """Return v N² times the component of `natural_acceleration` along τ; the product is a polynomial."""
+    """Return vN² times the component of `natural_acceleration` along τ; the product is a polynomial.
+
+    v = |r'| is the speed, and N = |r'×r''|².
+    """
     return i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
 
 
 def binormal_numerator(i: Any) -> Any:
-    """Return |c| S² times the component of `natural_acceleration` along b; the product is a polynomial."""
+    """Return |r'×r''| v⁴ times the component of `natural_acceleration` along b; the product is a polynomial.
+
+    v = |r'| is the speed.
+    """
     return i.E * i.S - 2 * (i.N * i.B)
 
 
 def yaw(i: Any, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
-    """Return ω_z = P/(v√H) [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis.
+    """Return the rate ω_z [rad/s] and the acceleration ε_z [rad/s²] of the upright frame about its own z axis.
 
-    `inv_level` = 1/√H is the inverse of the horizontal speed. For undefined inverses see `natural_rate`.
+    ω_z = P/(v√H), with P = (r'×r'')·up, the speed v and the squared horizontal speed H, and ε_z is the derivative of
+    ω_z. `inv_speed` is 1/v, and `inv_level` is 1/√H. For undefined inverses see `natural_rate`.
     """
     rate = i.P * inv_speed * inv_level
     return rate, i.P1 * inv_speed * inv_level - rate * (i.B * inv_speed**2 + i.G * inv_level**2)
 
 
 def upright_rates(i: Any, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]:
-    """Return ω [rad/s] and ε [rad/s²] of the upright frame in its own axes τ, n and b.
+    """Return the angular rate ω [rad/s] and acceleration ε [rad/s²] of the upright frame in its own axes τ, n and b.
 
-    The axes are n = up×r'/√H and b = (S·up − V·r')/(v√H).
-
-    ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is its derivative.
+    Let v be the speed, and S, V, W, B, P and H as in `Invariants`. The axes are τ = r'/v, n = up×r'/√H and b = (S·up −
+    V·r')/(v√H). ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is the derivative of ω. The arguments are the same as
+    for `yaw`.
     """
     log_speed_rate, log_level_rate = i.B * inv_speed**2, i.G * inv_level**2  # logarithmic derivatives of v and √H
     roll_factor, pitch_factor = inv_speed * inv_level**2, inv_speed**2 * inv_level

@@ -22,7 +22,11 @@ SETTLING = 1.0
 
 
 class Rows(NamedTuple):
-    """The time intervals of a frame: start times [s], signs, and coefficients of the angles, as in `Driving`."""
+    """The time intervals of a frame, with the same fields as `Driving`.
+
+    `starts` [s] are the start times. `signs` are 1 (forwards), −1 (reverse) or 0 (stop). `angles` contain the ascending
+    coefficients of heading and pitch at stops; the axes are row, angle, power.
+    """
 
     starts: Float[np.ndarray, " rows"]
     signs: Float[np.ndarray, " rows"]
@@ -42,7 +46,7 @@ class _Row(NamedTuple):
 
 
 def along(segments: Segments, up: Float[np.ndarray, "3"], threshold: float | None = None) -> Rows:
-    """Return the rows for a vehicle that initially moves forwards.
+    """Return the rows (time intervals) of the frame of a vehicle that initially moves forwards; `up` is the vertical.
 
     A stop is an interval in which the speed is at most `threshold` [m/s], by default 1 % of the largest speed.
     """
@@ -95,7 +99,10 @@ class _Level(NamedTuple):
 
     @classmethod
     def of(cls, v: np.ndarray, a: np.ndarray) -> "_Level":
-        """Compute the horizontal motion from velocities and accelerations (3, m) along the rows of `basis`."""
+        """Compute the horizontal motion from velocities and accelerations (3, m), with components along `basis`.
+
+        The rows of `v` and `a` are the components, and the columns are the instants.
+        """
         level_sq = v[0] * v[0] + v[1] * v[1]
         vertical = level_sq == 0
         safe_sq = np.where(vertical, 1.0, level_sq)
@@ -106,15 +113,16 @@ class _Level(NamedTuple):
         return cls(np.sqrt(level_sq), speed1, yaw_rate, inv_level_sq, inv_speed_sq)
 
     def pitch_rate(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the derivative of the pitch [rad/s]."""
+        """Return the derivative of the pitch [rad/s]; `v` and `a` are the same as for `of`."""
         return (self.speed * a[2] - v[2] * self.speed1) * self.inv_speed_sq
 
 
 def _angles(v: np.ndarray, a: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Return heading and pitch [rad] of the velocities `v` (3, m) with their first two derivatives, (m, 2, 3).
+    """Return heading and pitch [rad] of the velocities `v` (3, m), with their first two derivatives, as (m, 2, 3).
 
-    The components are along the rows of `basis`. Where the velocity is vertical, the heading and all derivatives are
-    zero.
+    The axes of the result are the instant, the angle (heading, pitch), and the order of the derivative. `a` and `j` are
+    accelerations and jerks (3, m). All components are along the rows of `basis`. Where the velocity is vertical, the
+    heading and all derivatives are zero.
     """
     level = _Level.of(v, a)
     speed, speed1, yaw_rate, inv_level_sq, inv_speed_sq = level
@@ -145,7 +153,10 @@ def level(up: Any) -> Any:
 
 
 def _rows(segments: Segments, intervals: list[tuple[float, float]], end: float, axes: np.ndarray) -> list[_Row]:
-    """Return the rows of a frame with stops in these `intervals` (start, end) [s]."""
+    """Return the rows of a frame with stops in these `intervals` (start, end) [s], for a route that ends at `end` [s].
+
+    The rows of `axes` are the axes of `basis`.
+    """
     ends = np.reshape(np.asarray(intervals, float), (-1, 2)).T
     sides = [segments.rows(t, 3, side)[1:] for t, side in zip(ends, ("left", "right"), strict=True)]
     at_ends = {sign: [_angles(*(sign * (axes @ row.T) for row in side)) for side in sides] for sign in (1.0, -1.0)}
@@ -176,7 +187,9 @@ def _wrapped(angle: float) -> float:
 def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray | None) -> list[_Row]:
     """Return the rows of a stop from `a` to `b` [s]: heading and pitch are quintics, then constant, then quintics.
 
-    If `before` or `after` is None, the route starts or ends with the stop, and there are no quintics on this side.
+    `before` and `after` are the states (2, 3) at both ends of the stop, with the rows heading and pitch and the columns
+    value and first two derivatives. If `before` or `after` is None, the route starts or ends with the stop, and there
+    are no quintics on this side.
     """
     if before is None and after is None:
         return [_Row(a, 0.0)]
@@ -191,16 +204,21 @@ def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray 
 
 
 def _at_rest(state: np.ndarray, time: float) -> np.ndarray:
-    """Return the constant angles at the end of a linear decrease of the rates to zero over 2·`time` [s].
+    """Return the state (2, 3) at rest after a linear decrease of the rates in `state` to zero over 2·`time` [s].
 
-    If `time` is negative, return the angles at the start of a linear increase of the rates from zero.
+    The rows of a state are heading and pitch, and the columns are the value and the first two derivatives. If `time` is
+    negative, return the state at rest before a linear increase of the rates from zero over −2·`time`.
     """
     zero = np.zeros_like(state[:, 0])
     return np.stack([state[:, 0] + time * state[:, 1], zero, zero], axis=1)
 
 
 def _quintics(ends: list[tuple[float, np.ndarray, np.ndarray]]) -> Float[np.ndarray, "m 2 6"]:
-    """Return the coefficients of angles from the durations [s] and the states (2, 3) at both ends."""
+    """Return the ascending quintic coefficients of heading and pitch for m rows; the axes are row, angle, power.
+
+    For each row, `ends` contains the duration [s] and the states (2, 3) at its start and end. The rows of a state are
+    heading and pitch [rad], and the columns are the value and the first two derivatives.
+    """
     # Every second segment of this chain connects the two ends of a row. The other segments are not used.
     states = np.array([state.T for _, *pair in ends for state in pair])
     h = np.ones(len(states) - 1)

@@ -106,7 +106,8 @@ class Curve(AbstractHodograph):
     `position` may be a plain function or a callable Module; derivatives with respect to arrays of the Module are
     supported.
 
-    **Raises:** ValueError if `position` is not such a function, or `duration` [s] is not positive.
+    **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,), or if `duration` [s] is not
+    positive.
     """
 
     function: Callable[..., Vec3]
@@ -133,7 +134,7 @@ class Curve(AbstractHodograph):
 
 
 Jet = Callable[[Scalar], tuple[Vec3, ...]]
-"""A function of time that returns a value and its first derivatives."""
+"""A function of time that returns a vector and its time derivatives, in ascending order from the first."""
 
 
 def _with_next_derivative(jet: Jet) -> Jet:

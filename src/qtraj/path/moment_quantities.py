@@ -1,7 +1,8 @@
 """Define the moments that rotate a body with the natural trihedral, as entries of the registry of quantities.
 
-The natural trihedral rotates at ω = (p, 0, r) with p = vχ and r = vκ, and its angular acceleration in its own axes is
-(p', 0, r'). If the axes τ, n and b are principal axes of inertia, Euler's equations Jε + ω×Jω give
+In its own axes τ, n and b, the natural trihedral has the angular rate ω = (p, 0, r), with p = vχ and r = vκ, and the
+angular acceleration ε = (p', 0, r'). v is the speed, κ the curvature and χ the torsion. If τ, n and b are principal
+axes of inertia with the moments of inertia J_τ, J_n and J_b, Euler's equations M = Jε + ω×Jω give
 
         M_τ = J_τ p',     M_n = (J_τ − J_b) p r,     M_b = J_b r'.
 
@@ -15,7 +16,7 @@ from qtraj.path.path_quantity import PRINCIPAL, Division, PathQuantity, inverse_
 
 
 def _accelerations(i: Any, by: Division) -> tuple[Any, Any]:
-    """Return the components of ε⁰ along τ and b, or zeros where the trihedral does not exist."""
+    """Return the angular acceleration of the trihedral along τ and b; zeros where the trihedral does not exist."""
     inv_speed, inv_cross_norm = _inverses(i, by)
     return natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
 

@@ -1,8 +1,9 @@
 """Represent paths by polynomial components in a basis that rotates about its third axis.
 
-r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, where x, y, z and φ are polynomials in t. A spiral-helix
-has the components (ρ, 0, h) and the angle φ; a polynomial path in world axes has φ = 0. In this basis the components of
-every derivative are polynomials, so proofs, tuning and batched evaluation need no trigonometric functions.
+r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, where x, y, z and φ are polynomials in t, and R_z(φ) is
+the rotation by φ about the third axis. A spiral-helix has the components (ρ, 0, h), radius and height, and its azimuth
+as the angle φ; a polynomial path in world axes has φ = 0. In this basis the components of every derivative are
+polynomials, so proofs, tuning and batched evaluation need no trigonometric functions.
 """
 
 import math
@@ -45,9 +46,10 @@ class MovingPolynomials(eqx.Module):
 def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
     """Return the derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, each a triple.
 
-    In the plane, r = (x + iy) e^{iφ}. Let g(s) = e^{i(φ(t+s)−φ(t))}. Then g' = iφ'g determines the Taylor series of g.
-    The Cauchy product of x + iy and g is the Taylor series of r in the moving basis at t. For x = ρ, y = 0 and z = h,
-    the derivatives of orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
+    Each argument has n Taylor coefficients; `angle` is φ, and R_z(φ) is the rotation by φ about the third axis. In the
+    plane of x and y, r = (x + iy) e^{iφ}. Let g(s) = e^{i(φ(t+s)−φ(t))}. Then g' = iφ'g determines the Taylor series of
+    g. The Cauchy product of x + iy and g is the Taylor series of r in the moving basis at t. For x = ρ, y = 0 and z = h
+    (a spiral-helix), the derivatives of orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
     """
     count = len(x)
     cos: list[Any] = [1]

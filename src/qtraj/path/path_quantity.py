@@ -15,7 +15,7 @@ Formula = Callable[[Any], Any]
 
 
 class Division(NamedTuple):
-    """Functions for division: the quotient of two numbers, and 1/√x, both for positive divisors."""
+    """Functions for division: the quotient of two numbers with a positive divisor, and 1/√x for x > 0."""
 
     quotient: Callable[[Any, Any], Any]
     inverse_root: Callable[[Any], Any]
@@ -39,12 +39,12 @@ class PathQuantity:
     and the ratio is the quantity itself; `signed` computes the quantity in floating point.
 
     `order` is the order of the highest derivative in the formulas, and `upright` indicates whether they contain the
-    vertical. The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the
-    normal force on the road). If `divisor` is None, the quantity exists everywhere. `square` is an equivalent form of
-    the ratio for floating-point numbers, used if numerator and denominator would overflow or lose digits. `output` is
-    the name in tables and datasets, if a vector already has the name of the quantity. `bounds_speed` indicates whether
-    a limit on the quantity also bounds the speed on every path. `infinite` indicates where the quantity is infinite
-    although the ratio is not.
+    vertical. The quantity exists where `divisor` is not zero: "speed" (|r'|), "cross_norm" (|r' × r''|), "level" (the
+    horizontal speed) or "load" (the normal force on the road). If `divisor` is None, the quantity exists everywhere.
+    `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and denominator would
+    overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the name of the
+    quantity. `bounds_speed` indicates whether a limit on the quantity also bounds the speed on every path. `infinite`
+    indicates where the quantity is infinite although the ratio is not.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
     PRINCIPAL if the quantity is `factor` times the square root of the ratio; `factor` is a function of the vehicle's
@@ -104,7 +104,7 @@ class PathQuantity:
         return 1.0 if self.factor is None else self.factor(vehicle)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """Return the squared quantity in floating point, at one instant or many: `inf` at a pole, 0 if negative."""
+        """Return the square of `value`, at one instant or many: `inf` at a pole, 0 if the quantity is negative."""
         if self.signed is not None:
             return squared(jnp.maximum(self.signed(i, by), 0.0))
         if self.square is not None:
@@ -113,11 +113,11 @@ class PathQuantity:
         return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
 
     def value(self, i: Any, by: Division = PLAIN) -> Any:
-        """Return the quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
+        """Return the quantity, divided by its `factor`, in floating point at one instant or many; `inf` at a pole."""
         return i.root(self.squared(i, by)) if self.signed is None else self.signed(i, by)
 
     def exceeds(self, i: Any, bound: Any) -> Any:
-        """Return whether the quantity is larger than `bound`, computed without division."""
+        """Return whether the quantity, divided by its `factor`, is larger than `bound`; computed without division."""
         denominator = 1.0 if self.denominator is None else self.denominator(i)
         above = self.numerator(i) > (bound if self.signed else bound**2) * denominator
         return above if self.infinite is None else above | self.infinite(i)

@@ -30,7 +30,7 @@ def padded_size(count: int) -> int:
 
 
 def padded(starts: Any, c: Any) -> tuple[Any, Any]:
-    """Pad starts and coefficients to a padded number of segments, and each segment to a number of terms in `TERMS`."""
+    """Pad `starts` (n,) and `c` (n, terms, 3) to a padded number of segments, and to a number of terms in `TERMS`."""
     np_ = arithmetic(starts, c)
     rows = padded_size(starts.shape[0]) - starts.shape[0]
     terms = next(n for n in TERMS if n >= c.shape[1]) - c.shape[1]
@@ -43,13 +43,13 @@ def padded(starts: Any, c: Any) -> tuple[Any, Any]:
 def hermite(h: Any, states: Any) -> Any:
     """Return the coefficients (n, terms, 3) of segments that connect the joint states (n + 1, orders, 3).
 
-    `h` (n,) are the durations. Three orders, position to acceleration, yield quintics; four orders,
-    position to jerk, yield septics.
+    `h` (n,) are the durations. The axes of the states are the joint, the order of the derivative, and the coordinate.
+    Three orders, position to acceleration, yield quintics; four orders, position to jerk, yield septics.
     """
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]
-    # Subtract from the end state the state that the Taylor polynomial about the start reaches. The factor h**k converts
+    # Subtract the Taylor polynomial about the start, evaluated at the end, from the end state. The factor h**k converts
     # the difference of the k-th derivatives to a length.
     gaps = []
     for k in range(orders):
@@ -61,14 +61,18 @@ def hermite(h: Any, states: Any) -> Any:
 
 
 def _hermite_weights(orders: int) -> Any:
-    """Return pairs (i, weights): coefficient orders + i is Σ_k weights[k]·gaps[k]/h^(orders + i)."""
+    """Return pairs (i, weights) for `hermite`: coefficient orders + i is Σ_k weights[k]·gaps[k]/h^(orders + i).
+
+    h is the duration of a segment. gaps[k] is h^k times the difference of the k-th derivatives of the end state and of
+    the Taylor polynomial about the start.
+    """
     quintic = ((10, -4, 1 / 2), (-15, 7, -1), (6, -3, 1 / 2))
     septic = ((35, -15, 5 / 2, -1 / 6), (-84, 39, -7, 1 / 2), (70, -34, 13 / 2, -1 / 2), (-20, 10, -2, 1 / 6))
     return enumerate(quintic if orders == 3 else septic)
 
 
 def shifted(c: Any, s: Any) -> Any:
-    """Return the coefficients (n, terms, 3) about the local times `s` (n,), computed by synthetic division."""
+    """Return the coefficients (n, terms, 3) of `c` about the local times `s` (n,), computed by synthetic division."""
     terms = [c[:, k] for k in range(c.shape[1])]
     s = s[:, None]
     for k in range(len(terms) - 1):
@@ -92,13 +96,13 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
 
 
 def time_reversed(c: Any, h: Any) -> Any:
-    """Return the coefficients (n, terms, 3) in the time until the end of each segment; `h` (n,) are the durations."""
+    """Return the coefficients (n, terms, 3) of `c` in the time until the end; `h` (n,) are the durations."""
     signs = (-1.0) ** np.arange(c.shape[1])
     return shifted(c, h) * signs.astype(c.dtype)[None, :, None]
 
 
 def durations(starts: Any, duration: Any) -> Any:
-    """Return the durations (rows,) of the segments; the duration of padding is zero."""
+    """Return the durations (rows,) of the segments of a route with this `duration`; the duration of padding is zero."""
     np_ = arithmetic(starts, duration)
     ends = np_.minimum(np_.concatenate([starts[1:], duration[None]]), duration)
     return ends - np_.minimum(starts, duration)

@@ -18,7 +18,7 @@ def _rate_square(i: Any, by: Division) -> Any:
 
 
 def _acceleration_square(i: Any, by: Division) -> Any:
-    """Return |ε⁰|², or zero where the trihedral does not exist."""
+    """Return the squared angular acceleration of the natural trihedral, or zero where the trihedral does not exist."""
     inv_speed, inv_cross_norm = (inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return squared(along) + squared(across)
@@ -29,12 +29,16 @@ def _yaw_acceleration_square(i: Any, by: Division) -> Any:
 
 
 def _acceleration_numerator(i: Any) -> Any:
-    """Return |ε⁰|² times S⁴N⁴."""
+    """Return S⁴N⁴ times the squared angular acceleration of the trihedral, with S = |r'|² and N = |r' × r''|²."""
     return cubed(i.S) * squared(tangential_numerator(i)) + cubed(i.N) * squared(binormal_numerator(i))
 
 
 def _yaw_acceleration_numerator(i: Any) -> Any:
-    """Return ω̇_z² times (SH)³, where ω̇_z = (P'SH − P(BH + SG))/√(SH)³ is the derivative of ω_z = P/√(SH)."""
+    """Return (SH)³ times the squared yaw acceleration ω̇_z of the upright frame.
+
+    ω̇_z = (P'SH − P(BH + SG))/√(SH)³ is the derivative of the yaw rate ω_z = P/√(SH), with the invariants S, H, P, B
+    and G of `frenet.Invariants`.
+    """
     return squared(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
 
 
@@ -161,8 +165,8 @@ QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES
 class Offset(NamedTuple):
     """Difference of a path from a reference path about the same axis, at equal fractions of their durations.
 
-    `outwards` is ρ − ρ₀, `angle` is φ − φ₀, `up` is h − h₀, and `radius` is ρ₀ of the reference. The numbers are of any
-    numeric type.
+    Let ρ, φ and h be radius, azimuth and height of the path, and ρ₀, φ₀ and h₀ of the reference. Then `outwards` is ρ −
+    ρ₀, `angle` is φ − φ₀, `up` is h − h₀, and `radius` is ρ₀. The numbers are of any numeric type.
     """
 
     outwards: Any
@@ -182,10 +186,10 @@ CORRIDOR = PathQuantity(
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),
 )
-"""A quantity of two paths, whose formula uses their `Offset` instead of invariants.
+"""The distance d of two paths; the formula uses their `Offset` instead of invariants.
 
-The square d² = (ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)² is a polynomial. For positive radii, d is at least the distance
-between the paths, because a chord is shorter than its arc.
+With the symbols of `Offset`, the square d² = (ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)² is a polynomial. For positive radii,
+d is at least the distance between the paths, because a chord is shorter than its arc.
 """
 
 

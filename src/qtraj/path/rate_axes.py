@@ -1,8 +1,8 @@
 """Label rates and accelerations in body or inertial axes.
 
-ω_ξ = λ∘ω_X∘λ⁻¹ and ε_ξ = λ∘ε_X∘λ⁻¹ (paper C, section 1) are the inertial components of the vectors whose body
-components are ω_X and ε_X. Since ω × ω = 0, ε_ξ is the time derivative of ω_ξ, just as ε_X is the time derivative of
-ω_X.
+Let λ be the attitude quaternion, body to inertial, and ω_X and ε_X the angular rate and acceleration in body axes. Then
+ω_ξ = λ∘ω_X∘λ⁻¹ and ε_ξ = λ∘ε_X∘λ⁻¹ are their inertial components (paper C, section 1). Since ω × ω = 0, ε_ξ is the time
+derivative of ω_ξ, just as ε_X is the time derivative of ω_X.
 """
 
 import dataclasses

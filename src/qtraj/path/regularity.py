@@ -21,15 +21,16 @@ DEFINED_TOLERANCE = 4096
 The curvature counts as zero if, at the current rate, the direction of r' would change by less than the tolerance [rad]
 over the duration, or if the angle between the lines of r' and r'' is less than the tolerance. The speed counts as zero
 if it is less than the tolerance times the change of speed that r'' and r''' can cause over the duration. At the
-tolerance, the normal n is still accurate to three digits.
+tolerance, the principal normal is still accurate to three digits.
 """
 
 
 class Regularity(eqx.Module):
     """Dimensionless squares in [0, 1] that are 0 where a frame does not exist, at one instant or many.
 
-    With the duration T, `speed` is S/(S + T²|r''|² + T⁴|r'''|²), `cross_norm` is N/(S|r''|² + S²/T²), and `level` is
-    H/S; each ratio is 0 if its denominator is 0.
+    Let S = |r'|² and N = |r' × r''|², let H be the squared horizontal speed, and let T be the duration. Then `speed` is
+    S/(S + T²|r''|² + T⁴|r'''|²), `cross_norm` is N/(S|r''|² + S²/T²), and `level` is H/S. Each ratio is 0 if its
+    denominator is 0.
     """
 
     speed: Numbers
@@ -59,7 +60,7 @@ def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
 
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
-    """Return the reference values that are used to decide whether S and N are zero."""
+    """Return the values to which S = |r'|² and N = |r' × r''|² are compared, to decide whether they are zero."""
     square = i.A
     speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
     return speed_scale, i.S * (square + i.S / duration**2)

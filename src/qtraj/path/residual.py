@@ -51,8 +51,8 @@ class Residual(AbstractResult):
     `velocity_rms` [m/s] refers to the difference of the velocities, and `direction_rms` [rad] to the angle between the
     recorded velocity and the tangent of the path at samples where the vehicle moves. Both are None if no velocities
     were recorded. `turn` [rad] is the turn of the recorded direction of travel, positive to the left (`path.turn` is
-    the angle about the axis). `radius_min` and `radius_max` [m] are the range of ρ at the samples; they are None if
-    the path is not a spiral-helix.
+    the angle about the axis). `radius_min` and `radius_max` [m] are the smallest and the largest distance of the path
+    from its axis at the samples; they are None if the path is not a spiral-helix.
     """
 
     horizontal_rms: Scalar
@@ -100,7 +100,7 @@ class Residual(AbstractResult):
 
 
 def compare(path: AbstractHodograph, track: Track) -> Residual:
-    """Compare `path` with `track`, whose first sample corresponds to path time 0.
+    """Compare `path` with `track`; the first sample of the track corresponds to time 0 of the path.
 
     The result is differentiable with respect to the path.
 
@@ -154,9 +154,9 @@ def _measures(
 def _angles(
     velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"], valid: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """Return the angles [rad] between tangent and recorded velocity, 0 without motion, and the number of angles.
+    """Return the angles (n,) [rad] between tangent and recorded velocity, and the number of samples with motion.
 
-    The number counts the samples with motion, and is 1 if there are none.
+    For a sample without motion, the angle is 0. If no sample has motion, the number is 1, so that it can be a divisor.
     """
     speeds = jnp.sum(recorded**2, axis=1)
     moving = valid & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)

@@ -9,7 +9,10 @@ from qtraj.path.path_quantity import LOAD, VEHICLE, Division, PathQuantity, inve
 
 
 def _friction_square(i: Any, by: Division) -> Any:
-    """Return the square of the friction demand, which is infinite where the normal load is negative."""
+    """Return the square of the friction demand.
+
+    It is infinite where the normal load is negative, or is zero although a force acts in the plane of the road.
+    """
     load = i.contact.onto
     # On a vertical path the load is zero, so any force along the path makes the friction demand infinite.
     numerator = jnp.where(i.H > 0, contact.friction_numerator(i), squared(i.contact.along))

@@ -138,7 +138,7 @@ class Route(AbstractHodograph, AbstractResult):
         return route_length.until(self.starts, self.coefficients, self.duration, t)
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """Return the time [s] at which the arc length reaches `length` [m]; at a stop, the earliest such time.
+        """Return the time [s] at which the arc length reaches `length` [m]; at a stop, the start of the stop.
 
         For lengths outside the range, the result is the time of the start or the end. Where the speed is not zero, the
         result is differentiable; its derivative dt/ds is the inverse of the speed.

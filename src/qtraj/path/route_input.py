@@ -26,7 +26,10 @@ Pieces = tuple[Any, Any, Any, Any]
 
 
 def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
-    """Return the padded segments that connect states (n, 3) at `times` (n,)."""
+    """Return the padded segments that connect the states at `times` (n,).
+
+    `orders` contains positions, velocities, accelerations and, optionally, jerks, each (n, 3).
+    """
     joints: Any = _times(times)
     states = [_states(x, name, joints) for x, name in zip(orders, NAMES, strict=False)]
     np_ = pieces.arithmetic(joints, *states)
@@ -40,7 +43,7 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
 
 
 def from_piecewise(spline: Any) -> Pieces:
-    """Return the segments of a SciPy spline."""
+    """Return the unpadded segments of a SciPy spline with values (3,)."""
     x, c = _ppoly(spline)
     if c.ndim != 3 or c.shape[2] != 3:
         raise ValueError(
@@ -68,7 +71,10 @@ def from_piecewise(spline: Any) -> Pieces:
 
 
 def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the breakpoints, and coefficients (terms, intervals, …) with the highest power first."""
+    """Return the breakpoints of a spline and its coefficients, with the highest power first.
+
+    The axes of the coefficients are the power, the interval, and the axes of the values.
+    """
     from scipy.interpolate import BPoly, BSpline, PPoly
 
     if isinstance(spline, BPoly):
@@ -87,7 +93,7 @@ def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
-    """Return the segments of a route within `tolerance` [m] of a polynomial path."""
+    """Return the unpadded segments of a route within `tolerance` [m] of a polynomial path."""
     tolerance = real_scalar(tolerance, "the tolerance of a route")
     require_positive(tolerance, "the tolerance of a route", "m")
     polynomials = path.polynomials()
@@ -119,7 +125,7 @@ def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
 
 
 def _states_at(path: Any, times: np.ndarray) -> np.ndarray:
-    """Return position to jerk (n, 4, 3) at `times` (n,).
+    """Return position, velocity, acceleration and jerk at `times` (n,), as (n, 4, 3).
 
     The evaluated times are padded, so that different numbers of times share an executable.
     """
@@ -136,7 +142,7 @@ def _derivatives(path: Any, times: np.ndarray) -> Array:
 
 
 def _moving(polynomials: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
-    """Return the polynomials x, y, z and the angle of the moving basis."""
+    """Return the coefficients of x, y and z in the moving basis, and of the angle of the basis."""
     y = np.zeros(1) if polynomials.y is None else polynomials.y
     return polynomials.x, y, polynomials.z, polynomials.angle
 
@@ -144,9 +150,10 @@ def _moving(polynomials: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
 def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
     """Return a bound on the deviation [m] of septic interpolants between `edges`, for each segment.
 
-    The error of Hermite interpolation with the derivatives of orders 0 … m−1 at each end is at most
-    h^2m/(2^2m (2m)!)·max |r^(2m)|. The components of r^(2m) in the moving basis are polynomials. On a segment, each
-    component is bounded by its Taylor expansion about the midpoint.
+    `moving` contains the coefficients of x, y, z and the angle, as returned by `_moving`. A septic has the derivatives
+    of r of orders 0 to 3 at both ends of a segment. On a segment of duration h, its error is at most h⁸/(2⁸·8!)·max
+    |r⁽⁸⁾|. The components of r⁽⁸⁾ in the moving basis are polynomials. On a segment, each component is bounded by its
+    Taylor expansion about the midpoint.
     """
     x, y, z, angle = moving
     rate = power.polyder(angle)
@@ -163,7 +170,10 @@ def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
 
 
 def _bound(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return a bound on the magnitude of a polynomial on each of the intervals `middle` ± `half`."""
+    """Return a bound on the magnitude of the polynomial with ascending coefficients `c` on each of the intervals.
+
+    The intervals are `middle` ± `half`.
+    """
     bound, derivative = np.zeros_like(middle), c
     for k in range(len(c)):
         bound = bound + np.abs(power.polyval(middle, derivative)) * half**k / math.factorial(k)

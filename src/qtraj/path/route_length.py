@@ -1,4 +1,8 @@
-"""Compute arc lengths along a route, and the time at a given arc length, by quadrature in each segment."""
+"""Compute arc lengths along a route, and the time at a given arc length, by quadrature in each segment.
+
+`starts` (rows,) [s], `c` (rows, terms, 3) and `duration` [s] are the start times, coefficients and duration of a
+`Route`. A local time is measured from the start of a segment.
+"""
 
 from typing import Any
 
@@ -16,7 +20,7 @@ NODES, PANELS = 12, 8
 """Gauss–Legendre nodes per panel, and panels per segment."""
 
 STEPS = 60
-"""Number of bisection steps for the time at an arc length; enough to reach round-off."""
+"""Number of bisection steps for the time at a given arc length; the remaining error is round-off."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
 POINTS = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
@@ -39,7 +43,10 @@ def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
 
 @jax.jit
 def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
-    """Return the time [s] at which the arc length is `s` [m]; differentiable where the speed is not zero."""
+    """Return the time [s] at which the arc length from the start is `s` [m].
+
+    The result is differentiable where the speed is not zero.
+    """
     each = lengths(starts, c, duration)
     before = jnp.concatenate([jnp.zeros((1,), each.dtype), jnp.cumsum(each)])
     i = jnp.clip(jnp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)

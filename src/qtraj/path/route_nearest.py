@@ -33,11 +33,15 @@ class Nearest(NamedTuple):
 
 @jax.jit
 def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
-    """Find the nearest point on a route; `point` and the resulting position are relative to the origin of the route."""
+    """Find the nearest point on a route; `point` and the resulting position are relative to the origin of the route.
+
+    `starts` (rows,) [s], `c` (rows, terms, 3) and `duration` [s] are start times, coefficients and duration of a
+    `Route`.
+    """
     fixed, target = stop_gradient((c, point))
     h = stop_gradient(pieces.durations(starts, duration))
     u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)
-    s = h[:, None] * u[None]  # (segments, samples)
+    s = h[:, None] * u[None]  # the axes are the segments and the samples
     spread = jnp.broadcast_to(fixed[:, None], (*s.shape, *fixed.shape[1:]))
     offset = pieces.values(spread, s, 0)[0] - target[None, None]
     best = jnp.argmin(jnp.sum(offset**2, axis=-1), axis=1)

@@ -1,4 +1,7 @@
-"""Define the spiral-helix r(t) = ρ(t)(i cos φ + j sin φ) + k h(t) of paper S, with polynomial ρ, φ and h."""
+"""Define the spiral-helix r(t) = ρ(i cos φ + j sin φ) + k h of paper S.
+
+The radius ρ, the azimuth φ and the height h are polynomials in t; i, j and k are the axes of the placement.
+"""
 
 from typing import Any
 
@@ -31,10 +34,10 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis, with a variable height along the axis.
 
-    `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree.
-    `duration` is in s. The axis is the world's z axis unless a `placement` is given. Outside [0, duration] the
-    polynomials are extrapolated. `mismatch` is the relative difference of V_φ/ρ between the two states of
-    `from_boundary`; it is infinite if no solution exists.
+    `radius`, `angle` and `height` are ascending coefficients in t [s] of radius ρ [m], azimuth φ [rad] and height h
+    [m], of any degree. `duration` is in s. The axis is the world's z axis unless a `placement` is given. Outside [0,
+    duration] the polynomials are extrapolated. `mismatch` is the relative difference of the angular rates V_φ/ρ
+    (azimuthal velocity divided by radius) of the two states of `from_boundary`; it is infinite if no solution exists.
 
     **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
     """
@@ -93,12 +96,15 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         return world.at[0].add(self.placement.origin.astype(world.dtype))
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """Return r and its derivatives in the basis (e_ρ, e_φ, k) at `t`; r is relative to the placement's origin."""
+        """Return r and its derivatives at `t` in radial, azimuthal and axial components; row k in [m s^-k].
+
+        r is relative to the placement's origin.
+        """
         rows = self.polynomials().components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
     def polynomials(self) -> MovingPolynomials:
-        """Return the coefficients of ρ, 0, h and φ in the rotating basis."""
+        """Return the coefficients of the components radius, 0 and height in the rotating basis, and of its angle."""
         return MovingPolynomials(self.radius, None, self.height, self.angle, self.placement)
 
     @property
@@ -112,9 +118,10 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """Compute the spiral-helix with a constant rate φ̇ and cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sign of V_φ at the start. Its magnitude is `turns` whole turns plus an angle in [0, 2π). The
-        duration is turn·ρ/V_φ. With azimuth and height measured from the start, there are ten boundary values for nine
-        unknowns, so V_φ/ρ must be the same at both ends.
+        ρ is the radius, φ the azimuth, h the height, and V_φ the azimuthal velocity. The turn has the sign of V_φ at
+        the start. Its magnitude is `turns` whole turns plus an angle in [0, 2π). The duration is turn·ρ/V_φ. With
+        azimuth and height measured from the start, there are ten boundary values for nine unknowns, so V_φ/ρ must be
+        the same at both ends.
 
         **Raises:** ValueError if the relative difference of V_φ/ρ between the ends exceeds 1e-9 (in float32, 16 machine
         epsilons), a radius is zero, V_φ is zero at both ends, the azimuths are equal with `turns=0`, `turns` is not an
@@ -134,8 +141,8 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """Compute the spiral-helix with a given `duration` [s] and a polynomial angle that satisfies all boundary data.
 
-        ρ, φ and h are cubics, or quintics if both states contain an acceleration. The turn is in (−π, π] plus `turns`,
-        a signed number of whole turns.
+        Radius, azimuth and height are cubics, or quintics if both states contain an acceleration. The turn is in (−π,
+        π] plus `turns`, a signed number of whole turns.
 
         **Raises:** ValueError if the duration is not positive, a state lies on the axis, `turns` is not an integer, or
         only one state contains an acceleration.
@@ -155,7 +162,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
 
 def _ends(coefficients: Array, duration: Array) -> np.ndarray:
-    """Return the values (2, *batch) of polynomials (*batch, n) at time 0 and at the durations (*batch)."""
+    """Return the values of polynomials (*batch, n) at time 0 and at the durations (*batch), in this order."""
     c, t = np.asarray(coefficients), np.asarray(duration)
     powers = t[..., None] ** np.arange(c.shape[-1])
     return np.stack([c[..., 0], np.sum(c * powers, axis=-1)])

@@ -31,9 +31,9 @@ def driven_invariants(
 ) -> Invariants:
     """Return the invariants of the derivatives `rows` up to `ORDER`; they are also defined where the speed is zero.
 
-    At a stop the pace is 0, and the velocity is replaced by a vector in the direction of the motion after the stop. At
-    the end of the path, the direction of the motion before the stop is used instead. If all derivatives are zero, as
-    for a parked vehicle, the vector is horizontal.
+    `up` is the vertical; None means the third axis. At a stop the pace is 0, and the velocity is replaced by a vector
+    in the direction of the motion after the stop. At the end of the path, the direction of the motion before the stop
+    is used instead. If all derivatives are zero, as for a parked vehicle, the vector is horizontal.
     """
     zero = jnp.zeros_like(rows[0][0])
     rows = [filled(row, zero) for row in rows]
@@ -62,7 +62,7 @@ def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array)
 
 
 def _horizontal(like: Array, up: Triple | None) -> Triple:
-    """Return a horizontal vector; `up` is the vertical, by default the third axis."""
+    """Return a horizontal vector, with components shaped like `like`; `up` None means that the third axis is up."""
     zero, one = jnp.zeros_like(like), jnp.ones_like(like)
     if up is None:
         return one, zero, zero

@@ -28,7 +28,7 @@ class Segments(NamedTuple):
     durations: Float[np.ndarray, " n"]
 
     def rows(self, t: np.ndarray, order: int, side: str = "right") -> list[np.ndarray]:
-        """Return position and derivatives, each (m, 3), at times (m,) [s].
+        """Return position and derivatives up to `order`, each (m, 3), at times `t` (m,) [s].
 
         At a joint, `side` selects the earlier segment ("left") or the later segment ("right").
         """
@@ -105,7 +105,7 @@ def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the instants [s] of minimum speed between pairs of samples, by golden-section search."""
+    """Return the instants [s] of minimum speed in the intervals [`low`, `high`], by golden-section search."""
     speed_sq = segments.speed_sq_between(low)
     for _ in range(GOLDEN_STEPS):
         a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
@@ -117,9 +117,9 @@ def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray
 def _crossings(
     segments: Segments, low: np.ndarray, high: np.ndarray, below: np.ndarray, threshold: float
 ) -> np.ndarray:
-    """Return the instants [s] at which the speed crosses the threshold, one for each interval [low, high].
+    """Return the instants [s] at which the speed crosses the `threshold` [m/s], one for each interval [low, high].
 
-    `below` indicates for each interval whether the speed is below the threshold at the start of the interval.
+    `below` indicates for each interval whether the speed is at most the threshold at the start of the interval.
     """
     speed_sq, u = segments.speed_sq_between(low), np.arange(1, PARTS) / PARTS
     for _ in range(DIVISIONS):

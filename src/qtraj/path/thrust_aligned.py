@@ -1,10 +1,10 @@
-"""Define the frame of a multirotor: z is along the thrust, a − g; the yaw follows the velocity or a given heading.
+"""Define the frame of a multirotor: z is along the thrust; the yaw follows the velocity or a given heading.
 
-Position and heading determine the attitude by differential flatness (Mellinger and Kumar, "Minimum snap trajectory
-generation and control for quadrotors", ICRA 2011, section III). With f = r'' − g and a forward reference c, the axes
-are z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first Z-X-Y angle
-of Mellinger and Kumar, y is perpendicular to the heading, and x is the heading, projected onto the plane perpendicular
-to the thrust.
+The thrust has the direction of r'' − g, the acceleration minus gravity. Position and heading determine the attitude by
+differential flatness (Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011,
+section III). With f = r'' − g and a forward reference c, the axes are z = f/|f|, y = z × c/|z × c| and x = y × z. For a
+heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first Z-X-Y angle of Mellinger and Kumar, y is perpendicular to the
+heading, and x is the heading, projected onto the plane perpendicular to the thrust.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,9 @@ Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
 
 @storable
 class ThrustAligned(AbstractFrame):
-    """The frame of a multirotor: z is along the thrust, a − g; x points forward, and y points to the left.
+    """The frame of a multirotor: z is along the thrust, x points forward, and y points to the left.
+
+    The thrust has the direction of a − g, the acceleration minus gravity.
 
     `heading` is None, a number or a function. With None, the yaw follows the velocity, so that the vehicle does not
     slip sideways (the velocity has no component along y). A number [rad], measured from world x towards world y, is a
@@ -54,8 +56,8 @@ class ThrustAligned(AbstractFrame):
     acceleration are exact; they use the third and the fourth derivative of the path. A frame whose heading is a
     function cannot be saved.
 
-    **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is negative or
-    not finite, or has the wrong shape.
+    **Raises:** ValueError for a heading that is not finite, or is neither a number nor a function that JAX can trace.
+    ValueError for a gravity that is negative or not finite, or has the wrong shape.
     """
 
     heading: Any
@@ -110,10 +112,13 @@ class ThrustAligned(AbstractFrame):
 
 
 def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tuple[Vec3, Vec3]:
-    """Return ω [rad/s] and ε [rad/s²] in the frame's own axes, with z = f/|f| and y = w/|w|.
+    """Return the angular rate ω [rad/s] and acceleration ε [rad/s²] of the frame in its own axes x, y and z.
 
-    ω = (−f'·y/|f|, f'·x/|f|, −w'·x/|w|), and ε is its derivative. (Mellinger and Kumar, eqs 7 and 8, denote the first
-    two components by h_ω.)
+    `f` is the acceleration minus gravity, and `w` is f × c with the forward reference c, each with two derivatives. The
+    axes are z = f/|f|, y = w/|w| and x = y × z; `inv_f` is 1/|f|, and `inv_w` is 1/|w|.
+
+    ω = (−f'·y/|f|, f'·x/|f|, −w'·x/|w|), and ε is the derivative of ω. (Mellinger and Kumar, eqs 7 and 8, denote the
+    first two components by h_ω.)
     """
     x, y, z = axes
     log_f_rate, log_w_rate = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # logarithmic derivatives of |f| and |w|

@@ -15,14 +15,19 @@ MIN_SAMPLES = 4
 """Minimum number of samples of a track; fewer samples do not determine a curve."""
 
 CHORDS = 24
-"""Number of chords for the length, and for the direction of travel if no velocities were recorded. The chords are long
-compared with the noise, and short enough to follow eight whole turns."""
+"""Maximum number of chords for the length, and for the direction of travel if no velocities were recorded.
+
+The chords are long compared with the noise, and short enough to follow eight whole turns.
+"""
 
 STANDING = 0.05
 """Fraction of the maximum speed below which a sample has no direction of travel."""
 
 STANDSTILL = 0.1
-"""If all positions are within this distance [m] of their mean, the track is at rest and its velocities are noise."""
+"""If all positions are within this horizontal distance [m] of their mean, the track is at rest.
+
+The velocities are then only noise.
+"""
 
 RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, not normalised"
 RECORDED_RATE = "recorded angular rate, axes of the gyro"
@@ -104,9 +109,9 @@ class Track(AbstractResult):
     def turn(self) -> Scalar:
         """The turn [rad] of the horizontal direction of travel from the first to the last sample, positive to the left.
 
-        The turn is computed from the recorded velocities, or from chords between positions. Samples slower than a
-        twentieth of the maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean
-        position.
+        The turn is computed from the recorded velocities or, without velocities, from chords between positions. Samples
+        slower than a twentieth of the maximum horizontal speed are ignored. The turn is 0 for a track that stays within
+        a horizontal distance of 0.1 m from its mean position.
         """
         return as_array(travel_turn(self), self.positions.dtype)
 
@@ -157,7 +162,7 @@ def elapsed_times(track: Track) -> np.ndarray:
 def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
     """Return the signed turn [rad] of the direction of travel.
 
-    The turn is 0 for a track that stays within `standstill` [m] of its mean position.
+    The turn is 0 for a track that stays within the horizontal distance `standstill` [m] from its mean position.
     """
     if spread_radius(track) <= standstill:
         return 0.0

@@ -1,8 +1,8 @@
 """Define trihedra along a path: the natural trihedral (τ, n, b) of paper S and the upright frame of vehicles.
 
-Let c = r' × r'' and v = |r'|. Then κ = |c|/v³, χ = c·r'''/|c|², and the natural trihedral has, in its own axes, the
-angular rate ω⁰ = (vχ, 0, |c|/v²) and the angular acceleration ε⁰ = dω⁰/dt. Where |r'| or |c| is zero the natural
-trihedral does not exist: `defined` is false, and all values and gradients are finite.
+Let c = r' × r'' and v = |r'|. Then the curvature is κ = |c|/v³, and the torsion is χ = c·r'''/|c|². In its own axes,
+the natural trihedral has the angular rate ω⁰ = (vχ, 0, |c|/v²) and the angular acceleration ε⁰ = dω⁰/dt. Where |r'| or
+|c| is zero the natural trihedral does not exist: `defined` is false, and all values and gradients are finite.
 """
 
 import abc
@@ -58,18 +58,18 @@ class Trihedral(AbstractResult):
     axes: str = eqx.field(static=True, default=BODY)
 
     def dcm(self) -> Mat3:
-        """Return the direction cosines α (rows τ, n, b), which map world to trihedral components (paper S)."""
+        """Return the direction cosines α of paper S, with the rows τ, n and b; they map world to body components."""
         return jnp.stack([self.tangent, self.normal, self.binormal])
 
     def quaternion(self) -> Quat:
-        """Return the unit quaternion, trihedral to world, whose first non-zero component is positive.
+        """Return the unit quaternion, trihedral to world; its first non-zero component is positive.
 
         `rotation.continuous` makes the signs of consecutive quaternions continuous.
         """
         return rotation.from_dcm(self.dcm())
 
     def gibbs(self) -> Vec3:
-        """Return the Gibbs vector G = e·tan(Φ/2), which is infinite at Φ = π."""
+        """Return the Gibbs vector e·tan(Φ/2) of the rotation by Φ about e; it is infinite at Φ = π."""
         return rotation.to_gibbs(self.quaternion())
 
     def in_axes(self, axes: str) -> "Trihedral":
@@ -85,7 +85,10 @@ class Trihedral(AbstractResult):
         return dataclasses.replace(self, **dict(zip(("rate", "acceleration"), vectors, strict=True)), axes=axes)
 
     def record(self) -> Record:
-        """Return the fields with the names used in `qtraj.evaluate`, batch axes first; `dcm` contains the axes."""
+        """Return the fields with the names used in `qtraj.evaluate`, batch axes first.
+
+        The rows of `dcm` are the axes τ, n and b in world components.
+        """
         dcm = jnp.stack([self.tangent, self.normal, self.binormal], axis=-2)
         values = {
             "dcm": dcm,
@@ -114,7 +117,7 @@ class AbstractFrame(eqx.Module):
 
     @abc.abstractmethod
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """Return the trihedral from r and its first four time derivatives in world axes, and the `duration` [s]."""
+        """Return the trihedral from the position and its first four time derivatives (rows of `r`) in world axes."""
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the trihedral at the time `t` [s]; only frames that depend on time override this method."""

@@ -17,7 +17,7 @@ from qtraj.path.vehicle import RoadParameters
 def invariants_at(
     path: AbstractHodograph, t: ScalarLike, order: int, vehicle: RoadParameters | None = None
 ) -> Invariants:
-    """Return the invariants of the derivatives up to `order` at `t` [s], in the moving basis of the path if available.
+    """Return the invariants of the derivatives up to `order` at `t` [s], in the moving basis of the path if it has one.
 
     With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
     """
@@ -44,7 +44,7 @@ def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadPara
 
 
 def value(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
-    """Return the path quantity `name` at one instant, in its unit; infinite at a pole."""
+    """Return the path quantity `name` at one instant `t` [s], in its unit; infinite at a pole."""
     entry = quantity(name)
     i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
     return jnp.asarray(entry.scale(vehicle) * entry.value(i), path.duration.dtype)

@@ -30,10 +30,11 @@ class RoadParameters(NamedTuple):
     """The parameters of a vehicle and its road in the formulas of path quantities, of any numeric type.
 
     `mass` is in kg, `gravity` in m/s², and `rolling` is the coefficient of rolling resistance. `drag` is ½ρC_dA/m
-    [1/m], so that air drag causes the deceleration drag·v². `cos` and `sin` are the cosine and sine
-    of the bank angle. `inv_long` and `inv_lat` are the inverses of the coefficients of friction. `inertia_tangent` and
-    `inertia_binormal` [kg m²] are the moments of inertia about τ and b; both are zero without an inertia, and NaN if τ,
-    n and b are not principal axes.
+    [1/m], with the air density ρ, the drag area C_dA and the mass m; at the speed v, air drag causes the deceleration
+    drag·v². `cos` and `sin` are the cosine and sine of the bank angle. `inv_long` and `inv_lat` are the inverses of the
+    coefficients of friction. `inertia_tangent` and `inertia_binormal` [kg m²] are the moments of inertia about the
+    first axis τ and the third axis b of the frame; both are zero without an inertia, and NaN if the axes τ, n and b of
+    the frame are not principal axes.
     """
 
     mass: Any
@@ -60,7 +61,7 @@ class Vehicle(eqx.Module):
     - `inertia` [kg m²]: None, a tensor (3, 3) in the vehicle's axes, principal moments (3,), or a scalar. The vehicle's
       axes are the axes of the frame, rolled by the bank about the first axis. For an upright frame they point forward,
       left, and normal to the road.
-    - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag is ½ρC_dA v².
+    - `drag_area`: drag coefficient times frontal area, C_d·A [m²]; the drag at the speed v is ½ρC_dA v².
     - `rolling_resistance`: the coefficient C_rr [-]; the resistance is C_rr times the normal load. It is a moment on
       each wheel, so it contributes to the power, but not to the forces of the road on the tyres.
     - `friction` (2,): the coefficients of friction μ [-] along and across the vehicle, which are the semi-axes of the
@@ -121,7 +122,7 @@ class Vehicle(eqx.Module):
         return shown(self, mass="kg", inertia="kg m²", drag_area="m²", bank="rad", air_density="kg/m³", gravity="m/s²")
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
-        """Return the parameters of the formulas, (*batch) each, as NumPy arrays if all fields are concrete."""
+        """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays."""
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
         is_concrete = all(concrete(x) is not None for x in (*fields, self.friction, self.inertia) if x is not None)
         xp: Any = np if is_concrete else jnp
@@ -173,7 +174,8 @@ def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
 def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
 
-    **Raises:** ValueError if there is no such inertia; the message says that `what` needs it.
+    **Raises:** ValueError if there is no vehicle, no inertia, or an inertia with other principal axes; the message says
+    that `what` needs an inertia with these principal axes.
     """
     vehicle = require_inertia(vehicle, what)
     if has_principal_inertia(vehicle):
@@ -188,7 +190,7 @@ def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
 
 
 def has_principal_inertia(vehicle: Vehicle | None) -> bool:
-    """Return whether the vehicle has an inertia with principal axes along τ, n and b; true for traced values."""
+    """Return whether the vehicle has an inertia with principal axes along τ, n and b; true for a traced inertia."""
     if vehicle is None or vehicle.inertia is None:
         return False
     known = concrete(vehicle.parameters().inertia_tangent)
@@ -199,7 +201,7 @@ REQUIREMENTS = {VEHICLE: require_vehicle, INERTIA: require_inertia, PRINCIPAL: r
 
 
 def require(vehicle: Vehicle | None, needs: str, what: str) -> Vehicle | None:
-    """Return the vehicle, or raise an error if it lacks what a quantity `needs`; `what` names the quantity.
+    """Return the vehicle, or raise an error if it does not satisfy the value `needs` of the quantity named `what`.
 
     **Raises:** ValueError, see the functions in `REQUIREMENTS`.
     """

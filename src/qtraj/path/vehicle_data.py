@@ -32,7 +32,7 @@ def vehicle_quantities(vehicle: Vehicle | None) -> dict[str, Quantity]:
 
 
 def vehicle_from(variables: Mapping[Any, Any]) -> Vehicle | None:
-    """Return the vehicle whose quantities a dataset contains, or None if the dataset contains no mass of a vehicle."""
+    """Create the vehicle from the quantities in a dataset; None if the dataset contains no mass of a vehicle."""
     values = {name: np.asarray(variables[PREFIX + name]) for name in _FIELDS if PREFIX + name in variables}
     return Vehicle(**values) if "mass" in values else None
 

@@ -95,7 +95,7 @@ def retimed_files(
 ) -> dict[str, Writer]:
     """Return the files of `qtraj retime`: the dataset of both paths, documents, the timing, a figure and the report.
 
-    `limits` and `certificate` are as in `retimed_dataset`.
+    `limits` and `certificate` are the same as for `retimed_dataset`.
     """
     about = {} if about is None else dict(about)
     turn = fitted if isinstance(fitted, Fitted) else None
@@ -118,9 +118,9 @@ def slew_files(
     max_torque: Any = None,
     about: Mapping[str, str] | None = None,
 ) -> dict[str, Writer]:
-    """Return the files of `qtraj slew`: the program, the table of its `history`, and the figure of the history `drawn`.
+    """Return the files of `qtraj slew`: the program, the table of `history`, and the figure of the history `drawn`.
 
-    `limits` [rad/s, rad/s², rad/s³] and `max_torque` [N m] are those of `judge_slew`.
+    `limits` [rad/s, rad/s², rad/s³] and `max_torque` [N m] are the same as for `judge_slew`.
     """
     dataset = to_dataset(history.record(), about)
     for name, limit in {**limits, "max_torque": max_torque}.items():

@@ -29,9 +29,9 @@ COEFFICIENTS = ("radius", "angle", "height", "duration")
 def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
     """Return the samples of a path, or of a tuned, retimed or fitted path, or the `to_xarray()` of any other result.
 
-    A dataset of samples is returned unchanged. A path whose coefficients are in a dataset (`tuned.to_xarray()`,
-    `helix.to_xarray()`) is evaluated at samples. `frame` is the frame of the samples that are computed, or None for the
-    default frame.
+    A dataset of samples is returned unchanged. If a dataset contains the coefficients of a path (`tuned.to_xarray()`,
+    `helix.to_xarray()`), the path is evaluated at samples. `frame` is the frame of the samples that are computed, or
+    None for the default frame.
 
     **Raises:** ValueError for more than one path, or an object of any other type.
     """
@@ -62,7 +62,8 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
 def path_samples(source: Any) -> xarray.Dataset:
     """Return a dataset with the dimensions `path` and `sample`, like the results of `qtraj.io.dataset.path_dataset`.
 
-    **Raises:** ValueError if the dataset of `source` does not contain such samples; the message names what is missing.
+    **Raises:** ValueError if the dataset of `source` does not contain samples of paths; the message names the missing
+    dimensions and variables.
     """
     dataset = drawable(source)
     missing = [name for name in ("path", "sample") if name not in dataset.dims]
@@ -97,7 +98,7 @@ def _one(path: AbstractHodograph) -> Any:
 
 
 def _sampled(dataset: xarray.Dataset, frame: Frame | None) -> xarray.Dataset:
-    """Return samples of the path whose coefficients are in a dataset, with the limits of the dataset."""
+    """Return samples of a path, from a dataset with its coefficients; the limits of the dataset are kept."""
     placement = None
     if "origin" in dataset:
         placement = Placement(dataset["origin"].values, dataset["orientation"].values)

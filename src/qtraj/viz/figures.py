@@ -1,7 +1,7 @@
 """Provide figures for documents: pure functions that return a matplotlib Figure and change no global state.
 
-The axes of 3-D plots have equal scales, and every axis has a unit. Colours can be distinguished with all common
-forms of colour blindness, and line styles even in greyscale. `save` writes png, svg or pdf files.
+The axes of 3-D plots have equal scales, and every axis has a unit. Colours can be distinguished with all common forms
+of colour blindness, and line styles can be distinguished even in greyscale. `save` writes png, svg or pdf files.
 """
 
 import warnings

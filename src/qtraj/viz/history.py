@@ -97,7 +97,8 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.plot(dataset["time"].isel(path=k).values, shown, label=str(path), **path_line(str(path), k))
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
-    drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]  # without load, friction is infinite
+    # Where the road has no load, the friction demand is infinite.
+    drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]
     lowest = min(0.0, *drawn) if drawn else 0.0
     if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise a single stop would determine the scale

@@ -34,7 +34,9 @@ def loops_figure(
     """
     closed = dict(closed_forms or {})
     if not solutions or any(solution.command is None for solution in solutions.values()):
-        raise ValueError("a figure of closed loops needs at least one solution, and all solutions need commands")
+        without = [name for name, solution in solutions.items() if solution.command is None]
+        missing = f"{without[0]!r} has no commands" if without else "there is no solution"
+        raise ValueError(f"a figure of closed loops needs solutions with commands, but {missing}")
     if unknown := closed.keys() - solutions.keys():
         raise ValueError(f"closed_forms contains {min(unknown)!r}, but solutions does not contain this name")
     panels = 3 if closed else 2

@@ -9,8 +9,10 @@ COLOURED = 0.95
 """Quantile of the curvature at which the colour scale ends, because the curvature can be very large near stops."""
 
 SLOW = 0.05
-"""Samples slower than this fraction of the largest speed count as stops: they do not affect the colour scale, and are
-drawn in the colour of zero curvature."""
+"""Samples slower than this fraction of the largest speed count as stops.
+
+Stops do not affect the colour scale, and are drawn in the colour of zero curvature.
+"""
 
 
 class MapColours(NamedTuple):

@@ -13,9 +13,12 @@ from qtraj.viz.style import BAND, MARK, RC, SUBSCRIPTS, above, component, frame,
 
 SIZE = (7.6, 6.05)  # [inch] without a title
 JUMP = np.cos(np.pi / 4)
-"""Consecutive attitudes differ by more than 90°, and so count as a jump, if |⟨λ_{k−1}, λ_k⟩| is below this value."""
+"""Two consecutive attitudes differ by more than 90°, and count as a jump, if |p·q| is below this value.
+
+p and q are the unit quaternions of the attitudes.
+"""
 HALF_TURN = 1e-9
-"""Value of |λ0| below which a unit quaternion counts as a rotation by 180°, whose Gibbs vector is infinite."""
+"""Magnitude of the scalar part below which a unit quaternion counts as a rotation by 180° (infinite Gibbs vector)."""
 MAX_GIBBS = 4.0  # axis limit, because the Gibbs vector is infinite at 180°
 INFINITE = {"color": MARK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 1.2}
 FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
@@ -24,11 +27,11 @@ FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
 def orientation_figure(
     times: ArrayLike, quaternions: ArrayLike, defined: ArrayLike | None = None, title: str = ""
 ) -> Figure:
-    """Plot λ, G = λ_v/λ0 and the angle of the shorter rotation over `times` (n,) [s], with singular points marked.
+    """Plot quaternion, Gibbs vector and angle of the shorter rotation over `times` (n,) [s], and mark singular points.
 
-    `quaternions` (n, 4) may have any nonzero norm and either sign; the signs are made continuous. The figure marks
-    instants at which the Gibbs vector is infinite (λ0 = 0, Φ = 180°) or the attitude jumps by more than 90°. Samples at
-    which `defined` (n,) is false are not drawn.
+    `quaternions` (n, 4), scalar first, may have any nonzero norm and either sign; the signs are made continuous. The
+    figure marks instants at which the Gibbs vector is infinite (the angle is 180°) or the attitude jumps by more than
+    90°. Samples at which `defined` (n,) is false are not drawn.
     """
     t, q = np.asarray(times, float), np.asarray(quaternions, float)
     q = np.asarray(rotation.continuous(as_float(q))) / np.linalg.norm(q, axis=1, keepdims=True)
@@ -87,7 +90,7 @@ def _interrupted(t: np.ndarray, values: np.ndarray, breaks: np.ndarray) -> tuple
 
 
 def _crossing_times(t: np.ndarray, scalar: np.ndarray, crossings: np.ndarray) -> np.ndarray:
-    """Return the instants at which λ0 is zero, by linear interpolation."""
+    """Return the instants at which the scalar part of the quaternion is zero, by linear interpolation."""
     k = np.flatnonzero(crossings)
     return t[k] + (t[k + 1] - t[k]) * scalar[k] / (scalar[k] - scalar[k + 1])
 

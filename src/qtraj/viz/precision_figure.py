@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from qtraj.viz.style import BAND, MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
-COLUMNS, ROW = 3, 0.17  # of the legend: number of columns, height of a row [inch]
+COLUMNS, ROW = 3, 0.17  # number of columns of the legend, and height of its rows [inch]
 FEW = 8  # maximum number of different work values for which each value is a tick of the axis
 
 

@@ -26,7 +26,7 @@ def profiles_figure(
     max_acceleration: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Plot Φ, Φ̇ and Φ̈ of slews against time, and Φ̇ against Φ, all in degrees.
+    """Plot angle Φ, rate Φ̇ and acceleration Φ̈ of slews against time, and Φ̇ against Φ, all in degrees.
 
     `profiles` contains profiles by name, such as `qtraj.EulerTurn(...).profile`. The limits `max_rate` [rad/s] and
     `max_acceleration` [rad/s²] are drawn as lines.
@@ -69,7 +69,7 @@ def profiles_figure(
 
 
 def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) [s] and the values of Φ, Φ̇, Φ̈ (n, 3) in degrees.
+    """Return times (n,) [s], and angle, rate and acceleration of the slew as the columns of (n, 3), in degrees.
 
     The times include each switch and the floating-point number just before it, so that jumps are drawn as vertical
     lines. The last sample is just before the end, because the acceleration is already zero at the end.

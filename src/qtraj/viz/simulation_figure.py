@@ -30,10 +30,11 @@ NORM = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
 
 def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
-    """Plot error angle (logarithmic), error quaternion, body rate, physical and virtual command, and |λ| over time.
+    """Plot error, body rate, physical and virtual command, and the norm of the quaternion over time.
 
-    `dataset` is the table written by `qtraj simulate`. The closed form of the error is drawn too, if it applies. Lines
-    mark the angle `settled` [rad] and the `limit` of the command [rad/s or rad/s²].
+    The error is shown as an angle, on a logarithmic axis, and as a quaternion. `dataset` is the table written by `qtraj
+    simulate`. The closed form of the error is drawn too, if it applies. Lines mark the angle `settled` [rad] and the
+    `limit` of the command [rad/s or rad/s²], one number or one for each component.
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0

@@ -28,7 +28,7 @@ HEADROOM = 1.12  # top of the axis, divided by the larger of limit and peak
 
 
 def slew_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
-    """Plot Φ, Φ̇ and Φ̈ in degrees against time with their limits, Φ̇ against Φ, and the quaternion against time.
+    """Plot angle, rate and acceleration with their limits, rate against angle (all in degrees), and the quaternion.
 
     `dataset` contains angle [rad], angle_rate [rad/s], angle_acceleration [rad/s²] and quaternion over time. `limits`
     may contain max_rate [rad/s] and max_acceleration [rad/s²].

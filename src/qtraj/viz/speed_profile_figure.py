@@ -121,7 +121,7 @@ def _mark_stops(axes: Any, dataset: xarray.Dataset, way: np.ndarray) -> None:
     )
     waits = dataset["stop_time"].values[:, 1] - dataset["stop_time"].values[:, 0]
     written: list[float] = []
-    for k in np.argsort(-waits):  # the longest first
+    for k in np.argsort(-waits):  # the longest stop first
         place = float(at[k])
         if waits[k] < WAIT or any(abs(place - other) < APART * way[-1] for other in written):
             continue

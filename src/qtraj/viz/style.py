@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
 
-# The colours of Okabe and Ito can be distinguished with all common forms of colour blindness, and the line styles
-# even in greyscale.
+# The colours of Okabe and Ito can be distinguished with all common forms of colour blindness. The line styles can be
+# distinguished even in greyscale.
 COLOURS = {"before": "#D55E00", "after": "#0072B2"}
 STYLES = {"before": (0, (5, 2)), "after": "solid"}
 SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths with other names; distinct from AXIS_COLOURS
@@ -59,7 +59,7 @@ def title(dataset: xarray.Dataset) -> str:
 
 
 def body_axes(dataset: xarray.Dataset) -> FrameAxes:
-    """Return the names of the axes of a dataset's frame, which is the natural trihedral if no frame is stored."""
+    """Return the axes of a dataset's frame, or the axes of the natural trihedral if no frame is stored."""
     return axes_of(str(dataset.attrs.get("frame", NATURAL)))
 
 

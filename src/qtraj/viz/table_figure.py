@@ -22,9 +22,9 @@ def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
     """Plot outputs of `qtraj.evaluate` against time, one panel for each output.
 
     `dataset` is the `to_xarray()` of a table. `names` are the outputs to plot, by default all except `dcm` and
-    `defined`. Components have the labels of the
-    table's frame. At most eight paths are drawn; the components of all paths except the first are pale. Outputs that
-    depend on the frame are not drawn at instants at which the frame is not defined.
+    `defined`. Components have the labels of the table's frame. At most eight paths are drawn; the components of all
+    paths except the first are pale. Outputs that depend on the frame are not drawn at instants at which the frame is
+    not defined.
 
     **Raises:** ValueError for an output that the dataset does not contain, or if there are no outputs to plot.
     """

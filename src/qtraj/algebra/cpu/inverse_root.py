@@ -17,8 +17,8 @@ Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
 # For each dtype: the integer dtype of the same width, a constant, and the number of iterations to full precision. The
-# constant minus the bit pattern shifted right by one is the bit pattern of an estimate, whose error is at most 3.5 %
-# (Lomont 2003, Robertson 2012). Each iteration changes a relative error e to 1.5 e².
+# constant minus the bit pattern of x shifted right by one is the bit pattern of an estimate of 1/√x. The relative error
+# of the estimate is at most 3.5 % (Lomont 2003, Robertson 2012). Each iteration changes a relative error e to 1.5 e².
 _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 

@@ -133,7 +133,7 @@ def _of_each_axis(dataset: xarray.Dataset) -> bool:
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
-    """Return the signs with which a limit is drawn: positive, and also negative if there are negative values."""
+    """Return the signs of the lines of a limit: positive, and also negative if there are negative values."""
     low = np.nanmin(values, initial=0.0)
     return (1.0, -1.0) if low < -1e-9 * max(np.nanmax(values, initial=0.0), 1e-300) else (1.0,)
 

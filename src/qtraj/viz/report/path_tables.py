@@ -95,7 +95,7 @@ def _certified(tuned: Tuned, name: str) -> list[str]:
 
 
 def _stored(path: xarray.Dataset, name: str) -> list[str]:
-    """Return the cells of a row from the finding that the dataset contains, or from the samples if there is none."""
+    """Return the cells of a row from the finding in the dataset or, without a finding, from the samples."""
     finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
     if finding not in PROOFS:
         return _sampled(path, name)

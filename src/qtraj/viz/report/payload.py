@@ -36,7 +36,10 @@ def payload(report: Report) -> dict[str, Any]:
 
 
 def _paths_space(report: Report) -> dict[str, Any]:
-    """Return the common centre in whole metres, the axis ranges relative to it, and the length of the arrows."""
+    """Return the common centre, the axis ranges relative to the centre, and the length of the arrows [m].
+
+    The centre is rounded to metres. It is zero if its distance from the origin is small compared with the paths.
+    """
     paths = [body.position for body in report.bodies if body.position is not None]
     if report.recorded is not None:
         paths.append(report.recorded)

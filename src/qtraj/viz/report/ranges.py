@@ -8,10 +8,14 @@ SPIKE = 10.0
 """Factor by which a peak must exceed the quantile to count as a spike."""
 HEADROOM = 3.0
 """If there is a spike, the axis ends at this multiple of the quantile, and limits above the end are not drawn.
-Otherwise, limits above this multiple of the peak are not drawn."""
+
+Without a spike, limits above this multiple of the peak are not drawn.
+"""
 NEAR_ONE = 0.9
-"""If a component of a unit quaternion is at least this large in magnitude, all others are below 0.44 in magnitude, and
-would look flat on a common axis."""
+"""Magnitude from which a component of a unit quaternion is near ±1.
+
+All other components are then below 0.44 in magnitude, and would look flat on a common axis.
+"""
 
 
 def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
