@@ -27,7 +27,9 @@ from qtraj.path.channel import CHANNELS
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Return the arrays of the outputs by name, or the (values, times) of a reduction.
+    """Return the arrays of the outputs by name; for a reduction, return the values and the times, each by name.
+
+    The times are the instants of the peaks, or None for reductions that sum samples.
 
     `work` consists of a path or a batch of paths, a frame, and a vehicle or None. `times` are (instants,) or (paths,
     instants). The compiled code adds a missing leading axis without a copy.

@@ -155,7 +155,7 @@ def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array,
 
 
 def _round_off(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Estimate the round-off of each step [rad] from its arithmetic and from the rounding of its times."""
+    """Estimate the round-off [rad] of each step, caused by the arithmetic and by the rounding of the times."""
     angle = h * jnp.max(jnp.abs(rates), axis=(1, 2))
     change = jnp.max(jnp.max(rates, axis=1) - jnp.min(rates, axis=1), axis=1)
     return float(jnp.finfo(h.dtype).eps) * (angle + jnp.abs(start) * change / ROUND_OFF)

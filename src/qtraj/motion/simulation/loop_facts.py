@@ -45,7 +45,7 @@ def stability_text(verdict: LoopVerdict) -> str | None:
 
 
 def deviation_text(verdict: LoopVerdict) -> str | None:
-    """Describe a deviation from the closed form that is larger than the tolerances explain; otherwise return None."""
+    """Describe a deviation from the closed form that exceeds the `bound` of the verdict; otherwise return None."""
     if verdict.agrees is not False:
         return None
     return (

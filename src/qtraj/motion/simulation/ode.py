@@ -139,7 +139,11 @@ def _march(inputs: Any, *, method: Method) -> Any:
 
 
 class _IntervalField(eqx.Module):
-    """The field dy/du = h f(t_a + uh, y), 0 ≤ u ≤ 1, of one interval with the start t_a [s] and the length h [s]."""
+    """The field dy/du = h f(t_a + uh, y), 0 ≤ u ≤ 1, of one interval with the start t_a [s] and the length h [s].
+
+    t_a is `start` + `before`, and h is `interval`. `memory` is the discrete state, which is not part of y. The field f
+    is evaluated at least `nudge` [s] from both ends of the interval.
+    """
 
     field: Field
     memory: Memory
