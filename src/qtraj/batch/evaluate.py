@@ -129,7 +129,7 @@ def _minimizing(
     devices: Sequence[Any] | None,
     vehicle: Vehicle | None,
 ) -> Table:
-    """Return the table for a rotation-minimizing frame, whose attitude is integrated along each path."""
+    """Return the table for a rotation-minimizing frame, which is integrated along each path."""
     if task.reduce is not None or reuse is not None:
         raise ValueError(
             "a rotation-minimizing frame is integrated along the path, so it supports neither reduce nor reuse: "

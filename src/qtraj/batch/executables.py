@@ -100,7 +100,7 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
 
 
 def _stop_gradient(tree: Any) -> Any:
-    """Return a tree with the same values, whose arrays are treated as constant in differentiation."""
+    """Return a tree with the same values; its arrays are treated as constants in differentiation."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 

@@ -80,7 +80,7 @@ class FeedbackPart(Part):
 
 
 class ErrorPart(AttitudePart):
-    """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
+    """The initial error μ: λ = λ⁰∘μ for the quaternions λ of body and λ⁰ of program; without an attitude, μ = 1."""
 
     rate: keys.Vector = key("rate of the body minus rate of the program, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
@@ -168,7 +168,7 @@ class ActuatorPart(Part):
 
     limit: keys.Positive | keys.PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
-        "whether the limit applies to the norm of the command or to each component", "norm"
+        "the limit applies to the norm of the command ('norm') or to each component ('axis')", "norm"
     )
     sampling: keys.Seconds | None = key("sampling period of the command; default: continuous", None)
 

@@ -23,7 +23,7 @@ Motion = Annotated[str, one_of(MOTIONS)]
 Objective = Annotated[str, one_of(OBJECTIVES)]
 Recorded = Literal["time", "position", "velocity", "attitude", "rate"]
 
-VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite) and 'start.V_h', the same names with 'end', and 'duration'"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 
 

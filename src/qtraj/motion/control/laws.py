@@ -1,4 +1,4 @@
-"""Define the feedback laws of paper C, whose error equations are linear and independent of time and program.
+"""Define the feedback laws of paper C; their error equations are linear and independent of time and program.
 
 μ, μ* and Δ are the body error, the inertial error and the additive error (see `errors`). Let x be μ − 1, μ* − 1 or Δ.
 Under the acceleration law, x satisfies ẍ + K1ẋ + K2x = 0. Under the rate law, x = μ − 1 satisfies ẋ + Kx = 0. Gains

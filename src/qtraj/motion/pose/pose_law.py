@@ -29,7 +29,7 @@ from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_qua
 from qtraj.path.hodograph import AbstractHodograph
 
 Position = TypeAliasType("Position", Float[Array, "3 3"])
-"""An array whose rows are position, velocity and acceleration, in inertial axes."""
+"""An array with the rows position [m], velocity [m/s] and acceleration [m/s²], in inertial axes."""
 
 
 @storable

@@ -168,7 +168,7 @@ def padded(errors: Errors, slots: int) -> Errors:
 
 
 def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[Mesh, Int[Array, ""]]:
-    """Split every step whose error exceeds both its `floor` and the tolerance divided by the number of steps.
+    """Split every step with an error above its `floor` and above the tolerance divided by the number of steps.
 
     Return the mesh and the required number of steps. If the mesh has fewer slots than this number, it is returned
     unchanged.

@@ -174,7 +174,7 @@ class RigidBody(eqx.Module):
         return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
     def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
-        """Return ε (3,) [rad/s²] in body axes by Euler's equations, under the `commanded` torques."""
+        """Return the acceleration (3,) [rad/s²], body axes, by Euler's equations under the `commanded` torques."""
         inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
             torque = torque + at_instant(self.torque, t).astype(rate.dtype)
