@@ -38,7 +38,7 @@ BAD = {
         SLEW + "max_rate = 4\nend_rate = 2\n" + LAW + "[simulation]\nduration = 60\n",
         [
             "'simulation.duration' has the value 60",
-            "the duration of the program, which is not a slew that ends at rest",
+            "the duration of the program: only a slew that ends at rest can be simulated for longer",
         ],
     ),
     "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
@@ -163,7 +163,7 @@ BAD = {
     ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' has the value 9", "at most 3 s, the duration of the program, which is not a slew"],
+        ["'simulation.duration' has the value 9", "at most 3 s, the duration of the program: only a slew"],
     ),
 }
 

@@ -84,7 +84,7 @@ def test_a_turn_is_followed_beyond_its_end_only_where_it_rests(prepared, tmp_pat
     qt.EulerTurn([1.0, 0, 0, 0], [0.9, 0.3, 0, 0], law).save(tmp_path / "moving.toml")
     text = "angles = 'deg'\n[program]\nfile = 'moving.toml'\n"
     assert prepared(text + LAW).times[-1] == float(qt.load(tmp_path / "moving.toml").duration)
-    with pytest.raises(ValueError, match="the duration of the program, which is not a slew that ends at rest"):
+    with pytest.raises(ValueError, match="only a slew that ends at rest can be simulated for longer"):
         prepared(text + longer)
 
 

@@ -19,7 +19,7 @@ SAMPLES = 16384
 arrays are long enough that the cost of starting a loop is negligible."""
 
 Work = Callable[[Any, Any], Any]
-"""A function of a batch of paths and a tree of arrays (paths or 1, instants) that returns arrays (paths, instants)."""
+"""A function of a batch of paths and a tree of arrays (paths or 1, instants); it returns arrays (paths, instants)."""
 
 
 Write = Callable[[str, int, Array, Array, Array, Array], Array]
@@ -37,6 +37,8 @@ def filled(
     work: Work, empty: Empty, write: Write, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
     """Return buffers by name, filled with the components returned by `work` for every path and instant.
+
+    `columns` is a tree of arrays (paths or 1, instants); `shape` contains the numbers of paths and instants.
 
     The last block overlaps the previous block if necessary, so that all blocks have the same shape.
     """
@@ -70,7 +72,7 @@ def _cut(x: Array, p: Array, c: Array, n_paths: int, n_instants: int) -> Array:
 def mapped(work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES) -> Any:
     """Evaluate `work` block by block and return its values (paths, instants); differentiable.
 
-    `columns` is a tree of arrays (paths or 1, instants).
+    `columns` is a tree of arrays (paths or 1, instants); `shape` contains the numbers of paths and instants.
     """
     return _map_blocks(jax.checkpoint(work), paths, columns, shape, samples, _stack_rows, _stack_columns)
 

@@ -10,14 +10,21 @@ from qtraj.path.vehicle import RoadParameters, Vehicle
 
 
 def path_force(road: RoadParameters, derivatives: list[Triple], up: Triple, speed: Any) -> Triple:
-    """Return the force m(r'' + g·up) + ½ρC_dA v r' [N] at the speed v, in the axes of the derivatives."""
+    """Return the force m(r'' + g·up) + ½ρC_dA v r' [N] at the speed v = `speed`, in the axes of the derivatives.
+
+    `derivatives` contains r and its time derivatives r' and r''. `up` is the unit vector of the vertical. The mass m,
+    the gravitational acceleration g and the drag term ½ρC_dA/m (`drag`) are parameters of `road`.
+    """
     terms = zip(derivatives[2], up, derivatives[1], strict=True)
     x, y, z = (road.mass * (a + road.gravity * u + road.drag * speed * v) for a, u, v in terms)
     return x, y, z
 
 
 def turning_moment(vehicle: Vehicle, rate: Triple, acceleration: Triple) -> Triple:
-    """Return the moment Jε + ω×Jω [N m] in the axes of the frame, for the frame's `rate` ω and `acceleration` ε."""
+    """Return the moment Jε + ω×Jω [N m] on a vehicle with the inertia J, in the axes of the frame.
+
+    ω = `rate` [rad/s] and ε = `acceleration` [rad/s²] describe the rotation of the frame, in its own axes.
+    """
     J: Any = vehicle.inertia_in_frame().astype(rate[0].dtype)
 
     def entry(k: int, m: int) -> Any:

@@ -41,10 +41,10 @@ class Spread(NamedTuple):
 
 
 def spread(count: int, instants: int, devices: Sequence[Any] | None) -> Spread | None:
-    """Divide the paths or, if this is not possible, the instants equally among as many devices as possible.
+    """Divide the paths or the instants equally among as many devices as possible.
 
-    By default the local devices are used if there are at least `MIN_INSTANTS` instants, counted over all paths. If only
-    one device would be used, return None.
+    If both can be divided equally, the paths are divided. By default the local devices are used if there are at least
+    `MIN_INSTANTS` instants, counted over all paths. If only one device would be used, return None.
     """
     if devices is None:
         devices = jax.local_devices() if count * instants >= MIN_INSTANTS else ()

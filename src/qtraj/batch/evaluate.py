@@ -62,21 +62,22 @@ def evaluate(
 
     `vehicle` is required for the outputs `force`, `longitudinal_force`, `lateral_force`, `normal_load`, `friction` and
     `power`. A vehicle with an inertia is required for `moment`; for `tangential_moment`, `normal_moment` and
-    `binormal_moment`, its principal axes must be τ, n and b. A batch of vehicles, created by `jax.vmap`, contains one
-    vehicle for each path.
+    `binormal_moment`, its principal axes must be the tangent, normal and binormal. A batch of vehicles, created by
+    `jax.vmap`, contains one vehicle for each path.
 
     If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function reduces the outputs over the
     instants, returns a `Reduced`, and stores no samples. `devices` are the devices to use, by default all local devices
-    for large inputs. `reuse` is the table of an earlier call with the same shapes and outputs. To avoid the allocation
-    of new memory, the arrays of this table are overwritten; do not use them again.
+    for large inputs. `reuse` is the table of an earlier call with the same outputs, `components`, `axes`, and numbers
+    of paths and instants. To avoid the allocation of new memory, the arrays of this table are overwritten; do not use
+    them again.
 
     Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
     differentiated in forward and reverse mode.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
     are neither (n,) nor (b, n), a missing vehicle, a number of vehicles that differs from the number of paths, forces
-    on a banked road along a route that reverses, a `reuse` table that has other shapes or outputs, or a
-    rotation-minimizing frame with `reduce` or `reuse`.
+    on a banked road along a route that reverses, a `reuse` table that does not match, or a rotation-minimizing frame
+    with `reduce` or `reuse`.
     """
     require_axes(axes)
     task = Task(
@@ -128,7 +129,7 @@ def _minimizing(
     devices: Sequence[Any] | None,
     vehicle: Vehicle | None,
 ) -> Table:
-    """Return the table for a rotation-minimizing frame, whose attitude is integrated along each path."""
+    """Return the table for a rotation-minimizing frame, which is integrated along each path."""
     if task.reduce is not None or reuse is not None:
         raise ValueError(
             "a rotation-minimizing frame is integrated along the path, so it supports neither reduce nor reuse: "
@@ -215,8 +216,8 @@ def _reused_arrays(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> di
         or task.reduce is not None
     ):
         raise ValueError(
-            "reuse must be the table of an earlier call with the same outputs, components, axes and paths, and "
-            "cannot be combined with reduce"
+            "reuse must be the table of an earlier call with the same outputs, components and axes, and the same "
+            "numbers of paths and instants; it cannot be combined with reduce"
         )
     shape = np.shape(next(iter(arrays.values())))
     reused_lead = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]

@@ -27,7 +27,9 @@ from qtraj.path.channel import CHANNELS
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Return the arrays of the outputs by name, or the (values, times) of a reduction.
+    """Return the arrays of the outputs by name; for a reduction, return the values and the times, each by name.
+
+    The times are the instants of the peaks, or None for reductions that sum samples.
 
     `work` consists of a path or a batch of paths, a frame, and a vehicle or None. `times` are (instants,) or (paths,
     instants). The compiled code adds a missing leading axis without a copy.
@@ -98,7 +100,7 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
 
 
 def _stop_gradient(tree: Any) -> Any:
-    """Return a tree with the same values, whose arrays are treated as constant in differentiation."""
+    """Return a tree with the same values; its arrays are treated as constants in differentiation."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 

@@ -1,9 +1,9 @@
 """Evaluate paths and their frames at many instants at once; each component is a separate array.
 
-The formulas are defined in `frame_components` and `quantity`. The derivatives are computed in the moving basis of the
-path, in which they are polynomials. The results are transformed to world axes with the cosine and sine of half the
-angle of the basis. The quaternion is the product of the quaternion of the moving basis and the quaternion of the frame
-relative to this basis.
+The formulas are defined in `frame_components` and `quantity`. The derivatives of a polynomial path are computed in its
+moving basis, in which they are polynomials. The results are transformed to world axes with the cosine and sine of half
+the angle of the basis. The derivatives of other paths are computed in world axes. The quaternion is the product of the
+quaternion of the moving basis and the quaternion of the frame relative to this basis.
 
 Arrays are (paths, instants). Where a frame is not defined, its outputs are the fallback values of `trihedral`.
 """
@@ -41,9 +41,9 @@ DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(deno
 
 
 class Instants:
-    """All outputs of a batch of paths (every array with a leading axis) at instants (paths or 1, instants) [s].
+    """All outputs of a batch of paths at the times `t` (paths or 1, instants) [s].
 
-    Vectors are triples of arrays. Each output is computed at its first use.
+    Every array of `paths` has a leading axis. Vectors are triples of arrays. Each output is computed at its first use.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Instants:
         self.duration = paths.duration[:, None].astype(zero.dtype)
 
     def derivative(self, k: int) -> Triple:
-        """Return the k-th derivative of r in world axes."""
+        """Return the position for k = 0, or its k-th time derivative, in world axes."""
         x, y, z = self.basis.world(self.rows[k])
         if k or not self.basis.placed:
             return x, y, z
@@ -185,7 +185,7 @@ class Instants:
 
 
 def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
-    """Return the derivatives of the paths in the moving basis, and the angle of the basis [rad]."""
+    """Return the derivatives of orders 0 to 4 of the paths in the moving basis, and the angle of the basis [rad]."""
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
     single = [c for p in present for c in split(p.astype(t.dtype), [1] * p.shape[1], axis=1)]
     coefficients = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
@@ -196,7 +196,7 @@ def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple
 
 
 def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
-    """Return the derivatives of paths that are not polynomial, in world axes."""
+    """Return the derivatives of orders 0 to 4 of paths that are not polynomial, in world axes."""
     along = lambda path, t: jax.vmap(lambda t: path.derivatives(t, ORDER))(t)  # noqa: E731
     each = jnp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
     r = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, each)

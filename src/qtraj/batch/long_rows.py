@@ -30,7 +30,7 @@ LONG = 2**18
 def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array], blocks: Work) -> Any:
     """Return the (peak, time) of every component for one path; `columns` contains the times (1, instants).
 
-    The function `blocks`, (path, columns) → peaks, processes the last instants, which are not in the segments.
+    The function `blocks` takes a path and columns. It processes the last instants, which are not in the segments.
     """
     instants = columns[0].shape[1]
     n_full = instants - instants % (SEGMENTS * WINDOW)

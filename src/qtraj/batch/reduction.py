@@ -49,7 +49,10 @@ class Reduced(AbstractResult):
         return self.values[name]
 
     def record(self) -> Record:
-        """Return the values over `path` (for a batch) and over components; `…_time` contains the times of peaks."""
+        """Return the values over `path` (for a batch) and over components.
+
+        The times of the peaks of an output such as `speed` have the name `speed_time`.
+        """
         variables = {}
         for name, values in self.values.items():
             entry, paths = in_axes(CHANNELS[name], self.axes), ("path",) if self.batched else ()
@@ -97,7 +100,7 @@ def joiner(reduction: str) -> Callable[[Any], Any]:
 
 
 def attained(x: Array, peak: Array) -> Array:
-    """Return whether `x` equals the peak to within rounding.
+    """Return whether each element of `x` equals `peak` to within rounding.
 
     Exact equality can fail, because compilers may compute `x` twice and round differently.
     """

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 class Table(AbstractResult):
-    """Arrays over n instants, (n, …), or over b paths and n instants, (b, n, …), or with the component axes first.
+    """Arrays (n, …) over n instants, or (b, n, …) over b paths and n instants.
+
+    The last axes are component axes; with `components="first"`, they are the first axes instead.
 
     Each output of `evaluate` is an attribute, such as `table.position`, `table.curvature` or `table.yaw_rate`; outputs
     that were not requested are None. `time` [s], (n,) or (b, n), is measured from the start of each path. `axes`,

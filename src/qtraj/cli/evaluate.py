@@ -46,7 +46,7 @@ def evaluate(
 ) -> Outcome:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
-    The path of a scenario is not tuned. Attitude and rate are those of the upright frame, unless --frame selects
+    The path of a scenario is not tuned. Attitude and rate refer to the upright frame, unless --frame selects
     another frame. The quaternion is scalar first, body to world. If the scenario has a table `vehicle`, the output
     includes forces, friction and power. Outputs requested by --also are added to the files and to the JSON output. The
     exit code is 1 if the path does not fit its recording.
@@ -91,7 +91,7 @@ def _times(duration: float, samples: int | None, step: float | None) -> np.ndarr
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
-    """Return the scenario of a file, its path, the fit of the path and the vehicle, or None for missing values.
+    """Return the scenario in a file, the path, the fit of the path, and the vehicle; missing values are None.
 
     For a saved path, there is no scenario, fit or vehicle.
     """

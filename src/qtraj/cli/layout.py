@@ -76,7 +76,7 @@ def facts(title: str, rows: Iterable[tuple[str, str]]) -> Group:
 
 
 def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:
-    """Return the quality of a fit as text; nothing for None."""
+    """Return the quality of a fit as text; return an empty list for None."""
     from qtraj.design.fitting.route_facts import fit_rows  # imported here, because it delays --help
 
     if fitted is None:
@@ -92,7 +92,10 @@ def grouped_table(
     right: tuple[str, ...],
     last: tuple[str, ...] = ("",),
 ) -> Group:
-    """Return a title and a `plain_table` of groups of rows; a last column without a name contains statuses."""
+    """Return a title and a table with one section for each group of rows.
+
+    If the last column has no name, its cells are styled as statuses.
+    """
     table = plain_table(*names, right=right, last=last)
     for group in groups:
         table.add_section()
@@ -102,7 +105,7 @@ def grouped_table(
 
 
 def limits(title: str, rows: Iterable[Sequence[str]], column: str) -> Group:
-    """Return a title and the findings on limits, with one more column, named `column`."""
+    """Return a title and a table of the findings on limits; its last column has the name `column`."""
     return grouped_table(title, [rows], "limit", right=("largest", "limit", "at [s]", column))
 
 

@@ -32,12 +32,12 @@ def route(
 ) -> Outcome:
     """Fit a route to a whole recorded drive or flight, check limits, and tune the route so that they are satisfied.
 
-    Stops, straight segments and gaps are allowed. For each limit of the scenario, the command determines on every
-    segment whether the limit is proved to be satisfied, violated, undecided, or undefined. If the scenario has a table
-    `tune`, the route is changed within a tube until every limit is proved to be satisfied on the changed segments. The
-    command writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json, certificate.json),
-    the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is
-    1 if the fit fails or a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at
+    Stops, straight segments and gaps are allowed. For each limit and every segment, the command determines whether the
+    limit is proved to be satisfied, is violated, is undecided, or is undefined. If the scenario has a table `tune`, the
+    route is changed within a tube until every limit is proved to be satisfied on the changed segments. The command
+    writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json, certificate.json), the
+    tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report (report.html). The exit code is 1
+    if the fit fails or a limit is not proved to be satisfied; after tuning, a limited quantity may be undefined at
     stops.
     """
     watch.say("reading")

@@ -29,7 +29,7 @@ else:  # an enumeration, for shell completion
     FrameName = StrEnum("FrameName", {name: name for name in FRAMES})
 
 FAILED = 1
-"""Exit code of a run that did not converge, or whose limits are not satisfied."""
+"""Exit code of a run with a violated limit or an unsuccessful computation."""
 
 UNTIL = "the old name works until 1.0"
 """The last clause of a warning about an old name."""
@@ -86,8 +86,8 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
     """Return a decorator that converts a function to a command with these examples and the options `out` and `--json`.
 
     The command writes the files of the function's outcome, prints the outcome and exits. The parameters of the function
-    are a `Watch`, the argument of the command, and its other options. An OSError or ValueError for bad input, which the
-    function raises, becomes one message and exit code 2.
+    are a `Watch`, the argument of the command, and its other options. If the function raises an OSError or a ValueError
+    for bad input, the command prints one message and exits with code 2.
     """
 
     def decorate(run: Callable[..., Outcome]) -> Callable[..., None]:

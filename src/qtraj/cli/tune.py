@@ -101,7 +101,7 @@ class Found(NamedTuple):
 def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Found:
     """Check and tune the path of a scenario.
 
-    `overrides`: motion, objective and number of starts, which replace those of the scenario unless they are None.
+    `overrides`: motion, objective and number of starts; each value that is not None replaces the value of the scenario.
 
     **Raises:** ValueError, which names the file, for bad input.
     """

@@ -30,7 +30,8 @@ class Attitude(AbstractResult):
     def in_axes(self, axes: str) -> "Attitude":
         """Return the same attitude with rate and acceleration in `axes`, "body" or "inertial".
 
-        With the components ω_x and ε_x in body axes, the inertial components are ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹.
+        With the quaternion λ, and the components ω_x and ε_x of rate and acceleration in body axes, the components in
+        inertial axes are ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹.
         The attitude must not be batched: use `jax.vmap` for a batch.
 
         **Raises:** ValueError if `axes` is neither "body" nor "inertial".
@@ -42,7 +43,7 @@ class Attitude(AbstractResult):
         return Attitude(self.quaternion, rotate(turn, self.rate), rotate(turn, self.acceleration), axes)
 
     def record(self) -> Record:
-        """Return the fields with units; in a batch, such as a result of `jax.vmap(program)`, batch axes come first."""
+        """Return the fields with units; for a batch, such as a result of `jax.vmap(program)`, batch axes come first."""
         along = ("body",) if self.axes == BODY else ("world",)
         variables = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
@@ -67,7 +68,7 @@ def require_body_axes(attitude: Attitude) -> None:
 
 
 class AbstractProgram(eqx.Module):
-    """An attitude program λ⁰(t), ω⁰(t), ε⁰(t) on [0, duration] (paper C, (1.5)).
+    """An attitude program: quaternion λ⁰(t), rate ω⁰(t) and acceleration ε⁰(t) on [0, duration] (paper C, (1.5)).
 
     The time t [s] is measured from the start of the program.
     """

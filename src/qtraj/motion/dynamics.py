@@ -44,6 +44,8 @@ def __dir__() -> list[str]:
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """Return the torque M = Jε + ω×Jω [N m] in body axes; M = Jε for a spherical body (paper C, remark 2).
 
+    J is the inertia; ω and ε are the rate and the acceleration of the attitude.
+
     **Raises:** ValueError for an attitude in inertial axes, and for an inertia that has another shape or is not
     symmetric and positive definite.
     """
@@ -56,6 +58,8 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
     """Return the angular acceleration ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes, the inverse of `torque`.
 
+    M = `torque` [N m] and ω = `rate` [rad/s] are in body axes. J is the inertia.
+
     **Raises:** ValueError for an inertia that has another shape or is not symmetric and positive definite.
     """
     J = inertia_matrix(inertia).astype(torque.dtype)
@@ -64,7 +68,7 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
 
 
 def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
-    """Return the power M·ω [W] of the torque M; it is the time derivative of the kinetic energy ½ω·Jω.
+    """Return the power M·ω [W] of the torque M at the rate ω, the time derivative of the kinetic energy ½ω·Jω.
 
     **Raises:** ValueError in the same cases as `torque`.
     """
@@ -80,9 +84,10 @@ def forces(
 ) -> Vec3:
     """Return the force F = m r̈ − m g⃗ [N] on the vehicle, excluding gravity, in the axes of the trihedral.
 
-    The components (F_τ, F_n, F_b) are the driving force, the side force and the lift. `mass` is in kg. `frame`: None
-    for the natural trihedral, whose normal n points to the centre of curvature; `Upright()` for the components forward,
-    left and up. The output `force` of `evaluate` with a `Vehicle` also includes drag.
+    m = `mass` [kg], r̈ is the acceleration of the path, and g⃗ the gravity. The components (F_τ, F_n, F_b) are the
+    driving force, the side force and the lift. `frame`: None for the natural trihedral, in which the normal n points to
+    the centre of curvature; `Upright()` for the components forward, left and up. The output `force` of `evaluate` with
+    a `Vehicle` also includes drag.
 
     **Raises:** ValueError if the mass is not positive, or if the gravity has another shape or is not finite.
     """
@@ -92,9 +97,10 @@ def forces(
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
-    """Return the power F·ṙ = m(r̈ − g⃗)·ṙ [W], the time derivative of the sum of kinetic and potential energy.
+    """Return the power F·ṙ = m(r̈ − g⃗)·ṙ [W] of the force F of `forces` at the velocity ṙ.
 
-    The path quantity `power` of a `Vehicle` also includes the losses by drag and rolling resistance.
+    It is the time derivative of the sum of kinetic and potential energy. The path quantity `power` of a `Vehicle` also
+    includes the losses by drag and rolling resistance.
 
     **Raises:** ValueError in the same cases as `forces`.
     """
@@ -105,8 +111,10 @@ def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: Arr
 class FrictionDemand(AbstractResult):
     """The lateral force, and the total force in the plane of the road, divided by the normal force, at one instant.
 
-    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, which is compared with the coefficient of friction.
-    Both ratios are infinite if the normal force is not positive. The frame of the forces is not stored.
+    F_τ is the component of `forces` along the tangent, F_side the component to the left, and F_normal the component
+    normal to the road. `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, which is compared with the
+    coefficient of friction. Both ratios are infinite if the normal force is not positive. The frame of the forces is
+    not stored.
     """
 
     side: Scalar

@@ -29,7 +29,7 @@ MIN_SAMPLES = 3
 ONE_AXIS = 1e-9
 """Rates count as rates about one axis if the second singular value of Σpωᵀ is at most this fraction of the first.
 
-p are the rates of the program, ω the recorded rates.
+For each sample, p (3,) is the rate of the program, and ω (3,) the recorded rate. The sum is over the samples.
 """
 
 
@@ -132,7 +132,10 @@ def compare_upright(path: Route, track: Track) -> RateResidual | None:
 def _compared(
     rates: np.ndarray, expected: np.ndarray, speeds: np.ndarray, min_speed: float | int
 ) -> RateResidual | None:
-    """Compare rates of a program (n, 3) with the recorded rates, at samples with `speeds` (n,) above `min_speed`."""
+    """Compare the recorded `rates`, (n, 3) or (n, 1), with the rates `expected` (n, 3) from a program [rad/s].
+
+    Only samples with `speeds` (n,) above `min_speed` [m/s] are compared. Return None if there are too few such samples.
+    """
     fast = (speeds > min_speed) & np.isfinite(expected).all(axis=1)
     if fast.sum() < MIN_SAMPLES:
         return None
@@ -147,7 +150,7 @@ def _compared(
 
 @eqx.filter_jit
 def _rates(program: FrameProgram, times: Float[Array, " n"]) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
-    """Return the rate of the program [rad/s] and the speed of its path [m/s] at each time."""
+    """Return the rate [rad/s] of the program, in the axes of the frame, and the speed [m/s] of the path."""
 
     def at(t: Scalar) -> tuple[Array, Array]:
         return program(t).rate, jnp.linalg.norm(program.path.velocity(t))
@@ -156,7 +159,7 @@ def _rates(program: FrameProgram, times: Float[Array, " n"]) -> tuple[Float[Arra
 
 
 def _mounted(recorded: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the recorded rates in the axes of the program, and the quaternion of the mounting."""
+    """Return the recorded rates (n, 3) in the axes of the program, and the mounting (4,), from gyro to program axes."""
     from scipy.spatial.transform import Rotation
 
     left, sizes, right = np.linalg.svd(expected.T @ recorded)

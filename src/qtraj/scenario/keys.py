@@ -20,7 +20,7 @@ from qtraj.foundation.types import Quat
 
 
 def _form(value: Any) -> str:
-    """Return the form of a range, "open" or "pair"; other values count as a pair, so that validation reports them."""
+    """Return "open" for a range with the keys min or max, and "pair" for other values, which are validated as pairs."""
     return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
 
 
@@ -83,7 +83,7 @@ LONGER = 1e-9
 def key(title: str, *default: Any, values: str | None = None, unit: str = "") -> Any:
     """Return a key of a table with the meaning `title`, a `default`, and the description `values` of valid values.
 
-    A key without a default is required. By default, the description is that of the type, followed by the `unit`.
+    A key without a default is required. By default, `values` is the description of the type. The `unit` is appended.
     """
     more: dict[str, Any] = {} if values is None else {"description": values}
     return Field(*default, title=title, json_schema_extra={"unit": f" [{unit}]" if unit else ""}, **more)

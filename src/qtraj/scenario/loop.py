@@ -46,12 +46,12 @@ class ProgramPart(Part):
 
     slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
     path: keys.Text | None = key(
-        "a path whose frame is the program",
+        "a path; the program is the attitude of a frame along it",
         None,
         values="the name of a path scenario or a saved path, relative to the scenario",
     )
     frame: Annotated[str, one_of(FRAMES), AfterValidator(with_hyphens)] | None = key(
-        "frame of the path: 'upright' (default: x forward, y left, z up), 'natural' (tangent, principal normal, "
+        "frame of the path: 'upright' (x forward, y left, z up; the default), 'natural' (tangent, principal normal, "
         "binormal; flips at inflections of the path), 'rotation-minimizing' (zero rate about the tangent) or "
         "'thrust-aligned' (z along the thrust, for multirotors)",
         None,
@@ -214,7 +214,7 @@ def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None
     if duration > end * (1 + LONGER) and not ends_at_rest(program):
         raise ValueError(
             f"the key 'simulation.duration' has the value {duration:.15g}, but must be at most {end:.15g} s, the "
-            "duration of the program, which is not a slew that ends at rest"
+            "duration of the program: only a slew that ends at rest can be simulated for longer"
         )
     duration = duration if ends_at_rest(program) else min(duration, end)
     return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

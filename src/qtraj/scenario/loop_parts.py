@@ -39,7 +39,7 @@ Gain = Annotated[keys.Positive | list[keys.Number] | list[list[keys.Number]], Fi
 class WeightsPart(Part):
     """The weights of the linear-quadratic regulator, which minimises ∫(w_e x² + w_r ẋ² + w_c ẍ²) dt.
 
-    The keys error, rate and command are the weights w_e, w_r and w_c.
+    x is the error. The keys error, rate and command are the weights w_e, w_r and w_c.
     """
 
     error: keys.Positive = key("weight of the error", unit="1/s⁴")
@@ -80,18 +80,18 @@ class FeedbackPart(Part):
 
 
 class ErrorPart(AttitudePart):
-    """The initial error μ of the body, λ = λ⁰∘μ, in body axes; without an attitude, the attitude error is zero."""
+    """The initial error μ: λ = λ⁰∘μ for the quaternions λ of body and λ⁰ of program; without an attitude, μ = 1."""
 
     rate: keys.Vector = key("rate of the body minus rate of the program, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
-        "sign of the initial λ (λ and −λ represent the same attitude): 'near', μ0 ≥ 0; 'far', μ0 ≤ 0, which excludes "
-        "normalization = 'gibbs'; or 'auto', the sign with the larger minimum of |μ| (for the law 'additive', as "
-        "'near'); not for the laws 'quaternion', 'geometric' and 'logarithmic'",
+        "sign of the initial λ: 'near' (μ0 ≥ 0), 'far' (μ0 ≤ 0) or 'auto' (larger minimum of |μ|; the same as 'near' "
+        "for the law 'additive'). 'far' cannot be combined with normalization = 'gibbs'. Not for the laws "
+        "'quaternion', 'geometric' and 'logarithmic'",
         "auto",
     )
     normalization: Literal["unit", "gibbs"] = key(
-        "initial |λ| and ω0: 'unit', |λ| = 1 and ω0 = 0; or 'gibbs', such that the Gibbs vector g of the error "
-        "satisfies g̈ + k1ġ + k2g = 0",
+        "initial norm |λ| and virtual rate ω0: 'unit' (|λ| = 1, ω0 = 0), or 'gibbs' (the Gibbs vector g of the error "
+        "satisfies g̈ + k1ġ + k2g = 0, or ġ + kg = 0 with the law 'rate')",
         "unit",
     )
 
@@ -108,8 +108,8 @@ class DisturbancePart(Part):
     acceleration: keys.Vector | None = key("angular acceleration", None, unit="angle/s²")
     torque: keys.Vector | None = key("torque; requires the key 'inertia'", None, unit="N m")
     inertia: keys.Inertia | None = key("inertia of the body", None)
-    period: keys.Seconds | None = key("period of a sinusoid", None)
-    phase: keys.Number = key("phase of a sinusoid", 0.0, unit="angle")
+    period: keys.Seconds | None = key("period of a sinusoidal disturbance; default: a constant disturbance", None)
+    phase: keys.Number = key("phase of a sinusoidal disturbance", 0.0, unit="angle")
 
     def _faults(self) -> Iterator[str]:
         if len(self.given("acceleration", "torque")) != 1:
@@ -135,10 +135,10 @@ class SensorPart(Part):
 
     kind: Literal["state", "gyros"] = key("the kind of sensor", "state")
     sampling: keys.Seconds | None = key("sampling period; default: continuous", None)
-    rate_bias: keys.Vector = key("bias of the rate", [0.0, 0.0, 0.0], unit="angle/s")
+    rate_bias: keys.Vector = key("bias of the measured rate, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     rate_noise: keys.NotNegative = key("standard deviation of the rate noise about each axis", 0.0, unit="angle/s")
     attitude_bias: keys.Vector = key(
-        "bias of the attitude as a rotation vector; for gyros, the error of the initial attitude",
+        "attitude bias, a rotation vector in body axes; for gyros, the error of the initial attitude estimate",
         [0.0, 0.0, 0.0],
         unit="angle",
     )
@@ -168,7 +168,7 @@ class ActuatorPart(Part):
 
     limit: keys.Positive | keys.PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
-        "whether the limit applies to the norm of the command or to each component", "norm"
+        "the limit applies to the norm of the command ('norm') or to each component ('axis')", "norm"
     )
     sampling: keys.Seconds | None = key("sampling period of the command; default: continuous", None)
 

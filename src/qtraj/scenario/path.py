@@ -33,7 +33,10 @@ class StatePart(Part):
     position: keys.Vector = key("position", unit="m")
     velocity: keys.Vector = key("velocity", unit="m/s")
     acceleration: keys.Vector | None = key(
-        "acceleration, only for a hermite path and for both states; ρ, φ and h are then quintics", None, unit="m/s²"
+        "acceleration of both states, only for a hermite path with a duration and not for `qtraj tune`; radius, angle "
+        "and height are then quintics in time",
+        None,
+        unit="m/s²",
     )
 
 
@@ -42,14 +45,14 @@ class PlacementPart(Part):
 
     origin: keys.Vector = key("a point on the axis", unit="m")
     orientation: keys.Quaternion | None = key(
-        "the direction of the axis; default: vertical",
+        "orientation of the path axes, whose z axis is the axis of the path; default: z vertical",
         None,
         values="four finite numbers, scalar first: the quaternion from path components to world components",
     )
 
 
 class LimitedPart(Part):
-    """Upper bounds on quantities of the whole path."""
+    """Upper bounds on path quantities, for the whole path."""
 
     def limits(self) -> dict[str, float]:
         """Return the limits that are set, by name."""
@@ -96,7 +99,10 @@ class VehiclePart(Part):
 
 
 def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
-    """Raise a ValueError if `what`, such as a limit, `needs` a vehicle or one of its properties that is missing."""
+    """Raise a ValueError if the vehicle, or the property of it named by `needs`, is missing.
+
+    The message says that `what`, such as a limit, needs it.
+    """
     if needs and vehicle is None:
         raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with the mass")
     if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
@@ -142,7 +148,7 @@ class PathScenario(LimitedScenario):
     path: keys.Text | None = key("a saved path", None, values="the name of a saved path, relative to the scenario")
     placement: PlacementPart | None = key("the axis of a path between two states", None)
     duration: keys.Seconds | None = key(
-        "duration of a path between two states; default: computed from the rates of the states about the axis", None
+        "duration between two states; default: computed from the angular rates about the axis at both states", None
     )
     turns: keys.Wholes | None = key("additional whole turns of a path between two states", None)
     tune: TunePart = key("settings of the tuning", TunePart())

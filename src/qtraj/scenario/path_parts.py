@@ -23,7 +23,7 @@ Motion = Annotated[str, one_of(MOTIONS)]
 Objective = Annotated[str, one_of(OBJECTIVES)]
 Recorded = Literal["time", "position", "velocity", "attitude", "rate"]
 
-VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same names with 'end', 'duration'"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite) and 'start.V_h', the same names with 'end', and 'duration'"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 
 
@@ -135,8 +135,8 @@ class TunePart(Part):
         None,
     )
     duration: keys.Seconds | None = key(
-        "initial duration of a hermite path, fixed for the objective 'smoothest'; default: computed from the rates of "
-        "the given states",
+        "initial duration of a hermite path, fixed for the objective 'smoothest'; default: the duration of a fitted or "
+        "saved path; between two states, computed from the angular rates about the axis at both states",
         None,
     )
     turns: keys.Wholes | None = key("additional whole turns about the axis", None)
@@ -152,8 +152,8 @@ class TunePart(Part):
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
     )
     corridor: keys.Metres | None = key(
-        "maximum distance d between the original and the tuned path, at the same fraction of their durations; the "
-        "azimuth difference enters as an arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
+        "maximum distance d between the original and the tuned path, at the same fraction of their durations: "
+        "d² = Δρ² + ρ₁ρ₂Δφ² + Δh² with the differences Δ of radius ρ, azimuth φ and height h, and both radii ρ₁, ρ₂",
         None,
     )
     starts: keys.Counts = key(
@@ -213,10 +213,13 @@ class RetimePart(Part):
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
     stop_speed: keys.Speed | None = key(
-        "on a route, motion at most this fast within `stop_distance` counts as a stop; with 0, no motion does; "
-        f"default: {STOP_SPEED} m/s, at most {100 * SLOW:g} % of the highest speed",
+        "speed at or below which a vehicle on a route counts as stopped, if it also stays within `stop_distance`; with "
+        f"0, slow motion is left unchanged; default: the smaller of {STOP_SPEED} m/s and {100 * SLOW:g} % of the "
+        "highest speed",
         None,
     )
     stop_distance: keys.NotNegative | None = key(
-        f"largest distance within which slow motion counts as a stop; default: {STOP_DISTANCE} m", None, unit="m"
+        f"maximum distance from the start of a slow interval for it to count as a stop; default: {STOP_DISTANCE} m",
+        None,
+        unit="m",
     )

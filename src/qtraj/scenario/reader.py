@@ -63,7 +63,7 @@ def scenario_in(
     """Return the scenario in a file that was read; `limits` replace limits of the scenario, or are added to them.
 
     `kind`: the name of a kind in `qtraj.scenario.KINDS`. `recording`: whether a recording is allowed. `others`: other
-    kinds, which an error message mentions if they have more of the keys.
+    kinds; if the keys of the file fit one of these kinds better, the error message names its commands.
 
     **Raises:** ValueError if the file is not a valid scenario of this kind: the message names the file and either the
     key with its value and the expected value, or the command that reads such a file.

@@ -88,8 +88,8 @@ class RouteScenario(LimitedScenario):
 class RouteTask(NamedTuple):
     """A path and its limits, the recording to which the path was fitted, and a function that tunes the path.
 
-    `track` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; its argument reports the
-    progress.
+    `track` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; the argument of this
+    function reports the progress.
     """
 
     path: AbstractHodograph

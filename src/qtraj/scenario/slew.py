@@ -35,8 +35,12 @@ class SlewLawPart(Part):
     duration: keys.Seconds | None = key(
         "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
-    start_rate: keys.Number | None = key("initial rate along a time_optimal slew; default: 0", None, unit="angle/s")
-    end_rate: keys.Number | None = key("final rate along a time_optimal slew; default: 0", None, unit="angle/s")
+    start_rate: keys.Number | None = key(
+        "initial rate about the slew axis; only for time_optimal; default: 0", None, unit="angle/s"
+    )
+    end_rate: keys.Number | None = key(
+        "final rate about the slew axis; only for time_optimal; default: 0", None, unit="angle/s"
+    )
 
     def _faults(self) -> Iterator[str]:
         slew_profile(**self.model_dump(exclude_none=True))  # raises in the units of the file

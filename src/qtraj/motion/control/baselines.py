@@ -1,10 +1,11 @@
 """Define three established attitude feedback laws with nonlinear closed loops, as baselines for comparison.
 
-With each law, the rate error Ω = ω_v − w satisfies Ω̇ = −K1Ω − K2 e, where ω_v is the rate of the body and w = μ⁻¹ω⁰μ
-is the rate of the program, both in body axes. The laws differ in the attitude error e. For a small error angle Φ, e is
+Let μ be the body error (see `errors`), μ0 its scalar part, μ_v its vector part, and Φ the error angle. With each law,
+the rate error Ω = ω_v − w satisfies Ω̇ = −K1Ω − K2e. ω_v is the rate of the body. w = μ⁻¹ω⁰μ is the rate of the program
+in body axes, and ω⁰ the same rate in program axes. The laws differ in the attitude error e. For small Φ, e is
 approximately Φ times the unit vector of the rotation axis. The acceleration of the program is fed forward, so the error
 does not depend on the motion of the program. Each gain is a scalar, a diagonal (3,) or a matrix (3, 3). The virtual
-part of the command is 0, and |λ| has no effect.
+part of the command is 0, and the norm of the body's quaternion has no effect.
 """
 
 import jax.numpy as jnp
@@ -23,7 +24,8 @@ from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 class QuaternionFeedback(AbstractLaw):
     """The law with e = 2 sgn(μ0) μ_v/|μ|, |e| = 2 sin(Φ/2) (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
 
-    The gains are `k1` [1/s] and `k2` [1/s²]. The sign selects the shorter rotation; for μ0 = 0 the sign is +.
+    μ is the body error with the scalar part μ0 and the vector part μ_v, and Φ is the error angle. The factor sgn(μ0)
+    selects the shorter rotation; it is +1 for μ0 = 0. The gains are `k1` [1/s] and `k2` [1/s²].
     """
 
     k1: Gain
@@ -47,11 +49,13 @@ class QuaternionFeedback(AbstractLaw):
 
 @storable
 class GeometricFeedback(AbstractLaw):
-    """The law with e = ½(R_dᵀR − RᵀR_d)^∨, |e| = sin Φ; R and R_d are the rotation matrices of body and program.
+    """The law with e = ½(R_dᵀR − RᵀR_d)^∨, |e| = sin Φ; Φ is the error angle.
 
-    The gains are `k1` [1/s] and `k2` [1/s²]. e is half the sum of the cross products of corresponding axes of program
-    and body. Lee proposed this feedback on SO(3); in robotics it is attributed to Luh and to Fu & Gonzalez (reference
-    [3] of paper C). For Φ > π/2 the magnitude |e| decreases with Φ, and for Φ = π it is zero.
+    R and R_d are the rotation matrices to inertial axes from body axes and from program axes. ^∨ denotes the vector of
+    a skew-symmetric matrix. The gains are `k1` [1/s] and `k2` [1/s²]. e is half the sum of the cross products of
+    corresponding axes of program and body. Lee proposed this feedback on SO(3); in robotics it is attributed to Luh and
+    to Fu & Gonzalez (reference [3] of paper C). For Φ > π/2 the magnitude |e| decreases with Φ, and for Φ = π it is
+    zero.
     """
 
     k1: Gain
@@ -77,7 +81,7 @@ class GeometricFeedback(AbstractLaw):
 class LogarithmicFeedback(AbstractLaw):
     """Feedback of the rotation vector e of the error quaternion μ, with |e| = Φ ≤ π; e is discontinuous at Φ = π.
 
-    The gains are `k1` [1/s] and `k2` [1/s²].
+    Φ is the error angle. The gains are `k1` [1/s] and `k2` [1/s²].
     """
 
     k1: Gain
@@ -116,7 +120,10 @@ def _feedback(
     rate: Quat,
     attitude_error: Vec3,
 ) -> Quat:
-    """Return the command (0, ẇ − K1Ω − K2e), where ẇ = μ⁻¹ε⁰μ + w×Ω is the time derivative of w."""
+    """Return the command (0, ẇ − K1Ω − K2e), where e is `attitude_error`.
+
+    ẇ = μ⁻¹ε⁰μ + w×Ω is the time derivative of w, and ε⁰ the acceleration of the program in program axes.
+    """
     require_body_axes(reference)
     back = conjugate(mu)
     w = rotate(back, reference.rate)

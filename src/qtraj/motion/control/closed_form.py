@@ -22,8 +22,8 @@ from qtraj.motion.control.response import error_state
 class ClosedMotion(AbstractResult):
     """The motion of a closed loop in closed form, at the instants `times` (n,) [s].
 
-    `error` (n, 4): the error quaternion of the law. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the attitude error
-    angle, from 0 to π. Under `vmap` all fields have leading batch axes.
+    `error` (n, 4): the error quaternion of the law. `quaternion` (n, 4): the quaternion λ of the body. `angle` (n,)
+    [rad]: the attitude error angle, from 0 to π. Under `vmap` all fields have leading batch axes.
     """
 
     times: Float[Array, "*batch n"]

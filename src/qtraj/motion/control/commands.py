@@ -1,8 +1,9 @@
 """Split a command into the program's acceleration and a correction, in body or inertial axes (paper C, (2.1), (2.2)).
 
-In body axes, ε_x = ε_z⁰ + δε adds components in different bases, so δε is *not* the difference between the vectors of
-the commanded acceleration and the program acceleration. In inertial axes, ε_ξ = ε_ξ⁰ + Δε, and Δε is this difference. A
-law returns ε_x. The functions of this module split ε_x for analysis or telemetry, or compute ε_x from a correction.
+The commanded acceleration is ε_x in body axes and ε_ξ in inertial axes. The acceleration of the program is ε_z⁰ in
+program axes and ε_ξ⁰ in inertial axes. The sum ε_x = ε_z⁰ + δε adds components in different axes, so δε is *not* the
+difference between the two vectors. In inertial axes, ε_ξ = ε_ξ⁰ + Δε, and Δε is this difference. A law returns ε_x. The
+functions of this module split ε_x for analysis or telemetry, or compute ε_x from a correction.
 Accelerations are (4,) [rad/s²], with the virtual scalar part first.
 """
 

@@ -96,12 +96,12 @@ def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "
 
 
 def to_inertial(quaternion: Quat, x: Quat) -> Quat:
-    """Transform `x` (4,) from body to inertial axes by λ∘x∘λ⁻¹; the scalar part does not change."""
+    """Transform `x` (4,) from body to inertial axes by λ∘x∘λ⁻¹, λ = `quaternion`; the scalar part does not change."""
     return product(product(quaternion, x), inverse(quaternion))
 
 
 def to_body(quaternion: Quat, x: Quat) -> Quat:
-    """Transform `x` (4,) from inertial to body axes by λ⁻¹∘x∘λ; the scalar part does not change."""
+    """Transform `x` (4,) from inertial to body axes by λ⁻¹∘x∘λ, λ = `quaternion`; the scalar part does not change."""
     return product(product(inverse(quaternion), x), quaternion)
 
 

@@ -1,4 +1,4 @@
-"""Create a feedback law by its name; the gains can be specified in several ways."""
+"""Create a feedback law from its name; the gains can be specified in several ways."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -29,7 +29,7 @@ def feedback_law(
     frequency: ArrayInput | None = None,
     weights: Mapping[str, ArrayInput] | None = None,
 ) -> AbstractLaw:
-    """Return the feedback law with a name, as in `feedback_law("inertial", settling_time=10.0)`.
+    """Create a feedback law from its name, as in `feedback_law("inertial", settling_time=10.0)`.
 
     The `kind` "body", "inertial" or "additive" is an `AccelerationLaw` with this error, "rate" is a `RateLaw`, and
     "quaternion", "geometric" and "logarithmic" are `QuaternionFeedback`, `GeometricFeedback` and `LogarithmicFeedback`.
@@ -62,7 +62,7 @@ def feedback_law(
 
 
 def _from_table(weights: Mapping[str, ArrayInput]) -> tuple[Any, Any]:
-    """Return the gains of a linear-quadratic regulator from its weights by name."""
+    """Return the gains K1 and K2 of a linear-quadratic regulator from the weights by name."""
     names = ("error", "rate", "command")
     if not isinstance(weights, Mapping) or "error" not in weights or not weights.keys() <= set(names):
         raise ValueError(
@@ -91,7 +91,11 @@ def _ways(kind: str) -> Mapping[tuple[str, ...], Callable[..., Any]]:
 
 
 def _way(kind: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the arguments of the way in which the gains are specified, if the arguments `names` are specified."""
+    """Return the key of `WAYS` or `RATE_WAYS` that consists of the specified arguments `names`.
+
+    **Raises:** ValueError if no key matches, if several keys match, if only a part of a key is specified, or if a law
+    of this kind does not support the key.
+    """
     ways = _ways(kind)
     text = ", or ".join(" and ".join(way) for way in ways)
     used = [way for way in {**WAYS, **RATE_WAYS} if set(way) & set(names)]

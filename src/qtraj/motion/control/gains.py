@@ -1,8 +1,8 @@
 """Compute gains from a settling time, a damping ratio, or quadratic weights.
 
-The functions return K1 [1/s] and K2 [1/s²] of ẍ + K1ẋ + K2x = 0, as in
-`AccelerationLaw(*gains.from_settling_time(10.0))`; `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All gains
-are differentiable with respect to the arguments.
+The functions return K1 [1/s] and K2 [1/s²] of the equation ẍ + K1ẋ + K2x = 0 of the error x, as in
+`AccelerationLaw(*gains.from_settling_time(10.0))`. Only `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All
+gains are differentiable with respect to the arguments.
 """
 
 import jax
@@ -56,8 +56,8 @@ def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scal
 def from_weights(error: ArrayInput, rate: ArrayInput = 0.0, command: ArrayInput = 1.0) -> tuple[Scalar, Scalar]:
     """Return the gains that minimise ∫(q1 x² + q2 ẋ² + r ẍ²)dt: K2 = √(q1/r) and K1 = √(q2/r + 2√(q1/r)).
 
-    The weights are q1 = `error` [1/s⁴], q2 = `rate` [1/s²] and r = `command`; only their ratios matter. The gains
-    are those of the linear-quadratic regulator of ẍ = u.
+    The weights are q1 = `error` [1/s⁴], q2 = `rate` [1/s²] and r = `command`; only their ratios matter. The
+    result is the linear-quadratic regulator for ẍ = u with the error x and the command u.
 
     **Raises:** ValueError if q1 or r is not positive, or q2 is negative.
     """
@@ -92,7 +92,7 @@ def _common_dtype(*values: ArrayInput) -> list[Scalar]:
 
 
 def _critical_time(residual: Scalar) -> Scalar:
-    """Return the solution x > 0 of ln(1 + x) − x = ln(residual), by Newton's method."""
+    """Solve ln(1 + x) − x = ln(residual) for x > 0 by Newton's method; x is the gain k times the settling time."""
     goal = -jnp.log(residual)
 
     def step(x: Scalar) -> Scalar:

@@ -3,8 +3,9 @@
 λ and −λ represent the same attitude. A law that uses the nearer of λ and −λ at every instant is discontinuous at half
 turns, where noise can cause chattering. A law that never changes the sign rotates the body by more than a half turn
 (unwinding) if the error exceeds a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011,
-2555–2566) store a sign h = ±1 and change it only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot
-cause repeated switching, and the angle of the correction is at most 2 arccos(−δ).
+2555–2566) store a sign h = ±1 and change it only if hμ0 < −δ|μ|. Here μ is the error quaternion, μ0 its scalar part,
+and δ the half-width of the hysteresis. Then noise that changes μ0/|μ| by less than 2δ cannot cause repeated switching,
+and the angle of the correction is at most 2 arccos(−δ).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 HALF_WIDTH = 0.25
-"""The default δ, with which the sign changes at an error of 2 arccos(−0.25) = 209°.
+"""The default half-width δ, with which the sign changes at an error of 2 arccos(−0.25) = 209°.
 
 Noise that changes μ0/|μ| by less than 0.5 then causes no chattering.
 """
@@ -34,11 +35,11 @@ Noise that changes μ0/|μ| by less than 0.5 then causes no chattering.
 class HystereticLaw(AbstractLaw):
     """A law with a stored sign h of λ: `law` is applied to hλ, and h changes sign if hμ0 < −`half_width`·|μ|.
 
-    `law`: an `AccelerationLaw`, whose error equation is linear between changes of the sign, or a `QuaternionFeedback`,
-    which results in the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0, each update selects the
-    nearer of λ and −λ, and noise can cause chattering. `sampling` [s]: the period, or the instants, of the updates of
-    the sign; the command is continuous between updates. Omit `sampling` if the sensor or the actuator is sampled. The
-    sign is then updated with each new command.
+    μ is the error quaternion, and μ0 its scalar part. `law`: an `AccelerationLaw`, with an error equation that is
+    linear between changes of the sign, or a `QuaternionFeedback`, which results in the law of Mayhew, Sanfelice and
+    Teel. `half_width` δ, 0 ≤ δ < 1: with 0, each update selects the nearer of λ and −λ, and noise can cause chattering.
+    `sampling` [s]: the period, or the instants, of the updates of the sign; the command is continuous between updates.
+    Omit `sampling` if the sensor or the actuator is sampled. The sign is then updated with each new command.
 
     In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. If you call the
     law directly, it uses λ without changing the sign.
@@ -111,7 +112,7 @@ def updated_sign(law: AbstractLaw, sign: Scalar | None, reference: Attitude, qua
 
 
 def with_sign(sign: Scalar | None, quaternion: Quat) -> Quat:
-    """Return hλ, or λ if `sign` is None."""
+    """Return hλ for h = `sign` and λ = `quaternion`; return λ if `sign` is None."""
     return quaternion if sign is None else sign * quaternion
 
 

@@ -1,8 +1,9 @@
-"""Define the feedback laws of paper C, whose error equations are linear and independent of time and program.
+"""Define the feedback laws of paper C; their error equations are linear and independent of time and program.
 
-Under the acceleration law, x = μ − 1 (or μ* − 1, or Δ) satisfies ẍ + K1ẋ + K2x = 0; under the rate law, x satisfies
-ẋ + Kx = 0. Gains are constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The
-scalar part is virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
+μ, μ* and Δ are the body error, the inertial error and the additive error (see `errors`). Let x be μ − 1, μ* − 1 or Δ.
+Under the acceleration law, x satisfies ẍ + K1ẋ + K2x = 0. Under the rate law, x = μ − 1 satisfies ẋ + Kx = 0. Gains
+are constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The scalar part is
+virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
 """
 
 import abc
@@ -62,7 +63,8 @@ class AccelerationLaw(AbstractLaw):
     `k1` [1/s] and `k2` [1/s²]: scalar, (4,) diagonal or (4, 4). `error`: "body" (x = μ − 1; commands in body axes, for
     strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). For the body error and scalar gains, the physical
     command is μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w and the physical rate ω_v of the
-    body. The command has a pole at μ = 0: Ω and ω0 grow as 1/|μ|, so their product grows as 1/|μ|².
+    body. ω⁰ and ε⁰ are the rate and the acceleration of the program in program axes, and ω0 is the virtual rate. The
+    command has a pole at μ = 0: Ω and ω0 grow as 1/|μ|, so their product grows as 1/|μ|².
 
     **Raises:** ValueError for gains that are not finite or of another shape, or for an `error` other than "body",
     "inertial" or "additive".
@@ -108,8 +110,8 @@ class AccelerationLaw(AbstractLaw):
 class RateLaw(AbstractLaw):
     """A law that commands the angular rate [rad/s], with the error equation μ̇ + K(μ − 1) = 0.
 
-    The law is for bodies whose rate can be commanded. The command is ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. `k` [1/s]: scalar,
-    (4,) diagonal or (4, 4).
+    The law is for bodies whose rate can be commanded. The command is ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)] with the rate ω_z⁰
+    of the program in program axes. `k` [1/s]: scalar, (4,) diagonal or (4, 4).
 
     **Raises:** ValueError for a gain that is not finite or of another shape.
     """
@@ -135,7 +137,10 @@ class RateLaw(AbstractLaw):
 
 
 def second_derivative(reference: Attitude) -> Quat:
-    """Return the second time derivative λ̈⁰ = ½λ⁰∘(ε_z⁰ − ½|ω⁰|²) [1/s²] of the quaternion of a program."""
+    """Return the second time derivative λ̈⁰ = ½λ⁰∘(ε_z⁰ − ½|ω⁰|²) [1/s²] of the quaternion of a program.
+
+    ω⁰ and ε_z⁰ are the rate and the acceleration of the program in program axes.
+    """
     scalar = -0.5 * jnp.sum(reference.rate * reference.rate)
     return derivative(reference.quaternion, jnp.concatenate([scalar[None], reference.acceleration]))
 

@@ -1,9 +1,9 @@
 """Choose the free values of the initial state: the sign of λ, its norm |λ| and the virtual rate ω0.
 
-λ and −λ represent the same attitude but have opposite errors μ and −μ, and a law drives the error to 1. For scalar
-gains with critical damping or overdamping, μ(t) is never zero if |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0. With the other
-sign of λ, μ may pass near zero, where the command has a pole. The error has a closed form, so min |μ| can be computed
-in advance.
+λ and −λ represent the same attitude but have opposite errors μ and −μ, and a law drives the error to 1. Let μ0 be the
+scalar part of μ. For scalar gains with critical damping or overdamping, μ(t) is never zero if |μ(0)| = 1, ω0(0) = 0 and
+μ0(0) ≥ 0. With the other sign of λ, μ may pass near zero, where the command has a pole. The body error and the inertial
+error have a closed form that does not depend on the program, so the minimum of |μ| can be computed in advance.
 """
 
 import equinox as eqx

@@ -25,7 +25,7 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, app
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
 _NEAR_CRITICAL = 0.5
-"""Upper limit of |k1²/4 − k2|t², below which the series and their first two derivatives are exact to round-off."""
+"""Value of |k1²/4 − k2|t² below which the power series of `_waves` and two derivatives are exact to round-off."""
 
 
 def error_response(
@@ -105,7 +105,7 @@ def _full(k: Array, size: int) -> np.ndarray:
 
 
 def _decoupled(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """Return the solution x of ẍ + k1ẋ + k2x = 0 and v = ẋ at `t`, for scalar or diagonal gains."""
+    """Return x and v = ẋ at `t` for ẍ + k1ẋ + k2x = 0 with scalar or diagonal gains, from the initial `x` and `v`."""
     k1, k2 = jnp.broadcast_to(k1, (4,)), jnp.broadcast_to(k2, (4,))
     half = 0.5 * k1
     cosine, sine = _waves(half, half * half - k2, t)
@@ -130,7 +130,7 @@ def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
 
 
 def _coupled(k1: Mat4, k2: Mat4, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """Return x and v = ẋ at `t`, by the exponential of the 8 × 8 block matrix."""
+    """Return x and v = ẋ at `t` from the initial `x` and `v`, by the exponential of the 8 × 8 block matrix."""
     zero, identity = jnp.zeros_like(k1), jnp.eye(4, dtype=k1.dtype)
     block = jnp.block([[zero, identity], [-k2, -k1]])
     state = jnp.matmul(expm(block * t), jnp.concatenate([x, v]), precision="highest")

@@ -1,9 +1,10 @@
 """Define a serial arm by its joints, and compute the pose of its gripper and the geometric Jacobian.
 
 Each joint is described by its axis for joint values of zero, in base coordinates (product of exponentials). The pose of
-the gripper is the product of the motions of the joints, first joint first, and the pose for zero joint values.
-With the joint values q, the rates of the gripper are (ω, v) = J(q) q̇, and its accelerations are (ε, a) = J q̈ + J̇ q̇.
-The components are in the axes of the base, which are inertial.
+the gripper is the product of the motions of the joints, in order from the base, and of the pose for zero joint values.
+With the joint values q, the angular and the linear velocity of the gripper are (ω, v) = J(q) q̇. Its angular and its
+linear acceleration are (ε, a) = J q̈ + J̇ q̇. The components are in inertial
+axes, the axes of the base.
 """
 
 from __future__ import annotations
@@ -138,7 +139,7 @@ class Arm(eqx.Module):
         return position, attitude
 
     def jacobian(self, q: Joints) -> Jacobian:
-        """Return the geometric Jacobian J (6, n), inertial axes, with (ω, v) = J q̇; the first three rows are for ω."""
+        """Return the Jacobian J (6, n) with (ω, v) = J q̇, the rate and the velocity of the gripper in inertial axes."""
         return self.kinematics(q)[2]
 
     def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
@@ -146,7 +147,7 @@ class Arm(eqx.Module):
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
-        """Return position and quaternion of the gripper, as `pose` does, and the Jacobian (6, n), in one pass."""
+        """Return the position [m], the unit quaternion and the Jacobian (6, n) of the gripper, computed in one pass."""
         rotated = jnp.zeros((4,), q.dtype).at[0].set(1.0)
         shift, axes, points = jnp.zeros((3,), q.dtype), [], []
         for k, joint in enumerate(self.joints):
@@ -188,7 +189,7 @@ def stanford_arm() -> Arm:
 
 
 def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-    """Return the pose (`position`, `attitude`) after one joint has moved by `value`."""
+    """Return the pose (`position`, `attitude`), base axes, after one joint has moved it by `value` [rad or m]."""
     axis, point = joint.axis.astype(value.dtype), joint.point.astype(value.dtype)
     if joint.kind == PRISMATIC:
         return position + value * axis, attitude

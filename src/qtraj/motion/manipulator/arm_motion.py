@@ -20,12 +20,12 @@ class ArmMotion(AbstractOutcome):
     """The motion of an arm with m joints under a law, at the instants `times` (n,) [s].
 
     `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their time derivatives.
-    `position` (n, 3) [m], `quaternion` (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
-    inertial axes, with the virtual rate ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law.
-    `angle` (n,) [rad]: the attitude error angle, from 0 to π. `distance` (n,) [m]: the distance between the gripper
-    and the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value of the
-    Jacobian (in rad and m); without a path, only the three rows for ω are used. `angular_acceleration_error` (n,)
-    [rad/s²] and `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded
+    `position` (n, 3) [m], `quaternion` λ (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper. Position and
+    rate are in inertial axes; the virtual rate ω0 = d/dt ln|λ|² is first. `error` (n, 4): the error quaternion of the
+    law. `angle` (n,) [rad]: the attitude error angle, from 0 to π. `distance` (n,) [m]: the distance between the
+    gripper and the point of the path at the same instant. `smallest_singular_value` (n,): the smallest singular value
+    of the Jacobian (in rad and m); without a path, only the three rows for ω are used. `angular_acceleration_error`
+    (n,) [rad/s²] and `acceleration_error` (n,) [m/s²]: the magnitudes of the differences between actual and commanded
     acceleration of the gripper; where the damping is not active, they are round-off. Without a path, `distance` and
     `acceleration_error` are None. Values at instants that were not reached are NaN. `code`: a `ResultCode`. `result`: a
     description of the result.

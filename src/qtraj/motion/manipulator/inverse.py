@@ -1,9 +1,10 @@
 """Compute joint accelerations for an acceleration of the gripper, by least squares with damping near singularities.
 
-Let J be the Jacobian, and b the desired acceleration of the gripper minus J̇q̇. The joint accelerations are
-q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b. Without damping (ρ = 0), q̈ is the solution of Jq̈ = b with the smallest norm. If the
-smallest singular value σ of J is below a threshold σ₀, the damping ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini,
-Siciliano and Egeland, 1994). Jq̈ then deviates from b in the nearly singular directions.
+Let J be the Jacobian, q̇ the joint rates, and b the desired acceleration of the gripper minus J̇q̇. The joint
+accelerations are q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b with the identity matrix I. Without damping (ρ = 0), q̈ is the solution of Jq̈ = b
+with the smallest norm. If the smallest singular value σ of J is below a threshold σ₀, q̈ is kept bounded by the damping
+ρ² = (1 − (σ/σ₀)²) ρ₀² (Chiaverini, Siciliano and Egeland, 1994). Jq̈ then deviates from b in the nearly singular
+directions.
 """
 
 import equinox as eqx
@@ -48,7 +49,10 @@ class Damping(eqx.Module):
 
 
 def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
-    """Return the smallest singular value σ of J; σ is 0 if the gripper cannot move in some direction."""
+    """Return the smallest singular value σ of J; σ is 0 if the gripper cannot move in some direction.
+
+    σ is treated as a constant in differentiation.
+    """
     square = jnp.linalg.eigvalsh(stop_gradient(_gram(jacobian)))[0]
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
@@ -56,7 +60,7 @@ def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
 def joint_accelerations(
     jacobian: Float[Array, "m n"], target: Float[Array, " m"], joint_rates: Float[Array, " n"], damping: Damping
 ) -> Float[Array, " n"]:
-    """Return joint accelerations q̈ with Jq̈ = `target` if damping is not active.
+    """Return joint accelerations q̈ with Jq̈ = `target` if damping is not active; J is `jacobian`.
 
     The joint motion that does not move the gripper decays at the rate `damping.idle`.
     """
@@ -65,7 +69,7 @@ def joint_accelerations(
     gram = _gram(jacobian) + damping_sq * jnp.eye(jacobian.shape[0], dtype=jacobian.dtype)
     gripper_rate = _matmul(jacobian, joint_rates)
     idle = damping.idle.astype(target.dtype)
-    # One solve computes the sum of −idle·(q̇ − J⁺Jq̇) and J⁺·target.
+    # With J⁺ = Jᵀ(JJᵀ + ρ²I)⁻¹, one solve computes the sum of −idle·(q̇ − J⁺Jq̇) and J⁺·target.
     return _matmul(jacobian.T, jnp.linalg.solve(gram, target + idle * gripper_rate)) - idle * joint_rates
 
 

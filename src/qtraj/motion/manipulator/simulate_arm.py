@@ -1,10 +1,10 @@
 """Simulate an arm whose gripper follows an attitude program, and optionally a path, under a law.
 
 Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
-determine the attitude and rate of the gripper, the law computes the angular acceleration ε_ξ, and the geometric
-Jacobian converts ε_ξ to joint accelerations q̈. The norm |λ| and its rate ω0 are not measured: they are variables of
-the control computer. Away from singularities, the gripper has the commanded acceleration, so the error of the gripper
-satisfies the same linear equation as the error of a free body.
+determine the attitude and the rate of the gripper. The law computes its angular acceleration ε_ξ in inertial axes, and
+the geometric Jacobian converts ε_ξ to joint accelerations q̈. The norm |λ| and the virtual rate ω0 = d/dt ln|λ|² are not
+measured: they are variables of the control computer. Away from singularities, the gripper has the commanded
+acceleration, so the error of the gripper satisfies the same linear equation as the error of a free body.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _Task(eqx.Module):
     sign: Scalar
 
     def split(self, state: State) -> tuple[Array, Array, Scalar, Scalar]:
-        """Return q, q̇, ln|λ| and ω0 of a state vector."""
+        """Return the joint values q, the joint rates q̇, ln|λ| and ω0 of a state vector."""
         n = len(self.arm.joints)
         return state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1]
 
@@ -67,7 +67,10 @@ class _Task(eqx.Module):
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def command(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array]:
-        """Return ε0 (virtual) and the commanded acceleration of the gripper: ε_ξ (3,), or (ε_ξ, a) (6,) with a path."""
+        """Return the virtual command ε0, and the commanded acceleration of the gripper in inertial axes.
+
+        The acceleration is ε_ξ (3,) [rad/s²]. With a path, it is (ε_ξ, a) (6,) with the linear acceleration a [m/s²].
+        """
         reference, quaternion = self.reference(t, state), gripper.quaternion
         command = to_inertial(quaternion, self.law(reference, quaternion, gripper.rate))
         if self.path is None:
@@ -86,7 +89,10 @@ class _Task(eqx.Module):
 
 
 class _Gripper(NamedTuple):
-    """The motion of the gripper: position, velocity, λ, ω_x (4,), the Jacobian J (6, n) and the bias J̇q̇ (6,)."""
+    """The motion of the gripper: position, velocity, λ, the rate ω_x (4,), the Jacobian J (6, n) and the bias J̇q̇ (6,).
+
+    The rate is in body axes; position, velocity, Jacobian and bias are in inertial axes.
+    """
 
     position: Vec3
     velocity: Vec3
@@ -119,11 +125,11 @@ def simulate_arm(
 
     Joint values are angles [rad] or lengths [m]. `times` (n,) [s] are measured from the start of the program; `joints`
     and `joint_rates` are the state at times[0]. `path`: the path of the gripper's position, or None to control only the
-    attitude. `gains`: k1 [1/s] and k2 [1/s²] of the position feedback, with which the position error e satisfies ë +
-    k1ė + k2e = 0. `damping`: the `Damping` near singularities, `Damping()` for None. Of λ and −λ, the simulation starts
-    with the quaternion that is nearer to the program. `jumps` [s]: as in `integrate`; with None, the `switches` of the
-    program and the knots of a route are used. `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in
-    `integrate`.
+    attitude. `gains`: k1 [1/s] and k2 [1/s²] of the position feedback, with which the position error e (gripper minus
+    path) satisfies ë + k1ė + k2e = 0. `damping`: the `Damping` near singularities, `Damping()` for None. Of λ and −λ,
+    the simulation starts with the quaternion that is nearer to the program. `jumps` [s]: as in `integrate`; with None,
+    the `switches` of the program and the knots of a route are used. `rtol`, `atol`, `solver`, `adjoint`, `max_steps`
+    and `throw` are as in `integrate`.
 
     **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has a discrete state, an
     arm with fewer than three joints (six with a path), or times that do not increase. RuntimeError if `throw` is true

@@ -1,9 +1,10 @@
 """Control position and attitude: the law of paper C for the attitude, and linear feedback for the position.
 
-The attitude error satisfies μ̈ + K1μ̇ + K2(μ − 1) = 0. The position error e = r − r⁰, inertial axes, satisfies
-ë + k1ė + k2e = 0 with the commanded acceleration a = r̈⁰ − k1ė − k2e. Both equations are exact and independent of the
-program and of each other. The pose error M therefore has a closed form. With the poses Λ of the body and Λ⁰ of the
-program, M is the dual quaternion Λ̄⁰∘Λ = μ + s ½ ρ∘μ, where s is the dual unit and ρ = λ̄⁰∘e∘λ⁰.
+The attitude error satisfies μ̈ + K1μ̇ + K2(μ − 1) = 0. With the positions r of the body and r⁰ of the program, inertial
+axes, the position error is e = r − r⁰. It satisfies ë + k1ė + k2e = 0, because the commanded acceleration is a = r̈⁰ −
+k1ė − k2e. Both equations are exact and independent of the program and of each other. The pose error M therefore has a
+closed form. With the poses Λ of the body and Λ⁰ of the program, M is the dual quaternion Λ̄⁰∘Λ = μ + s ½ ρ∘μ, where s is
+the dual unit and ρ = λ̄⁰∘e∘λ⁰.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_qua
 from qtraj.path.hodograph import AbstractHodograph
 
 Position = TypeAliasType("Position", Float[Array, "3 3"])
-"""An array whose rows are position, velocity and acceleration, in inertial axes."""
+"""An array with the rows position [m], velocity [m/s] and acceleration [m/s²], in inertial axes."""
 
 
 @storable

@@ -28,7 +28,8 @@ from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merg
 class _Task(eqx.Module):
     """The arguments of a simulation.
 
-    `push` [m/s²] and `twist` [rad/s²] are the disturbances of the linear and of the angular acceleration.
+    `push` [m/s²], inertial axes, is the disturbance of the linear acceleration. `twist` [rad/s²], body axes, is the
+    disturbance of the angular acceleration.
     """
 
     program: PoseProgram
@@ -135,5 +136,5 @@ def _simulate(
 
 
 def _split(state: State) -> tuple[Quat, Quat, Vec3, Vec3]:
-    """Return λ, ω, r and v of a state vector."""
+    """Return λ, ω in body axes, and r and v in inertial axes, of a state vector."""
     return state[:4], state[4:8], state[8:11], state[11:]

@@ -28,8 +28,8 @@ JERKS = (1, 0, -1, 0, -1, 0, 1)
 class SCurve(AbstractProfile):
     """The S-curve profile, with seven segments of constant jerk and a trapezoidal or triangular acceleration.
 
-    `max_rate` [rad/s], or None for no limit; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. If a fixed `duration`
-    [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
+    The limits are `max_rate` [rad/s], None for no limit, `max_acceleration` [rad/s²] and `max_jerk` [rad/s³]. If a
+    fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
 
     **Raises:** ValueError for values that are not positive. `profile` raises a ValueError if the duration is too short.
     """
@@ -82,14 +82,17 @@ def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """Return the peak rate v [rad/s] of a slew without a coast, the solution of v·Ta(v) = Φ (see `_ramp`)."""
+    """Return the peak rate v [rad/s] of a slew of Φ = `angle` without a coast: v·Ta(v) = Φ with Ta of `_ramp`."""
     long = angle >= 2 * a * (a / j) ** 2
     flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
     return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
 
 
 def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the time Tj [s] of increasing acceleration, and the total time Ta [s] from rest to `rate`."""
+    """Return the time Tj [s] of increasing acceleration, and the total time Ta [s] from rest to `rate`.
+
+    `a` [rad/s²] and `j` [rad/s³] are the limits on acceleration and jerk.
+    """
     pointed = rate < a * (a / j)
     corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
     return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
@@ -98,8 +101,9 @@ def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
 def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
     """Return the coasting rate v [rad/s] of a slew of Φ in the time T, the smaller solution of Φ/v + Ta(v) = T.
 
-    If the acceleration limit is reached, v solves a quadratic equation. Otherwise, with the jerk J, x = √v solves
-    2x³/√J − Tx² + Φ = 0, with the root (T√J/6)(1 − cos δ + √3 sin δ), sin(3δ/2) = √(27Φ/(JT³)) (Viète).
+    Ta is the second result of `_ramp`. If the acceleration limit is reached, v solves a quadratic equation. Otherwise,
+    with the jerk limit J, x = √v solves 2x³/√J − Tx² + Φ = 0, with the root (T√J/6)(1 − cos δ + √3 sin δ) and
+    sin(3δ/2) = √(27Φ/(JT³)) (Viète).
     """
     pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
     left = jnp.where(pointed, duration, duration - a / j)

@@ -1,4 +1,4 @@
-"""Create a motion profile by its name, from limits or a duration."""
+"""Create a motion profile from its name, from limits or a duration."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -32,14 +32,14 @@ def slew_profile(
     start_rate: ArrayInput | None = None,
     end_rate: ArrayInput | None = None,
 ) -> AbstractProfile:
-    """Return the motion profile with a name, as in `slew_profile("quintic", max_rate=0.1, max_jerk=0.02)`.
+    """Create a motion profile from its name, as in `slew_profile("quintic", max_rate=0.1, max_jerk=0.02)`.
 
     The `kind` is "time_optimal", "s_curve", "cubic", "quintic" or "septic", for the classes `TimeOptimal`, `SCurve`,
     `Cubic`, `Quintic` and `Septic`. `max_rate` [rad/s], `max_acceleration` [rad/s²] and `max_jerk` [rad/s³] are limits;
     without a `duration` [s], a slew takes the minimum time within the limits. A time-optimal profile needs
     `max_acceleration` and can have a `start_rate` and an `end_rate` [rad/s]; the other profiles start and end at rest.
     An S-curve needs `max_acceleration` and `max_jerk`. A polynomial needs a limit or a duration. The jerk can only be
-    limited if the acceleration is continuous: "s_curve", "quintic" and "septic".
+    limited if the acceleration is continuous, as for "s_curve", "quintic" and "septic".
 
     **Raises:** ValueError for an unknown kind, a missing limit, a limit or an end rate that the profile cannot have,
     and invalid values.

@@ -25,12 +25,12 @@ from qtraj.motion.profiles.profile import (
 class TimeOptimal(AbstractProfile):
     """The time-optimal profile of full acceleration, a coast if `max_rate` is reached, and full deceleration.
 
-    `max_rate` [rad/s], or None for no limit; `max_acceleration` [rad/s²]. `start_rate` and `end_rate` [rad/s], along
-    the axis of the slew, are zero for None. If a fixed `duration` [s] exceeds the minimum, the slew coasts at another
-    rate; the acceleration keeps its limit value. The profile is optimal among slews about a fixed axis, and among all
-    slews of a spherical body with a limit on |ε|. If the acceleration about each body axis has its own limit, slews
-    about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis, unit inertia and torques, in
-    3.24308 s instead of 3.54491 s).
+    `max_rate` [rad/s]: the limit on the rate, None for no limit. `max_acceleration` [rad/s²]: the limit on the
+    acceleration. `start_rate` and `end_rate` [rad/s], about the axis of the slew, are zero for None. If a fixed
+    `duration` [s] exceeds the minimum, the slew coasts at another rate; the acceleration keeps its limit value. The
+    profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. If
+    the acceleration about each body axis has its own limit, slews about a moving axis can be faster (Bilimoria and Wie
+    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s).
 
     **Raises:** ValueError if a limit or the duration is not positive, or if the magnitude of a start or end rate
     exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or not possible with these rates.
@@ -161,7 +161,8 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
 def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: bool) -> Profile:
     """Return the profile of three segments with the rates v0 → v, v and v → v1.
 
-    The coefficients are divided by the angle if the slew is at rest at both ends (`resting`).
+    v0 and v1 are the end rates, and v is the coasting rate. The coefficients are divided by the angle if the slew is at
+    rest at both ends (`resting`).
     """
     v0, v, v1 = task.start, coast.rate, task.end
     first, last = jnp.abs(v - v0) / task.acceleration, jnp.abs(v1 - v) / task.acceleration

@@ -27,9 +27,10 @@ ROUNDING = 16
 
 @storable
 class FrameProgram(AbstractProgram):
-    """A frame of a path as a program: λ⁰ from frame to world, and ω⁰ and ε⁰ in the axes of the frame, in closed form.
+    """A frame of a path as a program: λ⁰ from frame to world axes, and ω⁰ and ε⁰ in the axes of the frame.
 
-    The default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
+    The program has a closed form, except for the quaternion of a rotation-minimizing frame, which is integrated. The
+    default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
 
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, even if the program is evaluated at a single
     instant. The `anchors` (n, 4) determine the sign of the quaternion, and also the attitude of a rotation-minimizing

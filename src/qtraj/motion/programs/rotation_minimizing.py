@@ -1,10 +1,11 @@
 """Compute the rotation-minimizing frame, whose angular rate about the tangent is zero.
 
-The angular rate of the frame is ω_ξ = c/v² with c = r' × r'' and v = |r'|. A node is an instant at which the attitude
-of the frame is stored. Near a node, let ω be the rate of the upright frame whose up direction is the binormal at the
-node. The rotation-minimizing frame is this upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. It is
-therefore regular wherever the speed is not zero, even on straight segments, and r'''' is not needed. The attitudes at
-the nodes are computed once, by quaternion products from one node to the next.
+Let r(t) be the position; primes are time derivatives. The angular rate of the frame, in world axes, is c/v² with
+c = r' × r'' and v = |r'|. A node is an instant at which the attitude of the frame is stored. The binormal at a node is
+the up direction of an upright frame. Let ω be the rate of this upright frame. Near the node, the rotation-minimizing
+frame is the upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. The frame is therefore regular
+wherever the speed is not zero, even on straight segments, and r'''' is not needed. The attitudes at the nodes are
+computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx
@@ -33,7 +34,7 @@ GAUSS = 6
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
 
 Samples = Float[Array, "_ 4 3"]
-"""r and its first three derivatives (4, 3) at both ends of an interval and at the quadrature points between them."""
+"""The position and its first three time derivatives (4, 3) at both ends of an interval and at its quadrature points."""
 
 TILT = 0.01
 """Largest angle [rad] between the forward axis of an initial attitude and the direction of the path."""
@@ -163,12 +164,12 @@ def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None)
 
 
 def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
-    """Return a body axis of an initial attitude, or the initial vector itself."""
+    """Return body axis number `axis` of an initial attitude, in world axes, or the initial vector itself."""
     return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
 
 
 def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
-    """Return the rotation of the frame from time `a` to time `b`, in world axes.
+    """Return the rotation (4,) of the frame from time `a` to time `b` [s], in world axes.
 
     The rotation is the same for every rotation-minimizing frame of the path.
     """
@@ -189,7 +190,10 @@ def _sample(path: AbstractHodograph, a: Scalar, b: Scalar) -> Samples:
 
 
 def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
-    """Return the direction cosines, at the end of the interval, of the frame whose binormal at the start is `up`."""
+    """Return the direction cosines, world to body, of the frame at the end of an interval of `span` [s].
+
+    At the start of the interval, the binormal of the frame is `up`.
+    """
     roll_rates = jax.vmap(lambda r: _roll_rate(up, r[1], r[2]))(samples[1:-1])
     angle = -span * (jnp.asarray(_WEIGHTS / 2, span.dtype) @ roll_rates)
     tangent = _tangent(samples[-1, 1])
@@ -198,7 +202,10 @@ def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
 
 
 def _roll_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Scalar:
-    """Return ω·τ [rad/s] of the upright frame with the up direction u: (u × r'')·(r' × (u × r'))/(|r'| |u × r'|²)."""
+    """Return ω·τ [rad/s] of the upright frame with the up direction u: (u × r'')·(r' × (u × r'))/(|r'| |u × r'|²).
+
+    r' = `r1` and r'' = `r2` are the velocity and the acceleration. The result is 0 if r' is zero or parallel to u.
+    """
     level = jnp.cross(up, r1)
     size = norm(r1) * (level @ level)
     exists = size > 0

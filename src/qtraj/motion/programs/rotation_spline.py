@@ -5,9 +5,9 @@ with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-E is the identity matrix. The rates at the inner attitudes follow from the continuity of the acceleration. They are
-computed by Newton's method with a block tridiagonal matrix. The rates at both ends are the mean rates of the first and
-the last interval. The spline is the same as SciPy's RotationSpline.
+E is the identity matrix, and [θ×] the matrix of the cross product with θ. The rates at the inner attitudes follow from
+the continuity of the acceleration. They are computed by Newton's method with a block tridiagonal matrix. The rates at
+both ends are the mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline.
 """
 
 import math
@@ -89,9 +89,10 @@ def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
 class _Condition(eqx.Module):
     """The jump of the acceleration ε at an inner attitude, the value before the attitude minus the value after.
 
-    With the rate b at the attitude, and the rates a and c at the previous and the next attitude, the jump is
-    (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²) with e = M₀⁻¹ b, where Θ₀, Θ₁
-    are the rotation vectors, and h₀, h₁ [s] the lengths, of the intervals before and after the attitude.
+    The intervals before and after the attitude have the rotation vectors Θ₀ and Θ₁ and the lengths h₀ and h₁ [s]. Let b
+    be the rate at the attitude, a and c the rates at the previous and the next attitude, M₀ = M(Θ₀), M₁ = M(Θ₁) and
+    e = M₀⁻¹ b. The jump is
+    (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²).
     """
 
     before: Mat3
@@ -115,7 +116,7 @@ class _Condition(eqx.Module):
         return self.before @ a + self.at * b + self.after @ c + self.nonlinear(b) + self.constant
 
     def nonlinear(self, b: Vec3) -> Vec3:
-        """Return the term of the jump that is not linear in the rates, (∂M/∂θ·e) e."""
+        """Return the term of the jump that is not linear in the rates, (∂M₀/∂θ·e) e."""
         e = slope(self.rotation, b)
         return jax.jvp(lambda theta: rate(theta, e), (self.rotation,), (e,))[1]
 
@@ -128,7 +129,7 @@ def _jumps(conditions: _Condition, rates: Vectors) -> Vectors:
 
 
 def _solve_rates(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
-    """Compute the inner rates by Newton's method, and return them with the diagonal blocks of the last matrix."""
+    """Compute the inner rates by Newton's method, and return them with the diagonal blocks of the last Jacobian."""
 
     def improve(state: _State) -> _State:
         rates, _, _, count = state

@@ -65,7 +65,7 @@ def end_texts(verdict: SlewVerdict) -> list[str]:
 
 
 def end_rates_text(law: AbstractProfile) -> str:
-    """Describe the discontinuity of a program whose slew has rates at its ends; empty if the slew is at rest there."""
+    """Describe the discontinuity of the rate of a slew with end rates; return an empty text for zero end rates."""
     rates = {"starts": getattr(law, "start_rate", None), "ends": getattr(law, "end_rate", None)}
     moving = [f"{verb} at {degrees(float(rate))}°/s" for verb, rate in rates.items() if rate]
     if not moving:

@@ -176,10 +176,11 @@ def _ratio(peak: TorquePeak, bound: np.ndarray) -> float:
 def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, bound: np.ndarray) -> TimeOptimal:
     """Return the trapezoidal profile of minimum duration Φ/V + V/A(V).
 
-    Φ is the angle, V the coasting rate and A(V) the largest acceleration within the torque limit. The rate reaches V at
-    the end of the acceleration and at the start of the deceleration, so the largest torque about axis k is
-    A|p_k| + V²|q_k|, and the largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not
-    increase, so the duration is convex in V.
+    Φ is the angle, V the coasting rate and A(V) the largest acceleration within the acceleration limit and the torque
+    limit. p_k and q_k are the components of the vectors p and q with M = Φ̈p + Φ̇²q. The rate reaches V at the end of the
+    acceleration and at the start of the deceleration, so the largest torque about axis k is A|p_k| + V²|q_k|, and the
+    largest magnitude of the torque is √(A²|p|² + V⁴|q|²). A(V) is concave and does not increase, so the duration is
+    convex in V.
     """
     max_acceleration = float(law.max_acceleration)
 

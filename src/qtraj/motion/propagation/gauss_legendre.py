@@ -1,11 +1,12 @@
 """Integrate 2λ̇ = λ∘ω(t) by Gauss–Legendre collocation of order 2s with s stages; |λ| is constant to round-off.
 
-The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. They are solved by fixed-point sweeps; a dense solver
-is 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution multiplied by a constant quaternion is again
-a solution, so the sweeps impose Y = 1 in the middle of the step instead of at its beginning. Each integral then spans
-at most half the step, so the error after k sweeps is smaller by a factor of 2^k, which saves up to a fifth of the
-sweeps. The derivative of the solution is computed by separate sweeps; the sweeps themselves are not differentiated. The
-nodes, the weights and the coefficients a_ij are computed with 50 digits and then rounded.
+For a step h and the rates ω_j at the nodes, the stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. They are
+solved by fixed-point sweeps; a dense solver is 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU). A constant
+quaternion times a solution (multiplication from the left) is again a solution. Therefore the sweeps impose Y = 1 in the
+middle of the step instead of at its beginning. Each integral then spans at most half the step, so the error after k
+sweeps is smaller by a factor of 2^k, which saves up to a fifth of the sweeps. The derivative of the solution is
+computed by separate sweeps; the sweeps themselves are not differentiated. The nodes, the weights and the coefficients
+a_ij are computed with 50 digits and then rounded.
 """
 
 import decimal
@@ -86,9 +87,9 @@ class Tableau(NamedTuple):
 def tableau(stages: int) -> Tableau:
     """Return the Gauss–Legendre scheme with coefficients that are correctly rounded.
 
-    With x = 2c − 1, the coefficients are a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integrals
-    of the Lagrange polynomials. They are computed from the Legendre series of these polynomials, which avoids
-    cancellation.
+    With x = 2c − 1 and the Legendre polynomials P_k, the coefficients are
+    a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integrals of the Lagrange polynomials. They are
+    computed from the Legendre series of the Lagrange polynomials, which avoids cancellation.
     """
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
         x = [_root(stages, i) for i in range(stages)]
@@ -106,8 +107,8 @@ def tableau(stages: int) -> Tableau:
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature of order 2·count − 2.
 
-    The nodes are both ends and the extrema of P_{count−1}; the weights are 1/(count (count − 1) P²), where P is the
-    value of P_{count−1} at the node.
+    The nodes are both ends and the extrema of the Legendre polynomial P_{count−1}. The weights are
+    1/(count (count − 1) P²), where P is the value of P_{count−1} at the node.
     """
     degree = count - 1
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
@@ -173,7 +174,7 @@ def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> F
 @_stages.defjvp
 def _(sweeps, primals, tangents):
     a, half = primals
-    stages = _stages(sweeps, a, half)  # dY = (dY∘ω + Y∘dω) aᵀ has the same form as the equation for Y
+    stages = _stages(sweeps, a, half)  # with w = `half`, dY = (dY∘w + Y∘dw) aᵀ has the same form as the equation for Y
     right = exact_product(_times_pure(stages, tangents[1]), a.T)
     return stages, _sweep(sweeps, a, half, right)
 

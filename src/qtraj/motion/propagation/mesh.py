@@ -155,7 +155,7 @@ def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array,
 
 
 def _round_off(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Estimate the round-off of each step [rad] from its arithmetic and from the rounding of its times."""
+    """Estimate the round-off [rad] of each step, caused by the arithmetic and by the rounding of the times."""
     angle = h * jnp.max(jnp.abs(rates), axis=(1, 2))
     change = jnp.max(jnp.max(rates, axis=1) - jnp.min(rates, axis=1), axis=1)
     return float(jnp.finfo(h.dtype).eps) * (angle + jnp.abs(start) * change / ROUND_OFF)
@@ -168,7 +168,7 @@ def padded(errors: Errors, slots: int) -> Errors:
 
 
 def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[Mesh, Int[Array, ""]]:
-    """Split every step whose error exceeds both its `floor` and the tolerance divided by the number of steps.
+    """Split every step with an error above its `floor` and above the tolerance divided by the number of steps.
 
     Return the mesh and the required number of steps. If the mesh has fewer slots than this number, it is returned
     unchanged.

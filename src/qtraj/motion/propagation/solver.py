@@ -67,8 +67,8 @@ class AttitudeTerm(diffrax.AbstractTerm):
 class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
     """The Magnus expansion of order 6 as a diffrax solver for an `AttitudeTerm`; |λ| is constant to round-off.
 
-    Each step evaluates the rate four times. The error estimate has order 4; it uses an embedded expansion for the
-    rotation of the axis and Simpson's rule for the integral of the rate. Dense output has order 5.
+    Each step evaluates the rate four times. The error estimate has order 4. It uses the embedded expansion of order 4
+    for the commutator terms, and Simpson's rule for the integral of the rate. Dense output has order 5.
     `diffrax.BacksolveAdjoint` is not supported.
     """
 
@@ -115,7 +115,7 @@ class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
     """The interpolation of λ within a step, by the Magnus expansion from the start of the step to the instant.
 
     The rate is interpolated by the quartic through the five rates of the step. `rates` (5, 4) refer to the body form
-    (see `_body_form`); `h` is negative if time decreases.
+    (see `_body_form`). `h` [s] is negative if time decreases. `side` is 1 for body axes and −1 for inertial axes.
     """
 
     t0: Any

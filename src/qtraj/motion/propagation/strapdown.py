@@ -155,7 +155,7 @@ def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments
 
 
 def _windows(count: int, size: int) -> np.ndarray:
-    """Return the indices of the `size` samples nearest to each interval, or of all samples if there are fewer."""
+    """Return the indices (m, size) of the `size` samples nearest to each interval, or of all samples if fewer exist."""
     size = min(size, count)
     first = np.clip(np.arange(count - 1) - (size - 2) // 2, 0, count - size)
     return first[:, None] + np.arange(size)

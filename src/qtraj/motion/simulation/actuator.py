@@ -18,7 +18,7 @@ Sampling = Float[Array, ""] | Float[Array, " m"]
 class Actuator(eqx.Module):
     """An actuator, which can limit the physical part of a command and hold the command between samples.
 
-    The virtual part of a command is not limited. `limit` [rad/s², or rad/s for a rate law], or None for no limit. With
+    The virtual part of a command is not limited. `limit` [rad/s²; rad/s for a rate law]: None for no limit. With
     `saturation="norm"`, a scalar limits the magnitude of the vector without changing its direction. With `"axis"`, each
     component is clipped to the limit, a scalar or (3,) with one limit for each axis. `sampling` [s]: a period, counted
     from the first instant of the simulation, or the instants (m,) of new commands; the whole command is held between

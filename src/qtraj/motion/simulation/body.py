@@ -2,11 +2,11 @@
 
 Body:    J ω̇ + ω×(Jω + Ah) = −Au + M,    wheels:    ḣ = u
 
-J is the inertia of the body, including the transverse inertia of the wheels. The columns of A (3, n) are the unit spin
-axes, h (n,) are the axial momenta of the wheels, u (n,) are the motor torques, and M is an external torque. Without
-wheels, −Au is the torque of thrusters. For the acceleration ε of the law, the control computer commands the torque
-M_c = J_a ε + ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes M_c to the wheels with the pseudo-inverse of
-A, so that −Au = M_c.
+All vectors are in body axes; ω is the rate of the body. J is the inertia of the body, including the transverse inertia
+of the wheels. The columns of A (3, n) are the unit spin axes, h (n,) are the axial momenta of the wheels, u (n,) are
+the motor torques, and M is an external torque. Without wheels, −Au is the torque of thrusters. For the acceleration ε
+of the law, the control computer commands the torque M_c = J_a ε + ω×(J_a ω + Ah) with its assumed inertia J_a, and
+distributes M_c to the wheels with the pseudo-inverse of A, so that −Au = M_c.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ class RigidBody(eqx.Module):
         return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
     def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
-        """Return ε (3,) [rad/s²] in body axes by Euler's equations, under the `commanded` torques."""
+        """Return the acceleration (3,) [rad/s²], body axes, by Euler's equations under the `commanded` torques."""
         inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
             torque = torque + at_instant(self.torque, t).astype(rate.dtype)

@@ -25,8 +25,8 @@ class BodyMotion(AbstractResult):
     - `momentum` (n, m) [N m s]: the momenta of the wheels; None without wheels.
     - `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at the true state, body
       axes. The mismatch is caused by errors of the inertia and the sensors, disturbances, limits and sampling.
-    - `residual` (n, 4) [1/s²]: ẍ + K1ẋ + K2x, the residual of the error equation of an `AccelerationLaw`; None for
-      other laws.
+    - `residual` (n, 4) [1/s²]: ẍ + K1ẋ + K2x, the residual of the error equation of an `AccelerationLaw` with the error
+      x; None for other laws.
     - `deviation` (n, 4): the error quaternion minus its closed form for the same initial state; None for other laws and
       for hysteretic laws.
     """
@@ -89,9 +89,9 @@ class BodyMotion(AbstractResult):
 
 
 def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
-    """Return the residual ẍ + K1ẋ + K2x [1/s²] if ε differs from the command by `mismatch` (4,) [rad/s²].
+    """Return the residual ẍ + K1ẋ + K2x [1/s²] if the acceleration is the command plus `mismatch` (4,) [rad/s²].
 
-    The second derivative λ̈ then differs by ½λ∘mismatch.
+    The mismatch changes the second derivative λ̈ by ½λ∘mismatch.
     """
     second_derivative = 0.5 * product(quaternion, mismatch)
     if law.error == "body":

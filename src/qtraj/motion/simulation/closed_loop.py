@@ -29,7 +29,7 @@ def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) ->
     loop = plant.loop
 
     def measured(t: Scalar, state: State) -> tuple[Quat, Quat]:
-        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate of the body, so any value will do
+        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate, so its value has no effect
         if loop.sensor is None:
             return exact
         return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, loop.sensor.start(*exact))[:2]

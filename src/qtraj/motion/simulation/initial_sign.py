@@ -19,7 +19,7 @@ def require_sign(sign: str) -> None:
 
 
 def start_quaternion(sign: str, reference: Attitude, quaternion: Quat) -> Quat:
-    """Return λ with the requested sign, which is "nearer" (μ0 ≥ 0) or "as given"."""
+    """Return λ = `quaternion`, or −λ if `sign` is "nearer" and the error quaternion has a negative scalar part."""
     if sign == AS_GIVEN:
         return quaternion
     far = stop_gradient(jnp.sum(reference.quaternion.astype(quaternion.dtype) * quaternion)) < 0

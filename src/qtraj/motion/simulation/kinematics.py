@@ -1,8 +1,9 @@
 """Integrate the motion of a body from its angular acceleration (paper C, section 1), without normalisation of λ.
 
-The equations in body axes (1.2) are ω̇_x = ε_x, 2λ̇ = λ∘ω_x; in inertial axes (1.4), ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. λ, ω and
-ε have four components, so the state is in R⁸. The norm satisfies |λ(t)|² = |λ(t0)|² exp(∫ω0 dt) (the sign of ω0 in the
-paper is an erratum). So |λ| is a state variable, and a value other than 1 is not an error.
+Let λ be the quaternion, ω the rate and ε the acceleration. The equations in body axes (1.2) are ω̇_x = ε_x, 2λ̇ = λ∘ω_x;
+in inertial axes (1.4), ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. λ, ω and ε have four components, so the state is in R⁸. The norm
+satisfies |λ(t)|² = |λ(t0)|² exp(∫ω0 dt) (the sign of ω0 in the paper is an erratum). So |λ| is a state variable, and a
+value other than 1 is not an error.
 """
 
 from __future__ import annotations  # so that `help` shows short names

@@ -20,7 +20,7 @@ from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
 
 ROUNDING = 1e-9
-"""Fraction of a period, in addition to round-off, by which the last sample may be later than the last instant."""
+"""Fraction of a period by which the last sample may be later than the last instant, in addition to round-off."""
 
 MAX_RENEWALS = 1_000_000
 """Maximum number of commands; a simulation with more commands would take many minutes."""
@@ -74,11 +74,11 @@ class Loop(eqx.Module):
         return isinstance(self.law, RateLaw)
 
     def reference(self, t: Scalar, dtype: DTypeLike) -> Attitude:
-        """Return the program's attitude, in the dtype of the state."""
+        """Return the program's attitude at `t` [s] with the dtype of the state."""
         return jax.tree.map(lambda x: x.astype(dtype), self.program(t))
 
     def command(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
-        """Return the limited command for a measured state."""
+        """Return the command (4,), body axes, for a measured state at `t` [s], limited by the actuator."""
         return self.actuator(self.law(self.reference(t, quaternion.dtype), quaternion, rate))
 
 

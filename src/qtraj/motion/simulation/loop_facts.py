@@ -45,7 +45,7 @@ def stability_text(verdict: LoopVerdict) -> str | None:
 
 
 def deviation_text(verdict: LoopVerdict) -> str | None:
-    """Describe a deviation from the closed form that is larger than the tolerances explain; otherwise return None."""
+    """Describe a deviation from the closed form that exceeds the `bound` of the verdict; otherwise return None."""
     if verdict.agrees is not False:
         return None
     return (
@@ -79,7 +79,7 @@ def loop_fact_rows(
 ) -> list[tuple[str, str]]:
     """Return the facts about the motion as pairs of a name and a text; a dash replaces values that are not defined.
 
-    `actuator` is the actuator of the simulation, whose limit is compared with the command. `open_loop_angle` [rad] is
+    `actuator` is the actuator of the simulation; its limit is compared with the command. `open_loop_angle` [rad] is
     the final angle without feedback, or None if it was not simulated.
     """
     actuator = Actuator() if actuator is None else actuator

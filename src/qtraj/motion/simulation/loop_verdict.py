@@ -28,7 +28,7 @@ SETTLED = math.radians(1.0)
 LIMITED = 1e-9
 """A command counts as limited if it is below the limit by at most this fraction of the limit."""
 STEPS = 100
-"""Largest expected accumulated error, as a multiple of the tolerances of one step."""
+"""Largest expected accumulated error, as a multiple of the sum of the tolerances `rtol` and `atol` of a step."""
 MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
 """Range of the bound on the relative deviation from the closed form."""
 

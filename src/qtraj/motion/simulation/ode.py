@@ -8,8 +8,8 @@ that calls diffrax.
 Dopri8 is the default solver. For the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
 Dopri8 needs 62 steps with an error of 5e-14, Dopri5 needs 283 steps with 6e-12, and Tsit5 needs 273 steps with 5e-12.
 Dense output, instead of steps that end at the instants, would save a third of the steps of Dopri8, but the error would
-be 7e-10. A scan over intervals is also more robust than a single solve whose steps are clipped to the instants: there,
-a step could end just before an instant, and the next step would be as small as round-off.
+be 7e-10. A scan over intervals is also more robust than a single solve with steps that are clipped to the instants. In
+a single solve, a step could end just before an instant, and the next step would be as small as round-off.
 """
 
 import functools
@@ -139,7 +139,11 @@ def _march(inputs: Any, *, method: Method) -> Any:
 
 
 class _IntervalField(eqx.Module):
-    """The field dy/du = h f(t_a + uh, y), 0 ≤ u ≤ 1, of one interval with the start t_a [s] and the length h [s]."""
+    """The field dy/du = h f(t_a + uh, y), 0 ≤ u ≤ 1, of one interval with the start t_a [s] and the length h [s].
+
+    t_a is `start` + `before`, and h is `interval`. `memory` is the discrete state, which is not part of y. The field f
+    is evaluated at least `nudge` [s] from both ends of the interval.
+    """
 
     field: Field
     memory: Memory

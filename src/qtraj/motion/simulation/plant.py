@@ -83,7 +83,7 @@ class Plant(eqx.Module):
         return States(quaternions, rates, states[:, RIGID:] * self.momentum_scale, held)
 
     def acceleration(self, t: Scalar, rate: Quat, momentum: Float[Array, " m"], held: Held) -> Quat:
-        """Return ε (4,) [rad/s²] of the body under the current command, without a disturbance."""
+        """Return the acceleration (4,) [rad/s²], body axes, under the current command without a disturbance."""
         if self.loop.body is None:
             return held.command
         physical = self.loop.body.acceleration(t, rate[1:], momentum, held.torques)
@@ -103,7 +103,7 @@ class Plant(eqx.Module):
         return jnp.concatenate([slope, self.loop.body.momentum_rate(held.torques, momentum) / self.momentum_scale])
 
     def disturbed(self, t: Scalar, epsilon: Quat) -> Quat:
-        """Return the sum of `epsilon` (4,) and the disturbance [rad/s²]."""
+        """Return the sum of the acceleration `epsilon` (4,) and the disturbance [rad/s²], body axes."""
         if self.loop.disturbance is None:
             return epsilon
         return epsilon + pure(self.loop.disturbance.acceleration(t).astype(epsilon.dtype))

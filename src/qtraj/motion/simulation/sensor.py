@@ -46,11 +46,12 @@ class AbstractSensor(eqx.Module):
 class Sensor(AbstractSensor):
     """A sensor of attitude and rate, each with a constant bias and white noise.
 
-    `rate_bias` (3,) and `rate_noise` (standard deviation of each sample) [rad/s]; `attitude_bias` (3,) and
-    `attitude_noise` [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling`
-    [s]: a period or instants (see `Actuator`); each sample updates the command, which is held between the samples. With
-    None, the sensor is continuous and cannot have noise, because continuous white noise does not have a finite
-    variance.
+    `rate_bias` (3,) [rad/s], body axes. `rate_noise` [rad/s]: the standard deviation of the noise of each component.
+    `attitude_bias` (3,) [rad]: the rotation vector from the true to the measured attitude, body axes. `attitude_noise`
+    [rad]: the standard deviation of the noise added to each component of this vector. `key`: a key of `jax.random`,
+    needed for noise. `sampling` [s]: a period or instants (see `Actuator`); each sample updates the command, which is
+    held between the samples. With None, the sensor is continuous and cannot have noise, because continuous white noise
+    does not have a finite variance.
 
     **Raises:** ValueError for noise without a key, a key without sampling, or negative noise.
     """
@@ -79,8 +80,8 @@ class Sensor(AbstractSensor):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
             raise ValueError(
-                "a key was given, but noise needs sampling: pass sampling, a period [s], or omit key. A continuous "
-                "sensor can only have a bias."
+                "a key was given, but a sensor with noise must be sampled: pass sampling (a period or instants [s]), "
+                "or omit key. A continuous sensor can only have a bias."
             )
 
     def __repr__(self) -> str:
@@ -109,11 +110,11 @@ class Sensor(AbstractSensor):
 class Gyros(AbstractSensor):
     """Gyros without an attitude sensor: the on-board computer propagates λ from sampled rates (paper C, section 2).
 
-    `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key`:
-    see `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
-    computer interpolates the rate linearly between samples. If the acceleration is constant between samples, this
-    interpolation is exact. Only the error of the propagation then remains, which is O(h⁵) in each step of length h. See
-    remark 1 of paper C.
+    `sampling` [s]: a period or instants. `bias` (3,) [rad/s], body axes. `noise` [rad/s]: the standard deviation of the
+    noise of each component. `key`: see `Sensor`. `attitude_error` (3,) [rad]: the rotation vector from the initial
+    attitude to its estimate, body axes. The computer interpolates the rate linearly between samples. If the
+    acceleration is constant between samples, this interpolation is exact. Only the error of the propagation then
+    remains, which is O(h⁵) in each step of length h. See remark 1 of paper C.
 
     **Raises:** ValueError for noise without a key, or negative noise.
     """

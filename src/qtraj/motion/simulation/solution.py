@@ -153,7 +153,7 @@ class Solution(AbstractOutcome):
         return _required(self.command)[..., 1:]
 
     def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
-        """Return the time [s] after which the attitude error is at most `within` [rad], interpolated between instants.
+        """Return the instant [s] after which the error angle is at most `within` [rad], by linear interpolation.
 
         The result is NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
         """
