@@ -36,8 +36,8 @@ RESULTS = {
     ),
     ResultCode.near_zero_error: "finished, but the error quaternion was near zero, where the command is large.",
     ResultCode.wrong_sign: (
-        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
-        "is undefined."
+        "stopped: the integration failed, and the error quaternion started with a negative scalar part (μ0 < 0). It "
+        "probably came close to zero, where the law is undefined."
     ),
 }
 """Texts of results, with advice that refers to keys of the scenario."""

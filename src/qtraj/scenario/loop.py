@@ -24,7 +24,7 @@ from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.loop_verdict import SETTLED
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.path.existence import require_defined
-from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
+from qtraj.path.frame_axes import FRAMES, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario import keys
@@ -34,7 +34,6 @@ from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, scenario_in
 from qtraj.scenario.slew import SlewPart
 
-FRAMES = (UPRIGHT, NATURAL, MINIMIZING, THRUST_ALIGNED)
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
