@@ -53,7 +53,7 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
     """Return the time of the maximum of f(path, t) in each of `cells` cells, as a fraction of the duration.
 
-    Differentiation treats the times as constants.
+    On a route, the cells are the four parts of each segment instead. Differentiation treats the times as constants.
     """
     nodes, low, high = _cells(path, cells)
     # Exclude the search from differentiation, because its derivatives would only increase the cost.

@@ -39,10 +39,13 @@ ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Number of coefficients of φ for each motion: φ is linear in time for uniform motion, and cubic for Hermite motion."""
 
 BOUNDS = (0.25, 2.0)
-"""Default bounds of ρ, in mean turning radii."""
+"""Default bounds of ρ, in units of the mean turning radius."""
 
 ROUNDS, BOUND_TOLERANCE = 15, 1e-6
-"""Maximum number of searches (between multiplier updates), and the tolerance on the bounds of ρ, in turning radii."""
+"""Maximum number of searches (between multiplier updates), and the tolerance on the bounds of ρ.
+
+The tolerance is in units of the mean turning radius.
+"""
 
 
 def fit(
@@ -176,7 +179,7 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
 def _code(
     radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, quality: Quality
 ) -> ResultCode:
-    """Return the result code of a fit, where `radius` are the coefficients of ρ."""
+    """Return the result code of a fit, where `radius` contains the coefficients of ρ."""
     code = judge(quality)
     if not converged and code != ResultCode.poor_fit:
         return ResultCode.not_converged

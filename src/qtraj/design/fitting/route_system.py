@@ -185,7 +185,10 @@ def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarr
 
 
 def _banded(blocks: Float[np.ndarray, "6 6 segments"]) -> np.ndarray:
-    """Return the upper diagonals of the sum of blocks (6, 6), each three rows and columns after the previous one."""
+    """Return the upper diagonals of the matrix that is the sum of the blocks (6, 6) of all segments.
+
+    In this matrix, each block is three rows and columns after the block of the previous segment.
+    """
     segments = blocks.shape[-1]
     matrix = np.zeros((WIDTH, 3 * (segments + 1)))
     for j in range(WIDTH):

@@ -34,8 +34,8 @@ MIN_DAMPING = 100
 class TurnProblem(eqx.Module):
     """The least-squares problem of n samples, about the centre of the window and in units of the mean turning radius.
 
-    `basis` and `slope` are the values and the time derivatives of the Legendre polynomials at the samples. The weights
-    of padding are 0.
+    `basis` and `slope` are the values and the time derivatives of the Legendre polynomials at the samples. Padding has
+    the weight 0.
     """
 
     basis: Float[Array, "n terms"]
@@ -50,8 +50,8 @@ class TurnProblem(eqx.Module):
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
         """Return the weighted position and velocity errors, and the weighted violations of the bounds, in one vector.
 
-        `shifts` are the scaled multipliers of the lower and the upper bound. They are added to the violations at the p
-        instants of the bounds.
+        `shifts` are the multipliers of the lower and the upper bound, divided by the penalty. They are added to the
+        violations at the p instants of the bounds.
         """
         axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         coefficients, rates = jnp.stack([radius_coefficients, angle_coefficients]), jnp.stack([self.basis, self.slope])

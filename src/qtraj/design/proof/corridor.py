@@ -67,8 +67,8 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
         raise ValueError(
             f"the paths have the batch shape {batch}, but the corridor has the shape {width.shape} and the reference "
-            f"has the batch shape {reference.duration.shape}: pass one corridor and one reference for all paths, or "
-            "one of each for each path"
+            f"has the batch shape {reference.duration.shape}: pass a corridor and a reference without a batch "
+            "dimension, or with the batch shape of the paths"
         )
     axes = [p.placement or Placement() for p in (path, reference)]
     if not all(map(_may_be_equal, *map(jax.tree.leaves, axes))):
@@ -150,7 +150,10 @@ def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomia
 
 
 def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
-    """Return the multiple of 2π [rad] between the initial azimuths of two paths; it does not change the positions."""
+    """Return the multiple of 2π [rad] that is closest to the difference of the initial azimuths of two paths.
+
+    Adding this angle to an azimuth does not change the positions.
+    """
     turns = jnp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * jnp.pi))
     return 2 * jnp.pi * jax.lax.stop_gradient(turns)
 

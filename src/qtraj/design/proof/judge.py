@@ -38,7 +38,10 @@ CHUNKS = (8, 35)
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
-"""The divisors of quantities: the names of their invariants, and of their relative sizes. The load has no invariant."""
+"""The divisors of quantities: their names in `Invariants`, and the names of their relative sizes.
+
+The load on the road has no name in `Invariants`.
+"""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
@@ -46,7 +49,7 @@ ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
 """Number of entries; the entries are the limits in the order of the registry, followed by the divisors."""
 
 UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
-"""The first divisor that depends on the vertical."""
+"""The index of the first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
 """The index of the divisor for quantities without a divisor."""
@@ -139,8 +142,8 @@ def judge(
     """Compute the findings on the first `count` entries of `index`, for the paths that `evaluate` evaluates.
 
     `upright` marks the paths with a vertical axis. Without polynomial `derivatives` no limit is proved. The parameters
-    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None,
-    and the branches of such limits are not compiled.
+    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None, and the
+    branches for limits on forces, friction and power are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)

@@ -11,8 +11,9 @@ from qtraj.design.timing.timing import RetimedPath
 
 
 def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array, "limits moving"]:
-    """Return, for each quantity, the moving cells at whose ends a jump makes the quantity infinite or undefined.
+    """Return a mask of the cells in which the vehicle moves: true where a jump at an end affects the quantity.
 
+    The jump makes the quantity infinite or undefined.
     A jump of the velocity makes a quantity infinite, except quantities that do not depend on a', such as the yaw rate.
     A jump of the acceleration makes the jerk infinite. At a stop, and at an end at rest, the acceleration may jump. If
     an end is declared to be at rest but the speed there is not zero, all quantities are undefined.

@@ -140,7 +140,7 @@ def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
         after = s.coefficients[1:, order] * (1, 1, 2)[order]
         jump = np.linalg.norm(after - ends[order], axis=-1)
         size = np.linalg.norm(s.coefficients[:, order], axis=-1).max() + np.linalg.norm(ends[order], axis=-1)
-        if order == 2:  # accelerations that are zero everywhere are compared with changes of the velocity
+        if order == 2:  # the added speed/duration keeps the scale positive where all accelerations are zero
             size = size + np.linalg.norm(s.coefficients[:, 1], axis=-1).max() / s.durations.max()
         bad = np.flatnonzero((jump > CONTINUOUS * size) & ~cut)
         if bad.size:

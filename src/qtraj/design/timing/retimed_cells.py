@@ -14,7 +14,10 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.path.route import Route
 
 ROUNDINGS = 64
-"""Largest accepted distance between a knot and the end of a dyadic cell, in rounding errors of the path's duration."""
+"""Largest accepted distance between a knot and the end of a dyadic cell.
+
+The unit is the machine epsilon times the duration of the path.
+"""
 
 
 class Cells(NamedTuple):
@@ -85,7 +88,11 @@ def of_parts(parts: list[Part]) -> Cells:
 def motion_at(
     path: RetimedPath, cells: Cells, cell: Int[Array, " m"], place: Float[Array, " m"]
 ) -> tuple[Float[Array, "3 3 m"], Float[Array, "3 m"]]:
-    """Return (r', r'', r''') and (a, a', a'') at the fraction `place` of each moving `cell`; one-sided at its ends."""
+    """Return (r', r'', r''') and (a, a', a'') at the fraction `place` of each moving `cell`; one-sided at its ends.
+
+    A prime denotes the derivative with respect to the path parameter u, and a = u̇². The axes of the first result are
+    the order of the derivative, the component and the point.
+    """
     timing, dtype = path.timing, path.duration.dtype
     at = jnp.asarray(cells.columns)[cell]
     grid = cells.grid if isinstance(path.path, Route) else cells.grid._replace(knots=timing.knots)

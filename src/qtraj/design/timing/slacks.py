@@ -46,7 +46,10 @@ def enclosures(
     given: dict[str, Array],
     vehicle: RoadParameters | None,
 ) -> Any:
-    """Return a function that computes lower and upper bounds (rows, subcells) on the minima of all slacks and of a."""
+    """Return a function that computes lower and upper bounds on the minima of all slacks and of a = u̇² in subcells.
+
+    The bounds have the shape (limits + 1, subcells). At an end at rest, a is divided by its factor that vanishes there.
+    """
     segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
     shape = segments.derivatives
@@ -147,10 +150,11 @@ def _unit(name: str, whole: PathDerivatives) -> Array:
 
 
 class _Cells(NamedTuple):
-    """Models on subcells, in units of half durations; `path` contains the first three derivatives of the path.
+    """Models on subcells; `path` contains the first three derivatives of the path. The unit of time is half a duration.
 
-    `slope` and `bend` are the first two derivatives of `a`. With r' = w·q, `ahead` contains q and its two derivatives,
-    and `factor` is w. Without stops q is r', and `factor` is None.
+    `a` is u̇², and `slope` and `bend` are its first two derivatives with respect to the path parameter u. With
+    r' = w·q, `ahead` contains q and its first two derivatives, and `factor` is w. Without stops q is r', and `factor`
+    is None.
     """
 
     path: list[Any]

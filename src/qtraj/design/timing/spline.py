@@ -25,7 +25,7 @@ ORDERS = 3
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
 """Node and weight of the one-point Gauss quadrature for ∫ f(z)/√z dz over [0, 1], exact for linear f.
 
-The weight is a factor on f/√z.
+The integral is approximately the weight times the value of f(z)/√z at the node.
 """
 
 Numbers = Float[np.ndarray, "..."]
@@ -41,8 +41,9 @@ class Nodes(NamedTuple):
     column does not exist; it is treated as a node at rest, so it has no influence.
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
-    matrices from the coefficients j to j + 3 to values and derivatives. `free` is 0 for the coefficient at an end at
-    rest, because this coefficient must be zero, and 1 for all others. `standing` is 1 for nodes at rest.
+    matrices from the coefficients j to j + 3 to values and derivatives. The first two axes of `basis` are the order of
+    the derivative and the coefficient. `free` is 0 for the coefficient at an end at rest, because this coefficient must
+    be zero, and 1 for all others. `standing` is 1 for nodes at rest.
     """
 
     place: Float[np.ndarray, "2 cells+1"]
@@ -96,7 +97,8 @@ def nodes(
     at_knots[:-1] += length * ends[0] / 6
     at_knots[1:] += length * ends[1] / 6
     form = power_form(knots)
-    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)  # its first coefficient has no influence
+    # At the last knot, the first coefficient of the cell has zero weight.
+    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)
     last[:, -1] = 0.0
     at_each = np.concatenate([_at(form, np.zeros(cells), length), last], axis=-1)
     free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))

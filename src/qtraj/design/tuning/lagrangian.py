@@ -102,7 +102,10 @@ def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) 
 
 
 def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: Variables) -> Expanded:
-    """Evaluate the augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), with the constraints g at `times`."""
+    """Evaluate the augmented Lagrangian weight·cost + Σ (max(0, m + μg)² − m²)/(2μ) and its gradient.
+
+    The sum is over the constraints g at `times`, with the multipliers m and the penalty μ.
+    """
     z, scale = jax.jvp(lambda y: to_box(task, y), (y,), (jnp.ones_like(y),))  # the Jacobian is diagonal
     cost, cost_gradient = jax.value_and_grad(task.problem.cost)(z)
     ends, log_duration = task.problem.slopes(z)

@@ -2,11 +2,12 @@
 
 The variables z of the last search, the slacks s and the multipliers λ of its constraints g(z) + s = 0 satisfy
 
-    ∇f + Σ λ ∇g = 0,   s λ = μ.
+    ∇f + Σ λ ∇g = 0,   s λ = μ,
 
-These conditions depend smoothly on the data θ. With μ → 0 and constant margins, their derivative is a linear system for
-dz/dθ with the matrix of the interior-point method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. It is block tridiagonal and
-symmetric, so `chain.solve` is used in forward and reverse mode. The search itself is not differentiated.
+with the objective f and the barrier parameter μ. These conditions depend smoothly on the data θ. With μ → 0 and
+constant margins, differentiating them gives a linear system for dz/dθ. Its matrix is the matrix of the interior-point
+method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. This matrix is block tridiagonal and symmetric, so `chain.solve` is used in
+forward and reverse mode. The search itself is not differentiated.
 """
 
 from __future__ import annotations
@@ -252,7 +253,7 @@ def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array,
 
 
 def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
-    """Return the unit of length of the objective "nearest", which does not influence its minimum."""
+    """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
     unit = problem.unit * data.duration if kind == "nearest" else jnp.ones_like(data.duration)
     return jax.lax.stop_gradient(jnp.sqrt(unit))
 

@@ -30,7 +30,10 @@ SHORTEST, LONGEST = 0.1, 10.0
 
 
 class Parts(NamedTuple):
-    """The segments of the original route: coefficients (n, terms, 3), durations (n,), and states (n + 1, 3, 3)."""
+    """The segments of the original route: coefficients `c` (n, terms, 3), durations `h` (n,), and states of the joints.
+
+    The axes of `states` (n + 1, 3, 3) are the joint, the order of the derivative and the component.
+    """
 
     c: np.ndarray
     h: np.ndarray

@@ -207,7 +207,8 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
     if objective == "fastest" and not any(quantity(name).bounds_speed for name in names):
         raise ValueError(
             "the fastest route needs a limit that bounds the speed, such as speed, acceleration, lateral_acceleration "
-            "or yaw_rate"
+            "or yaw_rate. On straight parts, lateral_acceleration and yaw_rate do not bound the speed: if the route "
+            "has straight parts, limit speed, too."
         )
 
 
