@@ -65,7 +65,7 @@ class Limits(eqx.Module):
     moments are "undecided" and their values are NaN.
 
     **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
-    moment without a vehicle, and for a limit on a moment if the vehicle does not have such an inertia.
+    moment without a vehicle, and for a limit on a moment if the vehicle has no inertia with these principal axes.
     """
 
     curvature: Scalar | None

@@ -21,7 +21,10 @@ WIDTH = 6
 
 
 def _basis() -> np.ndarray:
-    """Return the coefficients (6, 6) of 1, u, …, u⁵ of the Hermite basis functions on [0, 1], one row per unknown."""
+    """Return the coefficients (6, 6) of ascending powers of u in the Hermite basis functions on [0, 1].
+
+    Each row belongs to one unknown.
+    """
     rows = []
     for k in range(WIDTH):
         states = np.zeros((2, 3, 1))
@@ -47,8 +50,8 @@ JERK = _jerk_form()
 class Design:
     """The design matrix of a route with `knots` knots.
 
-    For each sample, `segment` is the index of its segment, in increasing order, and `factors` are the coefficients of
-    the six unknowns there.
+    For each sample, `segment` is the index of its segment, in increasing order. `factors` are the coefficients of the
+    six unknowns of this segment in the position or velocity at the sample.
     """
 
     segment: Int[np.ndarray, " n"]

@@ -142,7 +142,7 @@ def minimise(
 
     `free` is 1 for free and 0 for fixed unknowns. Returns, for each search, the unknowns, the violations of the bounds
     of ρ, the sum of squared errors of position and velocity, whether the search converged, and its number of steps. All
-    searches run in one loop over arrays, which compiles much faster than a general solver, and only once for both
+    searches run in one loop over arrays. This loop compiles much faster than a general solver, and only once for both
     motions.
     """
     count, dtype = starts.shape[0], starts.dtype
@@ -195,7 +195,7 @@ def _damped(
     """Return the steps p that minimise |J p + r|² + damping |D p|².
 
     J is the Jacobian, r are the errors, and the diagonal matrix D contains the norms of the columns of J. The normal
-    equations square the condition number, which reduces the accuracy of a step but not of the solution, because later
+    equations square the condition number. This reduces the accuracy of a step but not of the solution, because later
     steps correct the error.
     """
     normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)

@@ -25,7 +25,7 @@ STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 """The statuses of limits; the code of a finding is the index of its status.
 
 - proved: the limit is proved to be satisfied on the whole path.
-- sampled: the limit is satisfied at the refined maxima of a fine grid, which is strong evidence, but not a proof.
+- sampled: the limit is satisfied at the refined maxima of a fine grid. This is strong evidence, but not a proof.
 - broken: the limit is violated at the reported time.
 - undecided: neither satisfaction nor violation is proved, because the largest value equals the limit to within rounding
   errors, or because it is not proved that the quantity is defined everywhere.

@@ -1,7 +1,7 @@
 """Prove limits on many segments at once by the Bernstein coefficients of their inequalities, with NumPy.
 
 Most segments of a route satisfy their limits with a margin. Their inequalities have positive Bernstein coefficients on
-the whole segment, which is a proof and costs little. Only the other segments need the branch and bound of `judge`. The
+the whole segment. This is a proof and costs little. Only the other segments need the branch and bound of `judge`. The
 time unit is the duration of the segment, and the length unit is the metre. All rounding errors are included.
 """
 

@@ -60,7 +60,7 @@ ROAD = ORDER + 1
 
 ORDERS = [*(ROAD if entry.on_road else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
-"""The index of each entry among the entries of the same order, which share their derivatives."""
+"""The index of each entry among the entries of the same order; entries of the same order share their derivatives."""
 
 BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
 """The index of each entry's branch in `_squares`; all entries that depend on the road share the last branch."""
@@ -113,7 +113,7 @@ class Scale(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
+    """Status codes, times [s] and values of all entries: the limits, the divisors, and the placeholder `NO_DIVISOR`."""
 
     codes: Int[Array, "entries paths"]
     times: Float[Array, "entries paths"]

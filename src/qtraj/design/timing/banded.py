@@ -112,7 +112,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
     none = jnp.zeros((width, m, blocks), dtype)
 
     def step(last: Any, given: Any) -> tuple[Any, Array]:
-        """Compute a row of the inverse from the w previous rows (`whole`); `corner` are their last w columns."""
+        """Compute a row of the inverse from the w previous rows, `whole`; `corner` are their entries in w columns."""
         whole, corner = last
         row, at = given
         factor = jnp.sum(corner * row[None, :-1], axis=1)

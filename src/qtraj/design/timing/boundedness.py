@@ -11,8 +11,8 @@ arbitrarily fast, and drag reduces its speed only by a factor.
 A limit on the jerk bounds the speed on every path that bends. On a straight path, only the profiles whose squared
 speed is a linear function of the distance have no jerk.
 
-A value of a counts as large relative to a typical value, which follows from the limits, the length of the path and the
-speeds at its ends. So the result does not depend on units or on the parameter of the path.
+A value of a counts as large if its ratio to a typical value is large. The typical value follows from the limits, the
+length of the path and the speeds at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
 from typing import Any

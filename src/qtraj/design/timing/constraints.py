@@ -8,8 +8,8 @@ With the derivatives r', r'' and r''' of the path with respect to its parameter 
 
 So limits on the speed, the lateral acceleration and the rates of rotation are upper bounds on a. The squares of the
 longitudinal acceleration, of the yaw acceleration and of the acceleration are convex quadratic forms in (a, a'). The
-square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a, which
-becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
+square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a. This
+inequality becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
 
 The last axes of every array index the nodes. With b = a' and c = a'', a form in (a, b) is represented by the entries
 (aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the entries (aa, ab, bb, ac, bc, cc). No code is
@@ -88,7 +88,7 @@ class Constraints(NamedTuple):
 
 
 Gradients = Sequence[tuple[Any, ...]]
-"""For each constraint, the derivatives with respect to a, a' and a''; trailing zero derivatives are omitted."""
+"""For each constraint, the derivatives with respect to a = u̇², a' and a''; trailing zero derivatives are omitted."""
 
 
 class Parts(NamedTuple):
@@ -195,7 +195,7 @@ def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "co
 
 
 def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
-    """Return the gradients of `values` with respect to the components of v."""
+    """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
     a, b = v[:2]
     found: list[tuple[Any, ...]] = [(c.upper,)]
     found += [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
@@ -215,8 +215,8 @@ def second_derivatives(
 ) -> list[list[Array]]:
     """Return the lower triangle of Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0.
 
-    The jerk constraint is |y|² ≤ 1, y = √a·w, with w linear in v. Replacing 1/√a by its tangent leaves the second
-    derivatives 2YᵀY, where Y is the Jacobian of y.
+    The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
+    w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
     found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
     for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):
@@ -250,13 +250,13 @@ def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> list[Fl
 
 
 def _form(q: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Float[Array, "*nodes"]:
-    """Return the value of a quadratic form in a and a'."""
+    """Return the value of a quadratic form in a = u̇² and a' = da/du."""
     (aa, ab, bb), a, b = q, v[0], v[1]
     return aa * a * a + 2 * ab * a * b + bb * b * b
 
 
 def _matrix(q: Float[Array, "6 *nodes"]) -> tuple[tuple[Any, ...], ...]:
-    """Return the rows of the symmetric matrix of a quadratic form in a, a' and a''."""
+    """Return the rows of the symmetric matrix of a quadratic form in a = u̇², a' and a''."""
     aa, ab, bb, ac, bc, cc = q
     return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
 

@@ -94,7 +94,7 @@ def _size_at_end(p: list[list[Fraction]]) -> Fraction:
 
 
 def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Divide a polynomial in x by 2 − x; the remainder is neglected."""
+    """Divide a polynomial in x = 1 + s by 2 − x; the remainder is neglected."""
     quotient = [[-x for x in p[-1]]]
     for row in p[-2:0:-1]:
         quotient.insert(0, [2 * b - a for a, b in zip(row, quotient[0], strict=True)])

@@ -148,7 +148,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     least = BALANCE / z.size * (jnp.sum(jnp.abs(gradient * s.coefficients)) + jnp.sum(jnp.abs(residual) * z))
 
     def newton(state: tuple[Array, Array, _Change], _: Any) -> tuple[tuple[Array, Array, _Change], None]:
-        """Return the Newton step for slack · z = target, and the next target; the first call is the predictor."""
+        """Return the Newton step for slack · multiplier = target, and the next target; the first is the predictor."""
         target, off, _ = state
         dc = -_solved(linear, factored, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = p.at_nodes(dc)

@@ -123,7 +123,7 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
 
 
 def _advice(s: Segments, at: float) -> str:
-    """Return advice on a route that reverses at the time `at` [s]; most such routes move slowly next to a stop."""
+    """Return advice on a route that reverses at the time `at` [s], typically in slow motion next to a stop."""
     slow = next(
         ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
     )

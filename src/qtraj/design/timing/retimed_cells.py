@@ -70,7 +70,7 @@ def divides_equally(path: RetimedPath, cells: Cells) -> Array:
 
 
 def of_parts(parts: list[Part]) -> Cells:
-    """Return the moving cells of all parts of a path; a stop has one cell in the timing, which is omitted."""
+    """Return the moving cells of all parts of a path; the single cell that a stop has in the timing is omitted."""
     columns, grids, stops, first = [], [], [], 0
     for part in parts:
         count = 1 if part.grid is None else part.grid.cells

@@ -113,8 +113,8 @@ def without(r: Road, omitted: Array) -> Road:
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
-    For friction, the parts of X and Y that depend on the timing are multiplied by the factors instead. Otherwise
-    gravity on a slope or a banked road could violate a reduced limit at every speed.
+    For friction, the parts of the force components X and Y that depend on the timing are multiplied by the factors
+    instead. Otherwise gravity on a slope or a banked road could violate a reduced limit at every speed.
     """
     friction, power = factors[:1], factors[1:]
     along = jnp.concatenate([r.along[:1], r.along[1:] * friction])

@@ -24,7 +24,7 @@ from qtraj.path.vehicle import RoadParameters
 
 
 class _Drag:
-    """The coefficient of drag times the squared ratio of the velocity to q."""
+    """The coefficient of drag times the squared ratio of the velocity to the vector q (see the module)."""
 
     def __init__(self, coefficient: Parameter, square: RootSum):
         self.coefficient, self.square = coefficient, square

@@ -141,9 +141,10 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
 
 class _Round(NamedTuple):
-    """The last state, the factors by which its search divided the limits (`used`), the next factors, usage and count.
+    """The result `state` of the last search, and the number of `searches`.
 
-    The rows of `usage` are those of `constraints.used`.
+    The last search divided the limits by the factors `used`; the next search divides them by `factors`. `usage` is the
+    largest result of `constraints.used` in each cell.
     """
 
     state: State

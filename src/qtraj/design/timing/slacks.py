@@ -129,7 +129,10 @@ def _stacked(polynomials: list[CellPolynomial]) -> CellPolynomial:
 def _directions(
     ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return q with two derivatives in each segment, and the factor w with r' = w·q in the units of r' and q."""
+    """Return the vector q (see `directions`) with two derivatives in each segment, and the factor w with r' = w·q.
+
+    The unit of w is the ratio of the units of r' and q.
+    """
     polynomials, powers, roundings = ahead
     found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None], ORDERS)
     table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n

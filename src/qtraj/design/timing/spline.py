@@ -4,8 +4,8 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays, which become one loop over the nodes. Reductions of stacked arrays
-are about 20 times slower.
+Sums over short axes are written as sums of arrays. The compiler turns such a sum into one loop over the nodes.
+Reductions of stacked arrays are about 20 times slower.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ The integral is approximately the weight times the value of f(z)/√z at the nod
 Numbers = Float[np.ndarray, "..."]
 
 Lower = Sequence[Sequence[Any]]
-"""Rows of the lower triangle of a symmetric matrix, whose entries are arrays over the nodes."""
+"""Rows of the lower triangle of a symmetric matrix; each entry is an array over the nodes."""
 
 
 class Nodes(NamedTuple):
@@ -147,9 +147,10 @@ def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Arra
 
 
 def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
-    """Convert second derivatives as `gathered` does gradients; `parts[i][j]`, j ≤ i, are the matrix entries at nodes.
+    """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    Array d of the result contains the entries (i, i − d) of the matrix.
+    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes. Array d of the result contains the entries
+    (i, i − d) of the matrix for the coefficients.
     """
     orders = range(len(parts))
     half = [

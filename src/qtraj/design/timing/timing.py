@@ -137,7 +137,7 @@ def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
 
 @eqx.filter_custom_jvp
 def _rate(timing: Timing, t: Scalar) -> Scalar:
-    """Return u̇ at a time within [0, duration]."""
+    """Return the rate u̇ of the parameter at a time within [0, duration]."""
     return _root(timing.squared_speed(timing._inverted(t)))
 
 

@@ -13,7 +13,7 @@ RADIUS, DEGREE = 17.0, 3
 
 
 def scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
-    """Return the polynomials multiplied by powers of two, which is exact."""
+    """Return the polynomials multiplied by powers of two; the products are exact."""
     return CellPolynomial(
         p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
     )

@@ -8,7 +8,7 @@ c' = r'×r'''. The code calls these vectors blocks.
 
 An index selects the limit. All searches of a batch share the index, so the formula of each limit is compiled once, and
 only the limits that are set are evaluated. The functions in this module operate on a batch of paths without `jax.vmap`,
-which would trace branches and loops several times.
+because `jax.vmap` would trace branches and loops several times.
 """
 
 from collections.abc import Callable, Sequence

@@ -111,7 +111,7 @@ def curve_derivatives(
 
 
 def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " rates"]:
-    """Return the coefficients of φ' in u."""
+    """Return the coefficients of φ' = dφ/du for ascending powers of u."""
     if problem.motion.is_uniform:
         return cubic[1:2, ANGLE]
     return cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype)
@@ -150,7 +150,7 @@ def _orders(
 
 
 def pairs() -> np.ndarray:
-    """Return the index pairs (pairs, 2) i ≤ j of slopes with at least one slope of φ."""
+    """Return the pairs (pairs, 2) of indices i ≤ j of two slopes, at least one of which is a slope of φ."""
     return np.asarray([(i, j) for i in range(6) for j in range(i, 6) if ANGLE in (i % 3, j % 3)])
 
 
@@ -199,7 +199,10 @@ def _taylor(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"
 
 
 def _directions(problem: Problem) -> np.ndarray:
-    """Return the unit vectors (k, 2, 3) of the free slopes: all six, or in uniform motion the four of ρ and h."""
+    """Return the unit vectors (k, 2, 3) of the free slopes: all six, or in uniform motion the four of ρ and h.
+
+    The axes are the slope, the end of the path, and the coordinate.
+    """
     unit = np.eye(6)
     free = [k for k in range(6) if not (problem.motion.is_uniform and k % 3 == ANGLE)]
     return unit[free].reshape(-1, 2, 3)

@@ -29,7 +29,7 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
-"""A start on a bound is moved to this fraction of the half-width from the centre: ∂z/∂y is zero on the bound."""
+"""A start on a bound is moved to this fraction of the half-width from the centre; on the bound, ∂z/∂y would be zero."""
 
 PerInterval = Float[Array, "slots k"]
 
@@ -45,7 +45,7 @@ class Round(NamedTuple):
 
 
 class Expanded(NamedTuple):
-    """The augmented Lagrangian at one point: its value, its gradient with respect to y, and the constraints."""
+    """The augmented Lagrangian at a point y (see the module): value, gradient, cost, and constraint values g."""
 
     value: Scalar
     gradient: Variables

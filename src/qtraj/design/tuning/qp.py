@@ -73,7 +73,7 @@ class Active(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """The solution d and t, the active constraints, whether the QP was solved, and the number of steps."""
+    """The optimal step d and violation t, the active constraints, whether the QP is solved, and the number of steps."""
 
     d: Vector
     t: Scalar

@@ -117,7 +117,10 @@ def _directions(w: Float[Array, "n 2 3 places"], gravity: Places) -> Float[Array
 
 
 def _forces(setting: Any) -> Callable[[Numbers], Forces]:
-    """Return the function of the components of r' and r'', and gravity, that computes S, H and the `Contact` forces."""
+    """Return the function of the components of r' and r'', and gravity, that computes S, H and the forces of `Contact`.
+
+    S is the squared speed, and H the squared horizontal speed.
+    """
 
     def forces(p: Numbers) -> Forces:
         i = Invariants([None, (p[0], p[1], p[2]), (p[3], p[4], p[5])], vehicle=setting.road._replace(gravity=p[6]))
@@ -127,7 +130,9 @@ def _forces(setting: Any) -> Callable[[Numbers], Forces]:
 
 
 def _square(setting: Any, member: Int[Array, ""], f: Forces, order: int) -> tuple[Places, Array, Array]:
-    """Return the square of the quantity `member` and its derivatives up to `order` with respect to S, H and the forces.
+    """Return the square of the quantity `member`, and its derivatives up to `order` with respect to `f`.
+
+    `f` contains the five results of the function that `_forces` returns.
 
     Derivatives of higher order are empty arrays. Each branch differentiates its own formula, because a derivative of
     the switch would store the intermediate results of all branches.

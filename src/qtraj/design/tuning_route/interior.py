@@ -177,7 +177,7 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
         return z, slacks, jnp.where(bounded & ~_inside(problem, excess, margins), jnp.inf, merit)
 
     def reset(slack: Array, g: Array, before: Array, u: Array) -> Array:
-        """Set the slack of a clearly satisfied constraint to −g, which gives the smallest merit function."""
+        """Set the slack s of a clearly satisfied constraint to −g, so that |g + s| is zero in the merit function."""
         exact = -g > jnp.maximum(mu / penalty, 0.01 * before)
         return jnp.where(u > 0, jnp.where(exact, -g, slack), 1.0)
 

@@ -65,7 +65,7 @@ def _above(own: Array, fine: Array) -> Array:
 
 
 def _joined(largest: Array, used: Array, seam: Array | None) -> Array:
-    """Return the largest values near used nodes, which include the values near unused neighbours.
+    """Return the largest values near used nodes, including the values near unused neighbours of these nodes.
 
     The value at the end of a segment is assigned to the start of the next segment, unless the quantity may jump there.
     If a fixed joint has no used node, the value is assigned to the nearest node inside the segment.

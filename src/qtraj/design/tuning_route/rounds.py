@@ -50,8 +50,8 @@ SAFETY = 2e-5
 class Judged(NamedTuple):
     """A route with its certificate.
 
-    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube;
-    `distances` (segments, 2) [m]: their largest values.
+    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube.
+    `distances` (segments, 2) [m]: the largest horizontal and vertical distances.
     """
 
     route: Route

@@ -43,7 +43,8 @@ REFINEMENTS = 2
 """Number of iterative refinements of the solution; the linear system is ill-conditioned."""
 
 DECREASE, KEEP = 0.2, 0.995
-"""The barrier parameter decreases by this factor in each step; slacks and multipliers by at most this fraction."""
+"""The factor by which the barrier parameter decreases in each step, and the largest fraction by which a step may reduce
+a slack or a multiplier."""
 
 
 class Data(NamedTuple):
@@ -178,7 +179,7 @@ def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate,
 def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
     """Refine an iterate by full Newton steps, starting with the barrier parameter `barrier`.
 
-    There is no merit function, because its rounding errors would stop a line search this close to the optimum.
+    There is no line search, because the rounding errors of a merit function would stop it this close to the optimum.
     """
     at = _centred(names, problem, at, barrier)
     zero = jnp.zeros_like(problem.durations[0])

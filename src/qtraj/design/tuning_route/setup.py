@@ -101,7 +101,10 @@ def problem_of(
 
 
 def _held(fixed: np.ndarray, moving: np.ndarray, count: int, closed: bool) -> np.ndarray:
-    """Return whether each state (n + 1, 3) of the joints is fixed, by the user or because a segment does not change."""
+    """Return whether position, velocity and acceleration of the joints, (n + 1, 3), are fixed.
+
+    They are fixed by the user, or because an adjacent segment does not change.
+    """
     held = filled(fixed, len(moving) + 1, True)
     still = (moving[:count] == 0)[:, None]
     held[:count] |= still
