@@ -400,7 +400,7 @@ def test_what_is_left_of_the_speed_at_a_stop_is_in_the_error_of_its_direction():
     [
         (
             {"limits": qt.Limits(speed=5.0, curvature=1.0, torsion=1.0)},
-            "does not support a limit on curvature, torsion;",
+            "Remove the limits on curvature, torsion, and check them",
         ),
         ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "bounds the speed.* add a limit on the speed"),
         ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),

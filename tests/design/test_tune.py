@@ -369,7 +369,7 @@ def test_too_few_steps_are_reported():
         ({"objective": "cheapest"}, "'nearest', 'fastest', 'smoothest'"),
         ({"limits": qt.Limits()}, "no limit was given"),
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "there is no fastest path"),
-        ({"duration": 5.0}, "the tuned rate of uniform motion determines the duration"),
+        ({"duration": 5.0}, "the duration follows from the tuned angular rate"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
         ({"turns": -1}, "must be 0 or more, but -1 was given"),
         ({"turn": 1.0}, "does not lead from the azimuth of the start"),

@@ -65,7 +65,7 @@ class Limits(eqx.Module):
     moments are "undecided" and their values are NaN.
 
     **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
-    moment without a vehicle, and for a limit on a moment if the vehicle does not have such an inertia.
+    moment without a vehicle, and for a limit on a moment if the vehicle has no inertia with these principal axes.
     """
 
     curvature: Scalar | None
@@ -154,7 +154,7 @@ class Limits(eqx.Module):
         return self.only(NAMES)
 
     def on_shape(self) -> Limits:
-        """Return the limits that depend only on the shape of a path, such as curvature, torsion and slope."""
+        """Return the limits that depend only on the shape of a path: those on curvature, torsion and slope."""
         return self.only([name for name, entry in QUANTITIES.items() if entry.per_time == 0 and not entry.needs])
 
     def only(self, names: Collection[str]) -> Limits:
@@ -190,7 +190,10 @@ class Limits(eqx.Module):
         return results
 
     def factors(self, dtype: Any = None) -> tuple[Any, ...]:
-        """Return the factor of each quantity whose limit is set, in the order of `given`; 1 for no factor."""
+        """Return `PathQuantity.scale` of each quantity whose limit is set, in the order of `given`.
+
+        The number is the factor that depends on the inertia of the vehicle, or 1 for a quantity without a factor.
+        """
         return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:
@@ -226,9 +229,10 @@ class Limits(eqx.Module):
 def divisors(names: Iterable[str], road: RoadParameters) -> dict[str, Any]:
     """Return, by name, the positive numbers by which limits are divided.
 
-    The divided limits apply to quantities whose squares are ratios of polynomials. The divisor of a quantity is its
-    factor for this vehicle, or 1 without a factor. Without a bank, a factor is exact up to the rounding error of one
-    difference. With a bank, a bound on the rounding error of the moments of inertia is added, and proofs include it.
+    The divided limits apply to quantities whose squares are ratios of polynomials. For the three moments, the divisor
+    is the factor that depends on the inertia (`PathQuantity.factor`), plus a negligible number; otherwise it is 1.
+    Without a bank angle, the only rounding error of a factor is from one subtraction of moments of inertia. With a bank
+    angle, a bound on the rounding errors of the moments of inertia is added to the divisor, and proofs include it.
     """
     return {name: 1.0 if quantity(name).factor is None else _divisor(quantity(name), road) for name in names}
 

@@ -1,11 +1,11 @@
 """Find the maxima of a smooth function of time, cell by cell.
 
-The interval [0, duration] is divided into cells about equally spaced nodes, or on a route into four cells of each
-segment. In each cell, Newton's method starts from the node and refines the maximum. The node and the borders of the
-cell are candidates, too. The largest value is the maximum over the whole interval, unless a peak is narrower than a
-cell. Differentiation treats the times t* of the maxima as constants. The gradient of f(t*, x) with respect to
-parameters x is still exact, because ∂f/∂t = 0 at a maximum inside a cell (envelope theorem), and t* is fixed on the
-border of a cell.
+The interval [0, duration] is divided into cells about equally spaced nodes. On a route the cells are the four parts of
+each segment, and on a retimed path the cells of its timing; the nodes are their midpoints. In each cell, Newton's
+method starts from the node and refines the maximum. The node and the borders of the cell are candidates, too. The
+largest value is the maximum over the whole interval, unless a peak is narrower than a cell. Differentiation treats the
+times t* of the maxima as constants. The gradient of f(t*, x) with respect to parameters x is still exact, because
+∂f/∂t = 0 at a maximum inside a cell (envelope theorem), and t* is fixed on the border of a cell.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -26,7 +26,7 @@ from qtraj.path.vehicle_data import batch_of
 
 NEWTON_STEPS = 4
 CELLS = 1025
-"""Number of cells in which `peak` searches; on a route, the cells are parts of its segments."""
+"""Number of cells in which `peak` searches on a path that is neither a route nor a retimed path."""
 
 PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 """A function that returns a quantity of a path at one instant [s]."""
@@ -36,8 +36,9 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Return the time [s] and the value of the maximum of one path quantity over the whole path.
 
-    `name` is a field of `Limits`. Newton's method refines the maximum in each of 1025 intervals of time, or in each of
-    four intervals of every segment of a route. The value is differentiable with respect to the path (envelope theorem).
+    `name` is a field of `Limits`. Newton's method refines the maximum in each of 1025 intervals of time; on a route, in
+    each of four intervals of every segment; on a retimed path, in each cell of its timing. The value is differentiable
+    with respect to the path (envelope theorem).
 
     **Raises:** ValueError for an unknown name or a batch, or if the quantity needs a `vehicle` and none is given.
     """
@@ -53,7 +54,8 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
     """Return the time of the maximum of f(path, t) in each of `cells` cells, as a fraction of the duration.
 
-    Differentiation treats the times as constants.
+    On a route or a retimed path, the cells do not depend on `cells` (see the module). Differentiation treats the times
+    as constants.
     """
     nodes, low, high = _cells(path, cells)
     # Exclude the search from differentiation, because its derivatives would only increase the cost.
@@ -68,9 +70,10 @@ def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Ar
 
 
 def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
-    """Return the midpoints and both ends of the cells, as fractions of the duration.
+    """Return the nodes and both ends of the cells, as fractions of the duration.
 
-    A cell of a route ends just before the next knot, so that it does not contain values of the next segment.
+    A cell of a route or a retimed path ends just before the next cell, so that it does not contain values of the next
+    segment.
     """
     knots = path.nodes()
     if knots is None:

@@ -186,7 +186,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
 class _Samples(NamedTuple):
     """Samples of a retimed path; `unit_values` and `unit_speed` are values of the original path at the same places.
 
-    `grip` is 1/u̇² for the upper bound on u̇² that a limit on friction implies for the lateral force alone.
+    `grip` is 1/u̇² (u: path parameter) at the largest u̇² for which the lateral force alone satisfies a friction limit.
     """
 
     times: Any
@@ -253,7 +253,10 @@ def _invariants(path: AbstractHodograph, t: Scalar, vehicle: RoadParameters | No
 
 
 def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the quantities that are proportional to powers of a constant speed; all acceleration is then lateral."""
+    """Return the quantities that, at constant speed, are proportional to a power of the speed.
+
+    "acceleration" becomes "lateral_acceleration", because at constant speed the two are equal.
+    """
     return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if _is_power(n))
 
 
@@ -280,7 +283,7 @@ def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " 
 
 
 def _mended(values: np.ndarray, still: np.ndarray, standing: np.ndarray, vanishes: bool) -> np.ndarray:
-    """Replace values that are undefined at rest: by 0 during a stop, otherwise by the nearest defined value."""
+    """Replace values at rest by 0 during a stop or if the quantity `vanishes`, otherwise by the nearest known value."""
     values = np.where(standing | (still & vanishes), 0.0, values)
     known = np.flatnonzero(np.isfinite(values) & ~(still & ~standing & (not vanishes)))
     if not known.size:
@@ -292,6 +295,6 @@ def _mended(values: np.ndarray, still: np.ndarray, standing: np.ndarray, vanishe
 
 
 def _stops(times: np.ndarray, distance: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time intervals at rest (s, 2), and their distances (s,)."""
+    """Return the time intervals at rest (s, 2), and the distances (s,) [m] travelled up to these stops."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
     return np.stack([times[edges[:, 0]], times[edges[:, 1] - 1]], axis=1), distance[edges[:, 0]]

@@ -1,4 +1,4 @@
-"""Certify all limits on a retimed path; the certificate of `retime` is reused, which avoids a second proof."""
+"""Certify all limits on a retimed path; the certificate of `retime` is reused, so no limit is proved twice."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -14,8 +14,9 @@ from qtraj.design.timing.outcome import Retimed
 def whole_certificate(timed: Retimed, limits: Limits) -> Certificate:
     """Return the certificate of a result of `retime`, with findings on the `limits` that `retime` does not support.
 
-    Limits on the shape, such as curvature, are proved on the original path, which has the same shape. Other limits,
-    such as on the angular acceleration, are sampled. If `retime` supports all limits, its certificate is returned.
+    Limits on the shape, such as a limit on the curvature, are proved on the original path, which has the same shape.
+    Other limits, such as a limit on the angular acceleration, are sampled. If `retime` supports all limits, the
+    certificate of its result is returned.
 
     **Raises:** ValueError in the same cases as `certify`.
     """

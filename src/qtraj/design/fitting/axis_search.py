@@ -8,17 +8,23 @@ track. Several axes at a minimum distance from each other are chosen, so that th
 import numpy as np
 
 SAMPLES = 256
-"""Of a long recording only every k-th sample is used, with k so that between one and two times this number remain."""
+"""Only every k-th of n samples is used, with k = max(1, n // SAMPLES)."""
 
 RINGS, RAYS = 36, 72
-"""Size of the polar grid of axes about the centre of the track; the rings are spaced geometrically."""
+"""Numbers of rings and rays of the polar grid of axes about the centre of the track.
+
+The radii of the rings are a geometric sequence.
+"""
 
 MAX_STARTS, MIN_DISTANCE = 8, 0.25
-"""Maximum number of starts, and the minimum distance between two axes, relative to the smaller of their RMS radii."""
+"""Maximum number of starts, and the minimum distance between two axes.
+
+The distance is relative to the smaller of the RMS distances of the samples from the two axes.
+"""
 
 
 def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]) -> list[np.ndarray]:
-    """Return the starting points, best first, each as one vector (x, y, ρ coefficients, φ coefficients).
+    """Return the starting points, best first, each as one vector: x and y of the axis, coefficients of ρ and of φ.
 
     `positions` (n, 2) are relative to the centre of the window. `basis` (n, terms) contains the values of the basis
     polynomials at the samples; φ uses the first `angle_terms` polynomials. `bounds` are the minimum and maximum radius,

@@ -7,8 +7,9 @@ which the travel direction turns. The origin is the centre of the window, so tha
 the precision.
 
 Without bounds the axis would diverge, because polynomials of ρ and φ about a far axis, or about an axis that touches
-the path, fit almost any curve. Therefore ρ is bounded, by default to R/4 … 2R, which keeps the axis close to the bend.
-The augmented Lagrangian method enforces the bounds: searches alternate with updates of the multipliers.
+the path, fit almost any curve. Therefore ρ is bounded, by default to the interval [R/4, 2R]. These bounds keep the axis
+close to the bend. The augmented Lagrangian method enforces the bounds: searches alternate with updates of the
+multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -39,10 +40,13 @@ ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Number of coefficients of φ for each motion: φ is linear in time for uniform motion, and cubic for Hermite motion."""
 
 BOUNDS = (0.25, 2.0)
-"""Default bounds of ρ, in mean turning radii."""
+"""Default bounds of ρ, in units of the mean turning radius."""
 
 ROUNDS, BOUND_TOLERANCE = 15, 1e-6
-"""Maximum number of searches (between multiplier updates), and the tolerance on the bounds of ρ, in turning radii."""
+"""Maximum number of searches (between multiplier updates), and the tolerance on the bounds of ρ.
+
+The tolerance is in units of the mean turning radius.
+"""
 
 
 def fit(
@@ -69,9 +73,9 @@ def fit(
     The result contains the fitted `path`, the `residual` of the fit, and a `result` text with advice. A fit is loose if
     the RMS horizontal distance of the samples from the path exceeds 3 % of the radius of the turn (its length divided
     by its total turning angle), or if the speed differs from the recorded speed by more than 25 % of the RMS recorded
-    speed. If these values exceed 10 % or 50 %, respectively, the fit is poor, which counts as a failure. The fit does
-    not use recorded attitudes. The field `attitude` of the result contains the differences between recorded attitudes
-    and the upright frame of the path (see `compare_attitude`).
+    speed. If these values exceed 10 % or 50 %, respectively, the fit is poor; a poor fit counts as a failure. The fit
+    does not use recorded attitudes. The field `attitude` of the result contains the differences between recorded
+    attitudes and the upright frame of the path (see `compare_attitude`).
 
     Use float64 and concrete values: the fit is not differentiable with respect to the recording. The fitted path is
     differentiable like any other path.
@@ -168,7 +172,7 @@ def _height(track: Track, level: float, ratio: float) -> np.ndarray:
 
 
 def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
-    """Return the coefficients of 1, t, t², … (t in seconds) of a Legendre series over [0, duration]."""
+    """Convert a Legendre series over [0, `duration`] to the coefficients of ascending powers of the time t [s]."""
     series = Legendre(coefficients, domain=(0.0, duration)).convert(kind=Polynomial, domain=(-1, 1), window=(-1, 1))
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
@@ -176,7 +180,7 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
 def _code(
     radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, quality: Quality
 ) -> ResultCode:
-    """Return the result code of a fit, where `radius` are the coefficients of ρ."""
+    """Return the result code of a fit, where `radius` contains the coefficients of ρ."""
     code = judge(quality)
     if not converged and code != ResultCode.poor_fit:
         return ResultCode.not_converged

@@ -35,7 +35,7 @@ MAX_HALVINGS, MIN_GAIN = 3, 0.03
 """Maximum number of halvings of the knot spacing, and the minimum relative decrease of the score by a halving."""
 
 GAP = 4.0
-"""Minimum length of a gap, in knot spacings or in time steps of the recording, whichever is longer."""
+"""Minimum length of a gap, in median knot spacings or in time steps of the recording, whichever is longer."""
 
 
 def fit_route(
@@ -111,8 +111,9 @@ def fit_route(
 class _Solution(NamedTuple):
     """The solution of a fit.
 
-    `states` (m, 3, 3) are position, velocity and acceleration (second axis) at the m knots, `sigma` [m] is the standard
-    deviation of the position errors per axis, and `matrix` contains the diagonals of the normal equations.
+    The axes of `states` (m, 3, 3) are the knot, the order of the derivative (position, velocity, acceleration), and the
+    component. `sigma` [m] is the standard deviation of the position errors per axis. `matrix` contains the diagonals of
+    the matrix of the normal equations.
     """
 
     states: np.ndarray
@@ -159,7 +160,10 @@ def _chosen(
     tolerance: float | None,
     smoothing: float | None,
 ) -> tuple[Problem, float, float]:
-    """Return the problem on the chosen knots, the smoothing, and the RMS position error in held-out intervals [m]."""
+    """Return the problem on the chosen knots, the smoothing, and the RMS position error in held-out intervals [m].
+
+    The error is NaN if the recording is too short for held-out intervals.
+    """
     duration, start = float(recording.times[-1]), SMOOTHING / recording.step
     folds = choice.folds(recording.times, recording.step)
 
@@ -259,7 +263,8 @@ def _gaps(recording: Recording, knots: np.ndarray) -> Float[np.ndarray, "j 2"]:
 def _part(track: Track, inliers: np.ndarray) -> Track:
     """Return the inliers of `track`.
 
-    The first sample is always included, because the comparison with the route starts at time 0 of the route.
+    The first sample is always included, because the comparison with the route starts at time 0 of the route. If the
+    first sample is an outlier, the recorded velocities are omitted.
     """
     if inliers.all():
         return track

@@ -16,7 +16,10 @@ Bounds = tuple[float, float]
 
 
 def extremes(radius: np.ndarray, duration: float) -> Bounds:
-    """Return the minimum and maximum of ρ [m] on [0, `duration`] [s]; `radius` are the coefficients of 1, t, t², …."""
+    """Return the minimum and maximum of ρ [m] on [0, `duration`] [s].
+
+    `radius` contains the coefficients of ρ for ascending powers of the time t.
+    """
     rho = Polynomial(radius)
     stationary = rho.deriv().roots()
     inner = stationary.real[
@@ -27,7 +30,10 @@ def extremes(radius: np.ndarray, duration: float) -> Bounds:
 
 
 def shrink_into_bounds(radius: np.ndarray, duration: float, bounds: Bounds) -> np.ndarray:
-    """Return the coefficients of ρ, shrunk towards the middle of the bounds just enough to satisfy them everywhere."""
+    """Return the coefficients of ρ, scaled towards the middle of the bounds if ρ violates a bound somewhere.
+
+    The scale factor is the largest with which ρ satisfies both bounds everywhere, reduced by the relative `MARGIN`.
+    """
     minimum, maximum = extremes(radius, duration)
     if bounds[0] <= minimum and maximum <= bounds[1]:
         return radius

@@ -30,8 +30,10 @@ FOLDS, PERIOD = 2, 5
 """Number of folds, and the period in intervals: each fold holds out every fifth interval."""
 
 DECADES = 12
-"""Maximum number of steps by a factor of ten in the search for the smoothing, and the range of this search, in decades,
-if a tolerance is given."""
+"""Maximum number of steps by a factor of ten in the search for the best smoothing.
+
+With a tolerance, this is the range of the search for the largest smoothing, in decades.
+"""
 
 STOP_WEIGHT = 1e8
 """Weight of the equations of a stop, relative to the sum of the weights of all samples."""
@@ -62,9 +64,11 @@ class Recording(NamedTuple):
 
 
 class Fold(NamedTuple):
-    """The held-out samples of a fold: their normal equations, and the design matrix and recorded values for the score.
+    """The k held-out samples of a fold.
 
-    The values (k, 3) are velocities, or positions if no velocities were recorded. `weights` (k,) are 0 for outliers.
+    `system` contains the normal equations of their positions. The score compares the recorded `values` (k, 3) with the
+    prediction of the design matrix `at`. The values are velocities, or positions if no velocities were recorded.
+    `weights` (k,) are 0 for outliers.
     """
 
     system: System
@@ -167,6 +171,8 @@ def best_smoothing(of: Problem, start: float) -> tuple[float, float]:
 
 def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance: float) -> float:
     """Return the largest smoothing for which the RMS distance does not exceed `tolerance` [m].
+
+    The search covers six decades below and six decades above `start`.
 
     **Raises:** ValueError if the RMS distance exceeds `tolerance` even with negligible smoothing.
     """

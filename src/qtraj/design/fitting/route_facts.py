@@ -32,7 +32,7 @@ def facts_of(fitted: Fitted | FittedRoute | None) -> dict[str, Any] | None:
 
 
 def fit_rows(fitted: Fitted | FittedRoute) -> tuple[str, list[tuple[str, str]], str]:
-    """Return a title, the facts as pairs of a name and a text, and a warning or a note, which may be empty."""
+    """Return a title, the facts as pairs of a name and a text, and a warning, a note or an empty string."""
     if not isinstance(fitted, Fitted):
         return TITLE, route_fact_rows(fitted), ""
     fit = facts(fitted)

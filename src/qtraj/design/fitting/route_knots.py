@@ -18,7 +18,10 @@ MIN_DISTANCE = 0.2
 def find_stops(
     times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"], speeds: Float[np.ndarray, " n"], step: float
 ) -> list[tuple[float, float]]:
-    """Return the intervals (start, end) [s] in which the vehicle is slow and stays within `STANDSTILL` [m]."""
+    """Return the stops as intervals (start, end) [s].
+
+    At a stop the vehicle is slow and stays within `STANDSTILL` [m] of its mean position for the minimum duration.
+    """
     slow = np.concatenate([[False], speeds <= STOP_SPEED * speeds.max(), [False]])
     edges = np.flatnonzero(slow[1:] != slow[:-1])
     intervals = []

@@ -16,7 +16,10 @@ SMOOTHING = 1e-4
 """Product of the initial smoothing and the median time step of the recording [s⁶]."""
 
 OUTLIER_RATIO = 10.0
-"""A sample is an outlier if its distance from the route exceeds this factor times the upper quartile of distances."""
+"""A sample can be an outlier only if its distance exceeds this factor times the upper quartile of the distances.
+
+All distances are from the route.
+"""
 
 MIN_JUMP = 0.5
 """Consecutive distant samples are outliers if the error vector changes from one sample to the next by at least this
@@ -80,7 +83,7 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def outlier_bound(distances: np.ndarray) -> float:
-    """Return the distance [m] above which a sample is an outlier, from the distances of all inliers."""
+    """Return the distance [m] above which a sample can be an outlier, from the distances of all inliers."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
 
 
@@ -88,8 +91,9 @@ def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
     """Return a mask (n,) of the outliers, from the differences (n, 3) [m] between route and samples.
 
     If standard deviations were given, the differences must already be multiplied by the square roots of the weights.
-    Consecutive samples with distances above `bound` are outliers only if their distances change abruptly. Otherwise the
-    knots are too far apart to follow the motion, for example a swerve between two knots.
+    Consecutive samples with distances above `bound` are outliers only if the difference changes abruptly from one
+    sample to the next. Otherwise the knots are too far apart to follow the motion, for example a swerve between two
+    knots.
     """
     distances, steps = lengths(residuals), lengths(np.diff(residuals, axis=0))
     above = np.concatenate([[False], distances > bound, [False]])

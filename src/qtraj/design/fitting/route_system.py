@@ -21,7 +21,10 @@ WIDTH = 6
 
 
 def _basis() -> np.ndarray:
-    """Return the coefficients (6, 6) of 1, u, …, u⁵ of the Hermite basis functions on [0, 1], one row per unknown."""
+    """Return the coefficients (6, 6) of ascending powers of u in the Hermite basis functions on [0, 1].
+
+    Each row belongs to one unknown.
+    """
     rows = []
     for k in range(WIDTH):
         states = np.zeros((2, 3, 1))
@@ -47,8 +50,8 @@ JERK = _jerk_form()
 class Design:
     """The design matrix of a route with `knots` knots.
 
-    For each sample, `segment` is the index of its segment, in increasing order, and `factors` are the coefficients of
-    the six unknowns there.
+    For each sample, `segment` is the index of its segment, in increasing order. `factors` are the coefficients of the
+    six unknowns of this segment in the position or velocity at the sample.
     """
 
     segment: Int[np.ndarray, " n"]
@@ -185,7 +188,10 @@ def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarr
 
 
 def _banded(blocks: Float[np.ndarray, "6 6 segments"]) -> np.ndarray:
-    """Return the upper diagonals of the sum of blocks (6, 6), each three rows and columns after the previous one."""
+    """Return the upper diagonals of the matrix that is the sum of the blocks (6, 6) of all segments.
+
+    In this matrix, each block is three rows and columns after the block of the previous segment.
+    """
     segments = blocks.shape[-1]
     matrix = np.zeros((WIDTH, 3 * (segments + 1)))
     for j in range(WIDTH):

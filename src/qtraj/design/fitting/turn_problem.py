@@ -34,8 +34,8 @@ MIN_DAMPING = 100
 class TurnProblem(eqx.Module):
     """The least-squares problem of n samples, about the centre of the window and in units of the mean turning radius.
 
-    `basis` and `slope` are the values and the time derivatives of the Legendre polynomials at the samples. The weights
-    of padding are 0.
+    `basis` and `slope` are the values and the time derivatives of the Legendre polynomials at the samples. Padding has
+    the weight 0.
     """
 
     basis: Float[Array, "n terms"]
@@ -50,8 +50,8 @@ class TurnProblem(eqx.Module):
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
         """Return the weighted position and velocity errors, and the weighted violations of the bounds, in one vector.
 
-        `shifts` are the scaled multipliers of the lower and the upper bound. They are added to the violations at the p
-        instants of the bounds.
+        `shifts` are the multipliers of the lower and the upper bound, divided by the penalty. They are added to the
+        violations at the p instants of the bounds.
         """
         axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         coefficients, rates = jnp.stack([radius_coefficients, angle_coefficients]), jnp.stack([self.basis, self.slope])
@@ -142,7 +142,7 @@ def minimise(
 
     `free` is 1 for free and 0 for fixed unknowns. Returns, for each search, the unknowns, the violations of the bounds
     of ρ, the sum of squared errors of position and velocity, whether the search converged, and its number of steps. All
-    searches run in one loop over arrays, which compiles much faster than a general solver, and only once for both
+    searches run in one loop over arrays. This loop compiles much faster than a general solver, and only once for both
     motions.
     """
     count, dtype = starts.shape[0], starts.dtype
@@ -195,7 +195,7 @@ def _damped(
     """Return the steps p that minimise |J p + r|² + damping |D p|².
 
     J is the Jacobian, r are the errors, and the diagonal matrix D contains the norms of the columns of J. The normal
-    equations square the condition number, which reduces the accuracy of a step but not of the solution, because later
+    equations square the condition number. This reduces the accuracy of a step but not of the solution, because later
     steps correct the error.
     """
     normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)

@@ -38,8 +38,8 @@ SPACING = 2 * MIN_LENGTH
 class Turn(NamedTuple):
     """The radii of a window [m].
 
-    `radius` is the length of the window divided by the net turn, and `total_radius` is this length divided by the
-    larger of the net turn and the sum of the turns of all bends.
+    `radius` is the length of the window divided by the magnitude of the net turn. `total_radius` is this length divided
+    by the magnitude of the net turn or the sum of the magnitudes of the turns of all bends, whichever is larger.
     """
 
     radius: float
@@ -47,10 +47,10 @@ class Turn(NamedTuple):
 
 
 def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SIGMA) -> Turn:
-    """Measure the turn of a window; `sigma` [m] and `velocity_sigma` [m/s] are standard deviations of the recording.
+    """Measure the radii of a window; `sigma` [m] and `velocity_sigma` [m/s] are standard deviations of the recording.
 
-    **Raises:** ValueError for too few samples, for a vehicle that stands still, and for a window that is too short, has
-    bends in opposite directions that cancel each other, or is nearly straight.
+    **Raises:** ValueError for an argument other than a `Track`, for too few samples, for a vehicle that stands still,
+    and for a window that is too short, has bends in opposite directions that cancel each other, or is nearly straight.
     """
     if not isinstance(track, Track):
         raise ValueError(f"fit needs a Track, as returned by read_track, but a {type(track).__name__} was given")
@@ -69,7 +69,10 @@ def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SI
 
 
 def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
-    """Return the horizontal distance travelled in a window [m], or raise a ValueError if this distance is too short."""
+    """Return the horizontal distance travelled in a window [m].
+
+    **Raises:** ValueError for a distance that is too short, and for a vehicle that stands still or moves vertically.
+    """
     standstill_radius, min_length = _standstill_radius(sigma), MIN_LENGTH * sigma
     if spread_radius(track) <= standstill_radius:
         climb = float(np.ptp(to_float64(track.positions)[:, 2]))

@@ -25,7 +25,7 @@ STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 """The statuses of limits; the code of a finding is the index of its status.
 
 - proved: the limit is proved to be satisfied on the whole path.
-- sampled: the limit is satisfied at the refined maxima of a fine grid, which is strong evidence, but not a proof.
+- sampled: the limit is satisfied at the refined maxima of a fine grid. This is strong evidence, but not a proof.
 - broken: the limit is violated at the reported time.
 - undecided: neither satisfaction nor violation is proved, because the largest value equals the limit to within rounding
   errors, or because it is not proved that the quantity is defined everywhere.
@@ -39,7 +39,7 @@ _RESULT_OF_FINDING = (
     (UNDECIDED, ResultCode.limits_undecided),
     (SAMPLED, ResultCode.limits_sampled),
 )
-"""Pairs of a finding's status code and the resulting code of the path, in order of decreasing severity."""
+"""Pairs of a finding's status code and the resulting `ResultCode` of the path, in order of decreasing severity."""
 
 ACTIVE_MARGIN = 1e-6
 """A satisfied limit is active if its relative margin is at most this value."""
@@ -191,7 +191,7 @@ class Certificate(AbstractOutcome):
 
     def findings(self, at: tuple[int, ...] = ()) -> list[Finding]:
         """Return the finding on each limit of one path; `at` is the index of the path in a batch."""
-        # Equinox wraps each bound method in a Module, which would dominate the run time, so no method is called here.
+        # No method is called here: Equinox wraps each bound method in a Module, and this would dominate the run time.
         codes, *numbers = (_concrete(x)[at] for x in (self.codes, self.times, self.values, self.limits))
         columns = zip(self.names, codes.tolist(), *(x.tolist() for x in numbers), strict=True)
         return [Finding(name, STATUSES[code], *rest) for name, code, *rest in columns]
@@ -275,5 +275,5 @@ def _concrete(x: Array) -> np.ndarray:
 
 
 def _plain(x: Any) -> Any:
-    """Return an array with a single element as a Python value, and any other array unchanged."""
+    """Return a zero-dimensional array as a Python value, and any other array unchanged."""
     return x.item() if np.ndim(x) == 0 else x

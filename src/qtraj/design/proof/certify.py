@@ -85,7 +85,7 @@ def certify(
 
     For a route every segment is checked separately. The `RouteCertificate` contains the status for the whole route and
     for each segment, and the intervals of violation. At a joint both sides are checked. If the velocity is zero at a
-    joint, the rates of frames and the tangential and normal acceleration are computed from the direction that the
+    joint, the rates of frames and the longitudinal and lateral acceleration are computed from the direction that the
     velocity approaches there. A segment without motion satisfies every limit that does not depend on the road. The
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 

@@ -2,7 +2,7 @@
 
 The two paths are compared at equal fractions of their durations, that is, at equal s = 2t/duration − 1. The squared
 distance, with the difference of the azimuths measured along the arc, is a polynomial in s (see `CORRIDOR`). This
-polynomial is an upper bound on the true squared distance if both radii have the same sign, which is proved, too.
+polynomial is an upper bound on the true squared distance if both radii have the same sign. This is proved, too.
 """
 
 from typing import Any, NamedTuple
@@ -33,7 +33,11 @@ CHUNKS = 8
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of radius ρ, azimuth φ and height h in t, and duration [s], of one spiral-helix or a batch."""
+    """The polynomials of one spiral-helix or a batch.
+
+    The fields are the coefficients of the radius ρ, the azimuth φ and the height h for ascending powers of the time t
+    [s], and the duration [s].
+    """
 
     radius: Array
     angle: Array
@@ -67,8 +71,8 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
         raise ValueError(
             f"the paths have the batch shape {batch}, but the corridor has the shape {width.shape} and the reference "
-            f"has the batch shape {reference.duration.shape}: pass one corridor and one reference for all paths, or "
-            "one of each for each path"
+            f"has the batch shape {reference.duration.shape}: pass a corridor and a reference without a batch "
+            "dimension, or with the batch shape of the paths"
         )
     axes = [p.placement or Placement() for p in (path, reference)]
     if not all(map(_may_be_equal, *map(jax.tree.leaves, axes))):
@@ -138,7 +142,10 @@ def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
 
 
 def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:
-    """Return the differences of ρ, φ and h, and both radii, as polynomials in s with bounds on the rounding errors."""
+    """Return the differences of ρ, φ and h, and both radii, as polynomials in s = 2t/duration − 1.
+
+    The polynomials include bounds on the rounding errors.
+    """
     # With half the duration as the unit of time, these are coefficients of powers of 1 + s = 2t/duration.
     ours = [in_units(c.T, 0.5 * path.duration) for c in (path.radius, path.angle, path.height)]
     theirs = [in_units(c.T, 0.5 * reference.duration) for c in (reference.radius, reference.angle, reference.height)]
@@ -150,13 +157,16 @@ def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomia
 
 
 def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
-    """Return the multiple of 2π [rad] between the initial azimuths of two paths; it does not change the positions."""
+    """Return the multiple of 2π [rad] that is closest to the difference of the initial azimuths of two paths.
+
+    Adding this angle to an azimuth does not change the positions.
+    """
     turns = jnp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * jnp.pi))
     return 2 * jnp.pi * jax.lax.stop_gradient(turns)
 
 
 def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:
-    """Return polynomials in s from coefficients in 1 + s, with a bound on all rounding errors.
+    """Return polynomials in s = 2t/duration − 1 from coefficients of powers of 1 + s, with a bound on rounding errors.
 
     Each element of `sizes` is the sum of the magnitudes of the numbers from which a coefficient was computed. The bound
     includes the rounding errors of the conversion to s.

@@ -1,7 +1,7 @@
 """Prove limits on many segments at once by the Bernstein coefficients of their inequalities, with NumPy.
 
 Most segments of a route satisfy their limits with a margin. Their inequalities have positive Bernstein coefficients on
-the whole segment, which is a proof and costs little. Only the other segments need the branch and bound of `judge`. The
+the whole segment. This is a proof and costs little. Only the other segments need the branch and bound of `judge`. The
 time unit is the duration of the segment, and the length unit is the metre. All rounding errors are included.
 """
 
@@ -27,7 +27,10 @@ NARROWING = (8.0, 64.0, 512.0)
 """Factors by which the three instants of a parabola are closer together than the samples, one for each refinement."""
 
 EVEN = 0.2
-"""Minimum ratio of the lower to the upper bound on a divisor; below it, peaks may be narrower than the sampling."""
+"""Minimum ratio of the lower to the upper bound on a divisor.
+
+With a smaller ratio, peaks may be narrower than the sampling interval, so the first pass does not decide the limit.
+"""
 
 MAX_SHIFT = 4.0
 """Largest distance of the vertex of a parabola from the middle of its three instants, in units of their spacing."""
@@ -40,7 +43,11 @@ DURATIONS = (2.0**-40, 2.0**40)
 
 
 class Derivatives(NamedTuple):
-    """Power coefficients (terms, 3, rows) of r', r'', … of each segment on [0, 1], with `h` [s] as the unit of time."""
+    """The first three derivatives of the position in each segment, with its duration `h` [s] as the unit of time.
+
+    Each array contains the coefficients of ascending powers of the time in [0, 1]. Its axes are the power, the
+    component and the segment.
+    """
 
     orders: list[Float[np.ndarray, "terms 3 rows"]]
     h: Float[np.ndarray, " rows"]
@@ -51,16 +58,20 @@ class Derivatives(NamedTuple):
 
 
 def is_simple(entry: PathQuantity) -> bool:
-    """Return whether the first pass supports a quantity: an unsigned, simple ratio that does not need a vehicle."""
+    """Return whether the first pass supports a quantity.
+
+    The quantity must be nonnegative, must not need a vehicle, and must have no separate formula `square`.
+    """
     return not entry.needs_vehicle and entry.square is None and entry.signed is None
 
 
 def derivatives(c: np.ndarray, directions: np.ndarray, h: np.ndarray, keep: np.ndarray) -> Derivatives:
-    """Return the first derivative of `directions`, and the higher derivatives of `c` or `directions`.
+    """Return the first derivative of `directions`, and the second and third derivative of `c` or `directions`.
 
-    The higher derivatives are computed from `c` where `keep` is true, otherwise from `directions`.
+    The second and third derivative are computed from `c` where `keep` (rows,) is true, otherwise from `directions`.
 
-    `c` and `directions` (rows, terms, 3) are coefficients of powers of the time, for segments of durations `h` (rows,).
+    `c` and `directions` (rows, terms, 3) are coefficients of ascending powers of the time, one row for each segment.
+    `h` (rows,) are the durations of the segments.
     """
     powers = [np.ones_like(h)]
     for _ in range(c.shape[1] - 1):

@@ -1,10 +1,11 @@
 """Limits as inequalities between polynomials in s = 2t/duration − 1 (paper S).
 
-The position is R_z(φ)·(a, b, h), with the rotation R_z about the axis. In this moving basis every derivative of the
-position has polynomial components, because (a, b)' = (a' − bφ', b' + aφ'). So the square of a quantity is a quotient of
-polynomials, and a limit is satisfied where limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit
-of time is half the duration, and the unit of length is a power of two close to the size of the path. With these units,
-polynomials of high degree do not overflow.
+The position is R_z(φ)·(a, b, h), where R_z is the rotation about the axis, and a, b, h and φ are polynomials. In this
+moving basis every derivative of the position has polynomial components: the derivative of the vector with the
+components a and b has the components a' − bφ' and b' + aφ'. So the square of a quantity is a quotient of polynomials,
+and a limit is satisfied where limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit of time is
+half the duration, and the unit of length is a power of two close to the size of the path. With these units, polynomials
+of high degree do not overflow.
 """
 
 import math
@@ -28,7 +29,8 @@ from qtraj.path.path_quantity import PathQuantity
 ORDER = 4
 
 UNDERFLOW = 2.0**-500
-"""Bound on the underflow error of a derivative in units of `length`, and lower bound on `length` [m]."""
+"""Bound on the underflow error of a derivative, in units of `PathDerivatives.length`, and lower bound on this length.
+"""
 
 
 class Vectors(eqx.Module):
@@ -55,10 +57,11 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """The derivatives dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m].
+    """The derivatives of the position with respect to s = 2t/duration − 1, for a batch of paths.
 
-    `unit` [s] is half the duration of each path. The first derivative may be replaced by a vector parallel to the
-    velocity. `pace` is the ratio of the velocity to this vector; `pace=None` means that the ratio is 1.
+    The derivatives are in units of `length` [m] and in ascending order, starting with the first. `unit` [s] is half the
+    duration of each path. The first derivative may be replaced by a vector parallel to the velocity. `pace` is the
+    ratio of the velocity to this vector; `pace=None` means that the ratio is 1.
     """
 
     derivatives: list[CellPolynomial]
@@ -100,14 +103,20 @@ def path_derivatives(
 
 
 def slack(entry: PathQuantity, i: Invariants, bound: Bound) -> ChebyshevModel:
-    """Return limit² · denominator − numerator in cells of s; the limit is satisfied where the value is not negative."""
+    """Return limit² · denominator − numerator in cells of s = 2t/duration − 1.
+
+    The limit is satisfied where this value is not negative.
+    """
     numerator = entry.numerator(i)
     denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
     return multiple(denominator, *bound.square) - numerator
 
 
 def bounds(limit: PerPath, scale: PerPath) -> Bound:
-    """Return a limit and its square in the units of `PathDerivatives`; `scale` converts the limit from SI units."""
+    """Return a limit and its square in the units of `PathDerivatives`, each with a bound on its rounding error.
+
+    `scale` converts the limit from SI units.
+    """
     bound = limit * scale
     rounding = jnp.where(_is_normal(bound) & _is_normal(scale), 8 * float(jnp.finfo(bound.dtype).eps) * bound, jnp.inf)
     return Bound((bound[None], rounding[None]), squared_bound(limit, scale))
@@ -123,10 +132,10 @@ def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
 
 
 def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array, orders: int) -> list[Array]:
-    """Return the coefficients of r', r'', … of the paths.
+    """Return the coefficients of the derivatives of the position, from the first to the order `orders`.
 
-    `signs` is −1 for paths. With absolute values as coefficients and `signs` 1, no terms cancel, so the results are
-    sums of the magnitudes of all terms.
+    `signs` is −1 for the coefficients of a path, and 1 for the absolute values of these coefficients. With absolute
+    values no terms cancel, so the results are sums of the magnitudes of all terms.
     """
     angle_rate, derivatives = _derivative(angle), []
     for _ in range(orders):
@@ -161,7 +170,7 @@ def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
 
 @jax.jit
 def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
-    """Return the coefficients in s of Σ a_k (1 + s)^k.
+    """Return the coefficients of the powers of s in the polynomial Σ a_k (1 + s)^k, where a_k are the `coefficients`.
 
     With n + 1 coefficients, each term contains at most n + 1 roundings.
     """

@@ -38,7 +38,10 @@ CHUNKS = (8, 35)
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
-"""The divisors of quantities: the names of their invariants, and of their relative sizes. The load has no invariant."""
+"""The divisors of quantities: their names in `Invariants`, and the names of their relative sizes.
+
+The load on the road has no name in `Invariants`.
+"""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
@@ -46,7 +49,7 @@ ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
 """Number of entries; the entries are the limits in the order of the registry, followed by the divisors."""
 
 UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
-"""The first divisor that depends on the vertical."""
+"""The index of the first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
 """The index of the divisor for quantities without a divisor."""
@@ -57,7 +60,7 @@ ROAD = ORDER + 1
 
 ORDERS = [*(ROAD if entry.on_road else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
-"""The index of each entry among the entries of the same order, which share their derivatives."""
+"""The index of each entry among the entries of the same order; entries of the same order share their derivatives."""
 
 BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
 """The index of each entry's branch in `_squares`; all entries that depend on the road share the last branch."""
@@ -110,7 +113,7 @@ class Scale(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
+    """Status codes, times [s] and values of all entries: the limits, the divisors, and the placeholder `NO_DIVISOR`."""
 
     codes: Int[Array, "entries paths"]
     times: Float[Array, "entries paths"]
@@ -139,8 +142,8 @@ def judge(
     """Compute the findings on the first `count` entries of `index`, for the paths that `evaluate` evaluates.
 
     `upright` marks the paths with a vertical axis. Without polynomial `derivatives` no limit is proved. The parameters
-    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None,
-    and the branches of such limits are not compiled.
+    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None, and the
+    branches for limits on forces, friction and power are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)

@@ -23,8 +23,9 @@ def limit_rows(findings: Iterable[Finding], more: Mapping[str, str], digits_of_t
 def limit_change_rows(before: Certificate, after: Certificate) -> list[list[tuple[str, ...]]]:
     """Return two rows for each limit, one for the path before a tuning and one for the path after it.
 
-    The rows contain the name or the unit, "before" or "after", the value, the limit, the margin, the time [s] and the
-    status. The margin of an active limit is "active".
+    The first column contains the name in the first row and the unit in the second row. The other columns contain
+    "before" or "after", the value, the limit, the margin, the time [s] and the status. The margin of an active limit is
+    "active".
     """
     groups = []
     for was, now in zip(before.findings(), after.findings(), strict=True):

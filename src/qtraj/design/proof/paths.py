@@ -28,7 +28,10 @@ class PolynomialPaths(eqx.Module):
 
 
 def prepared(path: AbstractHodograph, axes: int) -> Any:
-    """Return the data on which the findings depend: the polynomials of polynomial paths, or the paths themselves."""
+    """Return the data on which the findings depend: the polynomials of polynomial paths, or the paths themselves.
+
+    `axes` is the number of batch axes of `path`.
+    """
     polynomials = _vmap_times(lambda path: path.polynomials(), axes)(path)
     if polynomials is None:
         return path
@@ -80,7 +83,8 @@ def from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None]
             path = eqx.combine(arrays, static)
             return jax.vmap(lambda t: path.derivatives(t, order))(t)
 
-        derivatives = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
+        # The axes of the derivatives are the instant, the order, the path and the component.
+        derivatives = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))
         scaled = [derivatives[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
         return Invariants([Vectors(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
 

@@ -44,7 +44,10 @@ class Parameter(eqx.Module):
 
 
 class RoadInvariants:
-    """The invariants in the formulas of `contact`, as sums with the square roots v = √S and h = √H."""
+    """The invariants in the formulas of `contact`, as `RootSum`s, which may contain the roots v = √S and h = √H.
+
+    S is the squared speed, and H the squared horizontal speed.
+    """
 
     def __init__(self, i: Invariants):
         self.squares = squares = i.S, i.H
@@ -59,11 +62,12 @@ class RoadInvariants:
 
 
 def road_slack(place: Array, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
-    """Return bound · denominator − numerator in cells of s; the limit is satisfied where the value is not negative.
+    """Return bound · denominator − numerator in cells of s = 2t/duration − 1.
 
-    The bound is the limit of a signed quantity, or the square of the limit of any other quantity. `place` is the index
-    in `ROAD_QUANTITIES`; the index after the last quantity selects the load on the road, times positive factors. The
-    square roots are bounded only once, for all quantities together.
+    The limit is satisfied where this value is not negative. The bound is the limit of a signed quantity, or the square
+    of the limit of any other quantity. `place` is the index in `ROAD_QUANTITIES`; the index after the last quantity
+    selects the load on the road, times positive factors. The square roots are bounded only once, for all quantities
+    together.
     """
     road = RoadInvariants(i)
     road.contact.compute()

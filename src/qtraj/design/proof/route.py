@@ -76,7 +76,7 @@ def _intervals(
 ) -> list[tuple[float, float]]:
     """Return the intervals in which a quantity exceeds its bound, in the segments `rows`.
 
-    At the times `peaks` since the start of each segment the quantity is known to exceed its bound.
+    `peaks` are times at which the quantity exceeds its bound, one per segment, measured from the start of the segment.
     """
     if not rows.size:
         return []
@@ -108,7 +108,10 @@ def _intervals(
 
 
 def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
-    """Check whether a quantity exceeds its bound at the times `s` (segments, instants) within each segment."""
+    """Check whether a quantity exceeds its bound at the times `s` (segments, instants).
+
+    The times are measured from the start of the segment.
+    """
     entry = quantity(name)
     derivatives = pieces.values(c[:, None], s, max(entry.order, 1))
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]

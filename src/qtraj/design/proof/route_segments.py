@@ -1,10 +1,10 @@
 """Compute the findings on each segment of a route, including segments that start or end at a stop.
 
-At a stop the speed is zero, and most quantities have it in their denominator. If the velocity of a segment has a zero
-of order m at an end, then r' = u^m·q, where u is the time from that end. The vector q is parallel to r' and does not
-vanish. So the upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal
-acceleration are the components of r'' relative to the direction of q. These quantities are certified with q instead of
-r'. This is impossible for the curvature, which is unbounded near a stop unless the path is straight there.
+At a stop the speed is zero, and the denominators of most quantities contain the speed. If the velocity r' of a segment
+has a zero of order m at an end, then r' = u^m·q, where u is the time from that end. The vector q is parallel to r' and
+does not vanish. So the upright and the natural frame rotate as on a path with velocity q, and the lateral and
+longitudinal acceleration are the components of r'' relative to the direction of q. These quantities are certified with
+q instead of r'. This is impossible for the curvature, which is unbounded near a stop unless the path is straight there.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,8 @@ COMPONENTS = (
 """Components of the acceleration along and across the velocity, and the quantities that depend on the road."""
 
 ZERO = 64 * float(np.finfo(float).eps)
-"""A velocity or acceleration at an end of a segment counts as zero below this fraction of the size of the segment."""
+"""The velocity at an end of a segment counts as zero if its product with the duration is at most this fraction of the
+size of the segment; for the acceleration, the product with the squared duration is compared."""
 
 
 RANK = np.array([0, 1, 4, 2, 3])
@@ -47,7 +48,7 @@ def findings(segments: Segments, limits: dict[str, float], road: RoadParameters 
     """Compute the findings on every segment, in the order of the registry of quantities.
 
     `limits` contains the reduced limits by name. `road` contains the parameters of the vehicle, or is None.
-    A segment from stop to stop is certified in two halves.
+    A moving segment that starts and ends at a stop is certified in two halves.
     """
     both = _stopping_twice(segments)
     if not both.size:
@@ -168,7 +169,7 @@ def _stopping(c: np.ndarray, h: np.ndarray, parked: np.ndarray) -> list[_Stoppin
 
 
 def _sizes(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Return the sizes of segments [m]: the sums of the magnitudes of all terms of the polynomials at the end."""
+    """Return the sizes of segments [m]: the sums of the magnitudes of all terms of the displacement at the end."""
     powers = h[:, None, None] ** np.arange(c.shape[1])[None, :, None]
     return np.sum(np.abs(c[:, 1:]) * powers[:, 1:], axis=(1, 2))
 
@@ -185,7 +186,7 @@ def _vanishing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def _without_rounding(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Set the velocity at the start to exactly zero, and the acceleration, too, if it is zero up to rounding."""
+    """Set the velocity at the start to zero, and the acceleration, too, if the acceleration is zero up to rounding."""
     c, sizes = c.copy(), _sizes(c, h)
     c[:, 1] = 0.0
     unaccelerated = np.linalg.norm(c[:, 2], axis=-1) * h**2 <= ZERO * sizes
@@ -194,7 +195,10 @@ def _without_rounding(c: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def _integrals(c: np.ndarray) -> np.ndarray:
-    """Return the coefficients of Q with Q' = q = r'/u^m, where the first m coefficients of r' are zero."""
+    """Return the coefficients of Q with Q' = q = r'/u^m, where u is the time from the stop.
+
+    The power m is the number of leading coefficients of r' that are zero.
+    """
     result = np.zeros_like(c)
     for i, row in enumerate(c):
         powers = np.flatnonzero(row[1:].any(axis=-1)) + 1
@@ -205,7 +209,7 @@ def _integrals(c: np.ndarray) -> np.ndarray:
 
 
 def _order(c: np.ndarray) -> np.ndarray:
-    """Return the order of the zero of the velocity at the start of each segment."""
+    """Return the order of the zero of the velocity at the start of each segment, at most `MAX_ORDER`."""
     some = c[:, 1:].any(axis=-1)
     return np.minimum(np.argmax(some, axis=1), MAX_ORDER)
 

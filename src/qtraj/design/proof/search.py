@@ -77,7 +77,7 @@ def find_maximum(function: Function, hints: Windows, chunks: Int[Array, ""]) -> 
 
 
 def _step(function: Function, state: MaximumState, centres: Windows, half: Array, first: Array) -> MaximumState:
-    """Evaluate windows, and merge their candidates with the previous ones; refinement replaces the previous ones."""
+    """Evaluate windows, and select the best candidates; if `first` is false, the previous candidates are dropped."""
     s = jnp.clip(centres[:, None] + half * jnp.asarray(OFFSETS, centres.dtype)[None, :, None], -1.0, 1.0)
     raw = function(s.reshape(-1, s.shape[-1])).reshape(s.shape)
     values = jnp.where(jnp.isnan(raw), jnp.inf, raw)

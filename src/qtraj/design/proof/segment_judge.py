@@ -22,7 +22,7 @@ MAX_ORDER = 8
 """The highest order of a zero of the velocity for which forces are computed; in practice the order is lower."""
 
 N_ROUNDINGS = 3
-"""Number of rounding operations in each coefficient of Q, the integral of q."""
+"""Number of rounding operations in each coefficient of Q, the integral of the direction q (see `route_segments`)."""
 
 BLOCK_SIZE = 64
 """Number of segments that are processed together; their data fits into the processor's cache."""
@@ -41,7 +41,7 @@ class Job(NamedTuple):
 
     The derivative of `directions` replaces the velocity. The higher derivatives are also computed from `directions`,
     unless `keep_acceleration` is true. In this case they are computed from the coefficients `c`, and the velocity is
-    u^order times the derivative of `directions`, where u is the time from the stop.
+    u^k times the derivative of `directions`, where u is the time from the stop, and k is the element of `orders`.
     """
 
     rows: np.ndarray
@@ -85,7 +85,10 @@ def _first_pass(
     bounds: np.ndarray,
     needed: Bool[np.ndarray, "rows limits"],
 ) -> Bool[np.ndarray, "rows limits"]:
-    """Write the findings on the limits that the first pass proves to `result`; return a mask of the open limits."""
+    """Store in `result` the findings on the limits that the first pass proves.
+
+    Returns a mask of the limits that are not decided yet.
+    """
     simple = np.array([k for k, entry in enumerate(entries) if first_pass.is_simple(entry)], int)
     still_open = needed.copy()
     if not simple.size:
@@ -103,7 +106,7 @@ def _first_pass(
 def _by_blocks(
     segments: tuple[np.ndarray, ...], entries: list[PathQuantity], bounds: np.ndarray, road: RoadParameters | None
 ) -> SegmentFindings:
-    """Return the findings of the compiled branch and bound for segments, with the arguments of `_compiled`."""
+    """Return the findings of the compiled branch and bound; `segments` is the first argument of `_compiled`."""
     count = len(segments[0])
     index, n_entries = indices(tuple(entry.name for entry in entries))
     by_name = {entry.name: bound for entry, bound in zip(entries, bounds, strict=True)}

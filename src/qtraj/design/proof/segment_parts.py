@@ -26,7 +26,8 @@ def exactly_shifted(c: np.ndarray, time: float) -> np.ndarray:
     """Return the coefficients of the same polynomials in the variable t − `time`, each rounded once."""
     numerator, denominator = float(time).as_integer_ratio()
     degree, result = c.shape[0] - 1, np.zeros_like(c)
-    # With integers T = c·2^e and D = time·2^f, the coefficient k is Σ C(j, k) T_j D^(j − k) / 2^(e + f(j − k)).
+    # With integers T = c·2^e and D = time·2^f, the coefficient k is Σ C(j, k) T_j D^(j − k) / 2^(e + f(j − k)), where
+    # C(j, k) is the binomial coefficient, and the sum is over j ≥ k.
     powers = [numerator**k * denominator ** (degree - k) for k in range(degree + 1)]
     weights = [[math.comb(j, k) * powers[j - k] for j in range(k, degree + 1)] for k in range(degree + 1)]
     for axis in range(c.shape[1]):

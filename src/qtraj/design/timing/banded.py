@@ -1,7 +1,7 @@
 """Solve symmetric positive definite band systems with three subdiagonals by a block Cholesky factorisation.
 
 Each block of rows ends with three unknowns that separate it from the next block. The other unknowns of all blocks are
-eliminated at the same time, which leaves a small system for the separating unknowns. LAPACK's dense factorisation is
+eliminated at the same time. This leaves a small system for the separating unknowns. LAPACK's dense factorisation is
 the fastest method for a small system; a larger one is factorised row by row. In `left`, `right` and `inverse_factor`,
 the last axis indexes the blocks.
 """
@@ -32,7 +32,12 @@ def total(terms: Iterable[Any]) -> Any:
 
 
 class Factored(NamedTuple):
-    """Inverse Cholesky factors of the blocks, their couplings to the separators, and the factor of the separators."""
+    """A factored matrix.
+
+    `inner` contains the inverse Cholesky factors of the blocks. `left` and `right` are the entries of the Cholesky
+    factor that couple each block to the separating unknowns before it and at its end. `separators` is the Cholesky
+    factor of the system for the separating unknowns.
+    """
 
     inner: Float[Array, "blocks m m"]
     left: Float[Array, "m 3 blocks"]
@@ -107,7 +112,7 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
     none = jnp.zeros((width, m, blocks), dtype)
 
     def step(last: Any, given: Any) -> tuple[Any, Array]:
-        """Compute a row of the inverse from the w previous rows (`whole`) and their entries in w columns (`corner`)."""
+        """Compute a row of the inverse from the w previous rows, `whole`; `corner` are their entries in w columns."""
         whole, corner = last
         row, at = given
         factor = jnp.sum(corner * row[None, :-1], axis=1)

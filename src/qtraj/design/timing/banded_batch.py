@@ -1,8 +1,8 @@
 """Solve the band systems of `banded` for a batch of matrices, one row after another.
 
 Each step of a scan computes one row of all matrices of the batch. For many small matrices this is several times faster
-than the blocks of `banded`, whose inverse factors need more arithmetic. The scans use one array for each diagonal, so
-that under `jax.vmap` the batch is the last axis in every step.
+than `banded`, because the inverse factors of the blocks in `banded` need more arithmetic. The scans use one array for
+each diagonal, so that under `jax.vmap` the batch is the last axis in every step.
 """
 
 from typing import Any, NamedTuple

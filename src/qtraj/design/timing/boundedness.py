@@ -1,17 +1,18 @@
 """Decide whether the limits bound the speed of a timing.
 
-The speed is unbounded if a profile of arbitrarily large a = u̇² satisfies all limits. At a large value of a, each node
-has an interval of possible a'. Without a limit on the jerk, such a profile exists if a can be large on at least one
-whole cell, and can become large and small again. It can be large from the start if the speed there is free. Elsewhere
-it can become large only where a' has no upper bound, because bounds on a' are proportional to a. The same applies to
-the end, with lower bounds. So a limit on power alone, which bounds a' only from above, does not bound the speed if the
-start speed is free: the vehicle may start arbitrarily fast, and drag reduces its speed only by a factor.
+Let u be the path parameter, a = u̇² and a' = da/du. The speed is unbounded if a profile of arbitrarily large a satisfies
+all limits. At a large value of a, each node has an interval of possible a'. Without a limit on the jerk, such a profile
+exists if a can be large on at least one whole cell, can increase to a large value before this cell, and can decrease
+again after it. At the start, a can be large if the speed there is free. Elsewhere a can become large only where a' has
+no upper bound, because bounds on a' are proportional to a. The same applies to the end, with lower bounds. A limit on
+power alone bounds a' only from above. So it does not bound the speed if the start speed is free: the vehicle may start
+arbitrarily fast, and drag reduces its speed only by a factor.
 
 A limit on the jerk bounds the speed on every path that bends. On a straight path, only the profiles whose squared
 speed is a linear function of the distance have no jerk.
 
-A value of a counts as large relative to a typical value, which follows from the limits, the length of the path and the
-speeds at its ends. So the result does not depend on units or on the parameter of the path.
+A value of a counts as large if its ratio to a typical value is large. The typical value follows from the limits, the
+length of the path and the speeds at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
 from typing import Any
@@ -42,7 +43,9 @@ def largest(
     ends: Float[Array, " 2"],
     vehicle: RoadParameters | None,
 ) -> Float[Array, "*nodes"]:
-    """Return the bounds on a for nodes at which no limit bounds a, from r' at the nodes; the path has duration `span`.
+    """Return the bounds on a = u̇² for nodes at which no limit bounds a.
+
+    `r1` contains r' at the nodes, and `span` is the duration of the path.
 
     For a path of length L, a limit in m^k s^-n implies the typical rate (limit/L^k)^(1/n) [1/s]. Limits on friction and
     power imply the rates of the accelerations that they allow, and the bounds `ends` on a imply |r'|√a/L. The highest
@@ -67,9 +70,9 @@ def largest(
 
 @jax.jit
 def unbounded(program: Program, a: Float[Array, "2 cells+1"], stops: Bool[Any, " 2"]) -> Flag:
-    """Return whether the speed is unbounded, or the solution `a` exceeds half of its largest value at some node.
+    """Return whether the speed is unbounded, or the solution `a` exceeds half of `program.largest` at some node.
 
-    `stops` indicates whether r' = 0 at the start and at the end.
+    `a` contains u̇² at the nodes. `stops` indicates whether r' = 0 at the start and at the end.
     """
     c: Constraints = jax.tree.map(_in_order, program.constraints)
     of_nodes = program.largest, jnp.asarray(program.nodes.place), jnp.asarray(program.nodes.standing)
@@ -87,7 +90,7 @@ def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]
 
 
 def _slopes(c: Constraints, a: Float[Array, " nodes"]) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
-    """Return bounds on a' at each node for a large `a`; low > high if no a' is possible."""
+    """Return bounds on a' = da/du at each node for a large `a` = u̇²; low > high if no a' is possible."""
     low, high = jnp.full_like(c.upper, -jnp.inf), jnp.full_like(c.upper, jnp.inf)
     for aa, ab, bb in c.forms:
         limited = bb * a**2 > 1
@@ -116,7 +119,7 @@ def _within(low: Array, high: Array, limited: Array, middle: Array, square: Arra
 
 
 def _any(possible: Bool[Array, " nodes"], low: Array, high: Array) -> Flag:
-    """Return whether a can be large on a whole cell, which has three nodes."""
+    """Return whether a = u̇² can be large at all three nodes of some cell."""
     ends = jnp.arange(possible.size)
     begun = _reached(possible, (high == jnp.inf) | (ends == 0))
     left = _reached(possible[::-1], ((low == -jnp.inf) | (ends == ends.size - 1))[::-1])[::-1]
@@ -125,7 +128,7 @@ def _any(possible: Bool[Array, " nodes"], low: Array, high: Array) -> Flag:
 
 
 def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) -> Bool[Array, " nodes"]:
-    """Return the nodes that can be reached, through possible nodes only, from a node where a can become large."""
+    """Return a mask of the nodes that possible nodes connect to an earlier node where a = u̇² can become large."""
     index = jnp.arange(possible.size)
     last = jax.lax.cummax(jnp.where(possible & entered, index, -1))
     return last > jax.lax.cummax(jnp.where(possible, -1, index))

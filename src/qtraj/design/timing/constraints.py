@@ -8,8 +8,8 @@ With the derivatives r', r'' and r''' of the path with respect to its parameter 
 
 So limits on the speed, the lateral acceleration and the rates of rotation are upper bounds on a. The squares of the
 longitudinal acceleration, of the yaw acceleration and of the acceleration are convex quadratic forms in (a, a'). The
-square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a, which
-becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
+square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a. This
+inequality becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
 
 The last axes of every array index the nodes. With b = a' and c = a'', a form in (a, b) is represented by the entries
 (aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the entries (aa, ab, bb, ac, bc, cc). No code is
@@ -33,18 +33,18 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 UPPER = ("speed", "lateral_acceleration", "yaw_rate", "angular_rate")
-"""Limits that are upper bounds on a."""
+"""Limits that are upper bounds on a = u̇²."""
 
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
-"""Limits whose squares are quadratic forms in a and a'."""
+"""Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
 NAMES = (*UPPER, *FORMS, "jerk", *ROAD)
 """Limits that depend on the timing. Arrays have this order, and omit absent limits."""
 
 POWERS = {name: 0.5 * QUANTITIES[name].per_time for name in NAMES if name not in ROAD}
-"""For each quantity an exponent p: if a is multiplied by a constant k, the quantity is multiplied by k^p.
+"""For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
 
-Friction and power are not such powers, because gravity does not depend on a.
+Friction and power have no such exponent, because gravity does not depend on a.
 """
 
 STANDING = 1e-8
@@ -52,14 +52,18 @@ STANDING = 1e-8
 
 
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
-    """Return the names of the rows of arrays for the limits `bounds`; with a vehicle, all of `ROAD` have a row."""
+    """Return the names of the limits in `bounds`, in the order of the rows of arrays.
+
+    With a `vehicle`, the names include all of `ROAD`, even if `bounds` does not.
+    """
     return tuple(name for name in NAMES if (vehicle if name in ROAD else name in bounds))
 
 
 class Constraints(NamedTuple):
     """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, and `road`.
 
-    There is one form for each limit of `FORMS` that is set. `jerk` and `road` are None without such limits.
+    Here a = u̇², and a prime denotes the derivative with respect to the path parameter u. There is one form for each
+    limit of `FORMS` that is set. `jerk` is None without a limit on the jerk, and `road` is None without a vehicle.
     """
 
     upper: Float[Array, "*nodes"]
@@ -84,7 +88,7 @@ class Constraints(NamedTuple):
 
 
 Gradients = Sequence[tuple[Any, ...]]
-"""For each constraint, the derivatives with respect to a, a' and a''; trailing zero derivatives are omitted."""
+"""For each constraint, the derivatives with respect to a = u̇², a' and a''; trailing zero derivatives are omitted."""
 
 
 class Parts(NamedTuple):
@@ -105,9 +109,10 @@ class Parts(NamedTuple):
 def parts(
     r: Float[Array, "3 3 *nodes"], unit: Scalar, bounds: dict[str, Scalar], vehicle: RoadParameters | None = None
 ) -> Parts:
-    """Compute the constraints from `r`, the derivatives r', r'' and r''' at the nodes.
+    """Compute the constraints on a = u̇² from `r`, the derivatives r', r'' and r''' at the nodes.
 
-    Derivatives of a are with respect to u/`unit`. Limits on friction and power are included only with a `vehicle`.
+    The first axes of `r` are the order of the derivative and the component. Derivatives of a are with respect to
+    u/`unit`. Limits on friction and power are included only with a `vehicle`.
     """
     r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
@@ -139,7 +144,7 @@ def parts(
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
-    """Return 1/a for the largest a that satisfies the limit; the quantity is proportional to √a^`per_time`."""
+    """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
     square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
     if entry.per_time == 1:
@@ -152,7 +157,7 @@ def _inverse_root(x: Array) -> Array:
 
 
 def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
-    """Return the entries of the form (pa + qa')²."""
+    """Return the entries (aa, ab, bb) of the quadratic form (p·a + q·b)², where b = a'."""
     return p * p, p * q, q * q
 
 
@@ -165,7 +170,10 @@ def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constrai
 
 
 def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *nodes"]:
-    """Return each quantity divided by its limit in the order of `NAMES`, or a divided by its bound for `UPPER`."""
+    """Return each quantity divided by its limit in the order of `NAMES`, or a divided by its bound for `UPPER`.
+
+    `v` contains a = u̇² and its derivatives with respect to the path parameter.
+    """
     squares = [_form(form, v) for form in p.forms] + ([] if p.jerk is None else [v[0] * _quadratic(p.jerk, v)])
     on_road = [] if p.road is None else road.used(p.road, v)
     upper = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
@@ -187,7 +195,7 @@ def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "co
 
 
 def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
-    """Return the gradients of `values` with respect to the components of v."""
+    """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
     a, b = v[:2]
     found: list[tuple[Any, ...]] = [(c.upper,)]
     found += [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
@@ -207,8 +215,8 @@ def second_derivatives(
 ) -> list[list[Array]]:
     """Return the lower triangle of Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0.
 
-    The jerk constraint is |y|² ≤ 1, y = √a·w, with w linear in v. Replacing 1/√a by its tangent leaves the second
-    derivatives 2YᵀY, where Y is the Jacobian of y.
+    The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
+    w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
     found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
     for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):
@@ -231,7 +239,7 @@ def second_derivatives(
 
 
 def changes(slope: Gradients, dv: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
-    """Return the changes of the linearised constraint values."""
+    """Return the changes of the linearised constraint values for the changes `dv` of a and its derivatives."""
     return jnp.stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
 
 
@@ -242,13 +250,13 @@ def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> list[Fl
 
 
 def _form(q: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Float[Array, "*nodes"]:
-    """Return the value of a quadratic form in a and a'."""
+    """Return the value of a quadratic form in a = u̇² and a' = da/du."""
     (aa, ab, bb), a, b = q, v[0], v[1]
     return aa * a * a + 2 * ab * a * b + bb * b * b
 
 
 def _matrix(q: Float[Array, "6 *nodes"]) -> tuple[tuple[Any, ...], ...]:
-    """Return the rows of the symmetric matrix of a quadratic form in a, a' and a''."""
+    """Return the rows of the symmetric matrix of a quadratic form in a = u̇², a' and a''."""
     aa, ab, bb, ac, bc, cc = q
     return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
 

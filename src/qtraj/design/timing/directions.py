@@ -23,7 +23,8 @@ STANDS = 1e-12
 """A velocity below about this fraction of the largest velocity in its segment is treated as zero."""
 
 ROUNDED = 2.0
-"""Bound on the rounding of each coefficient of q, in rounding errors of the largest coefficient."""
+"""Bound on the rounding error of each coefficient of q, in units of the machine epsilon times the largest coefficient.
+"""
 
 
 STRAIGHT = 1e-9
@@ -33,8 +34,9 @@ STRAIGHT = 1e-9
 class Directions(NamedTuple):
     """For each segment, the coefficients of Q(t) with dQ/dt = q, the powers m and n, and a bound on the error of q.
 
-    The bound is in rounding errors of the largest coefficient of q. It accounts for the rounding of the coefficients,
-    and for the small remainder of r' at the stop that the division by (1 + s) or (1 − s) neglects.
+    Here r' = (1 + s)^m (1 − s)^n q, where −1 ≤ s ≤ 1 is the normalised time. The bound is in units of the machine
+    epsilon times the largest coefficient of q. It accounts for the rounding of the coefficients, and for the small
+    remainder of r' at the stop that the division by (1 + s) or (1 − s) neglects.
     """
 
     coefficients: Float[np.ndarray, "segments terms 3"]
@@ -46,7 +48,8 @@ def directions(s: Segments, standing: np.ndarray) -> Directions | None:
     """Return the directions of all segments, or None if no moving segment starts or ends at a stop.
 
     `standing` (segments, 2) indicates whether the velocity is zero at the start and at the end. Exact fractions are
-    used, so each coefficient is rounded once. For segments without motion, Q is an arbitrary straight line.
+    used, so each coefficient is rounded once. For segments without motion, Q (see `Directions`) is an arbitrary
+    straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)
@@ -64,7 +67,10 @@ def directions(s: Segments, standing: np.ndarray) -> Directions | None:
 def _direction(
     c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray
 ) -> tuple[np.ndarray, list[int], float]:
-    """Return the coefficients of Q, the powers, and the neglected remainder of r' at the stops, relative to q."""
+    """Return the coefficients of Q and the powers (see `Directions`), and the neglected remainder of r' at the stops.
+
+    The remainder is relative to the size of q.
+    """
     unit = Fraction(float(duration)) / 2
     # Fractions represent r' in powers of x = 1 + s exactly.
     p = [[(k + 1) * Fraction(float(x)) * unit**k for x in c[k + 1]] for k in range(len(c) - 1)]
@@ -88,7 +94,7 @@ def _size_at_end(p: list[list[Fraction]]) -> Fraction:
 
 
 def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Divide a polynomial in x by 2 − x; the remainder is neglected."""
+    """Divide a polynomial in x = 1 + s by 2 − x; the remainder is neglected."""
     quotient = [[-x for x in p[-1]]]
     for row in p[-2:0:-1]:
         quotient.insert(0, [2 * b - a for a, b in zip(row, quotient[0], strict=True)])

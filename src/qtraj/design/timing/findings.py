@@ -29,12 +29,15 @@ def with_straight(
 
 
 def undefined(codes: Int[Array, "limits cells"]) -> Bool[Array, "limits cells"]:
-    """Return the cells in which a quantity is undefined, unless its limit is violated in some cell."""
+    """Return a mask of the cells in which a quantity is undefined; false if its limit is violated in some cell."""
     return (codes == UNDEFINED) & ~jnp.any(codes == BROKEN, axis=1, keepdims=True)
 
 
 def worst_cell(codes: Int[Array, "limits cells"], usage: Float[Array, "limits cells"]) -> Int[Array, " limits"]:
-    """Return the cell of the largest usage of each limit, or a cell in which the quantity is undefined."""
+    """Return the cell of the largest usage (quantity divided by limit) of each limit.
+
+    If the quantity is undefined in some cell, return the first such cell, unless the limit is violated.
+    """
     return jnp.argmax(jnp.where(undefined(codes), jnp.inf, usage), axis=1)
 
 
@@ -46,7 +49,10 @@ def certificate(
     polynomials: MovingPolynomials | None,
     names: tuple[str, ...],
 ) -> Certificate:
-    """Return the certificate. `values` are the largest values; an undefined quantity gets NaN."""
+    """Return the certificate for the status `codes` of all cells, and the times and `values` of the maxima.
+
+    The value of a quantity that is undefined in some cell becomes NaN, unless its limit is violated.
+    """
     rank = jnp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
     whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:

@@ -17,7 +17,7 @@ ORDER = 3
 """The highest derivative of a path that a limit needs."""
 
 FINER = 8.0
-"""Factor on the number of cells of a segment that starts or ends at a stop, where a and the jerk change quickly."""
+"""Factor on the number of cells of a segment that starts or ends at a stop, where u̇² and the jerk change quickly."""
 
 
 class Grid(NamedTuple):
@@ -77,7 +77,10 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops
 
 
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
-    """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell."""
+    """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell.
+
+    The axes of the result are the order of the derivative, the component and the point.
+    """
     path, dtype = shape.path, shape.per_cell.dtype
     if isinstance(path, Route):
         segment, middle, half = (jnp.asarray(x)[cell] for x in grid[1:])

@@ -11,18 +11,19 @@ from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import steady
 
 RANGE, RAMP, SMOOTHED = 1e3, 32, 32
-"""In the initial iterate, upper bounds on a are at most `RANGE` times the lowest bound. The function a grows from 0 to
-the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over at most 2/`SMOOTHED` of the cells."""
+"""In the initial iterate, upper bounds on a = u̇² are at most `RANGE` times the lowest bound. The function a grows from
+0 to the largest bound in at least 1/`RAMP` of the cells, and is averaged twice over at most 2/`SMOOTHED` of the cells.
+"""
 
 
 def initial(p: Program) -> Float[Array, " cells+3"]:
-    """Return coefficients of the smoothed fastest timing for the upper bounds on a and bounds on |a'|.
+    """Return coefficients of the smoothed fastest timing for the upper bounds on a = u̇² and bounds on |a'| = |da/du|.
 
     Limits on power and jerk are replaced by the upper bounds on a that they imply for a constant a.
 
-    Let `pace`·|a'| ≤ 1 be the bound on |a'|, E = a·pace², and x = 2∫pace du. The iterate has an upper bound on E, and
-    |dE/dx| ≤ 1, which is twice the bound. So the largest E(x) is the minimum over all y of E_max(y) + |x − y|, where
-    E_max is the upper bound.
+    Let `pace`·|a'| ≤ 1 be the bound on |a'|, E = a·pace², and x = 2∫pace du. The bound on |a'| is |dE/dx| ≤ 1/2, but
+    the iterate need only satisfy |dE/dx| ≤ 1. So the largest E(x) is the minimum over all y of E_max(y) + |x − y|,
+    where E_max is the upper bound on E.
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size

@@ -1,8 +1,9 @@
 """Compute the fastest timing by a primal-dual interior-point method: minimise ∫ du/√a under constraints at all nodes.
 
-The method is Mehrotra's predictor–corrector with slack variables (Nocedal and Wright, Numerical Optimization, chapter
-19). Iterates need not satisfy the constraints. So a search can start at an infeasible point, and limits can be
-tightened between searches. The matrix of each step is a band matrix with three subdiagonals.
+Here u is the path parameter and a = u̇². The method is Mehrotra's predictor–corrector with slack variables (Nocedal and
+Wright, Numerical Optimization, chapter 19). Iterates need not satisfy the constraints. So a search can start at an
+infeasible point, and limits can be tightened between searches. The matrix of each step is a band matrix with three
+subdiagonals.
 """
 
 from types import ModuleType
@@ -27,10 +28,10 @@ from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band
 from qtraj.foundation.types import Flag, Scalar
 
 BOUNDARY, POSITIVE = 0.99, 0.9
-"""Largest fractions of the distance to zero that a step may cover, for slacks and multipliers, and for a."""
+"""Largest fractions of the distance to zero that a step may cover, for slacks and multipliers, and for a = u̇²."""
 
 BALANCE = 0.001
-"""The target of the duality gap is at least this fraction of the residuals, so that all of them converge together."""
+"""The target of the duality gap is at least this fraction of the residuals, so that both converge together."""
 
 VIOLATED = 1e-6
 """The largest violation of a constraint, relative to its limit, at which a search may end."""
@@ -42,7 +43,7 @@ MAX_STEPS = 100
 
 
 class Program(NamedTuple):
-    """The problem: nodes, weights of the integral at the nodes [s], constraints, and the largest possible values of a.
+    """The problem: nodes, weights of the integral at the nodes [s], constraints, and upper bounds `largest` on a = u̇².
 
     A value near `largest` means that no limit bounds the speed (see `boundedness`).
     """
@@ -53,7 +54,7 @@ class Program(NamedTuple):
     largest: Float[Array, "2 cells+1"]
 
     def at_nodes(self, coefficients: Float[Array, " cells+3"]) -> Float[Array, "orders 2 cells+1"]:
-        """Return a and those of its derivatives that the constraints contain."""
+        """Return a = u̇² at the nodes, and the derivatives of a that the constraints contain."""
         return at_nodes(self.nodes, coefficients, self.constraints.orders)
 
 
@@ -68,7 +69,7 @@ class State(NamedTuple):
 
 
 def begun(p: Program, coefficients: Float[Array, " cells+3"]) -> State:
-    """Return the first iterate, whose relative duality gap is 1."""
+    """Return the first iterate; its duality gap equals its duration."""
     v = p.at_nodes(coefficients)
     slacks = jnp.maximum(-values(p.constraints, v), SLACK)
     return _unfinished(coefficients, slacks, duration(p, v) / slacks.size / slacks)
@@ -77,7 +78,7 @@ def begun(p: Program, coefficients: Float[Array, " cells+3"]) -> State:
 def continued(p: Program, s: State) -> State:
     """Return an iterate for constraints that were tightened after a search.
 
-    Slacks and multipliers that are almost zero would make the next steps short.
+    Slacks and multipliers that are almost zero are increased, because they would make the next steps short.
     """
     violations = values(p.constraints, p.at_nodes(s.coefficients))
     slacks = jnp.maximum(jnp.maximum(s.slacks, -violations), jnp.max(violations))
@@ -101,12 +102,12 @@ def solve(program: Program, start: State, enough: Scalar) -> State:
 
 
 def duration(p: Program, v: Float[Array, "orders 2 cells+1"]) -> Scalar:
-    """Return ∫ du/√a [s]."""
+    """Return the duration ∫ du/√a [s], where a = u̇²."""
     return jnp.sum(p.weights * _positive(p, v) ** -0.5)
 
 
 def _positive(p: Program, v: Float[Array, "orders 2 cells+1"]) -> Float[Array, "2 cells+1"]:
-    """Return the values of a, or 1 at nodes at rest, whose weight is zero."""
+    """Return a = u̇² at the nodes, or 1 at nodes at rest; nodes at rest have the weight zero."""
     return jnp.where(p.nodes.standing > 0, 1.0, v[0])
 
 
@@ -147,7 +148,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     least = BALANCE / z.size * (jnp.sum(jnp.abs(gradient * s.coefficients)) + jnp.sum(jnp.abs(residual) * z))
 
     def newton(state: tuple[Array, Array, _Change], _: Any) -> tuple[tuple[Array, Array, _Change], None]:
-        """Return the Newton step for slack · z = target, and the next target; the first call is the predictor."""
+        """Return the Newton step for slack · multiplier = target, and the next target; the first is the predictor."""
         target, off, _ = state
         dc = -_solved(linear, factored, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = p.at_nodes(dc)
@@ -181,7 +182,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
 
 
 def _curvature(p: Program, v: Array, z: Array, ratio: Array, a: Array) -> list[list[Array]]:
-    """Return the Hessian at the nodes: that of the Lagrangian, plus the terms of the eliminated slacks and multipliers.
+    """Return the Hessian of the Lagrangian at the nodes, plus the terms of the eliminated slacks and multipliers.
 
     The loop over knots and inner nodes keeps the compiler from computing these values again for every entry of the
     matrix.

@@ -61,14 +61,14 @@ class Majorant:
 
 
 def from_model(p: ChebyshevModel) -> tuple[Majorant, ...]:
-    """Return the components of a vector of models; the cell axis of the model has length 1."""
+    """Return one majorant for each component of a vector-valued model, whose cell axis must have length 1."""
     enough = jnp.maximum(p.error / RELATIVE, SMALLEST)
     bound = jnp.maximum(jnp.maximum(p.bound, p.size[None]), enough[None]) * SLACK
     return tuple(Majorant(jnp.concatenate([row, bound])[:, 0]) for row in p.values)
 
 
 def to_model(functions: Sequence[Majorant]) -> ChebyshevModel:
-    """Return one model of all functions, which are stacked on its cell axis."""
+    """Stack the functions along the cell axis and return them as one model."""
     both = jnp.stack([f.both for f in functions], axis=1)
     bound = both[NODES:] * ENLARGED
     return ChebyshevModel(both[:NODES], bound[0], FACTORS * RELATIVE * bound[0], bound)

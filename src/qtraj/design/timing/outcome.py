@@ -71,7 +71,9 @@ class Retimed(AbstractOutcome):
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """Return the time intervals (start, end) [s] in whose cells a quantity reaches at least `part` times its limit.
+        """Return the time intervals (start, end) [s] in which a quantity reaches at least `part` times its limit.
+
+        An interval consists of whole cells of the timing.
 
         **Raises:** ValueError for the result of a batch, or for a limit that was not given.
         """

@@ -123,7 +123,7 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
 
 
 def _advice(s: Segments, at: float) -> str:
-    """Return advice on a route that reverses at the time `at` [s]; most such routes move slowly next to a stop."""
+    """Return advice on a route that reverses at the time `at` [s], typically in slow motion next to a stop."""
     slow = next(
         ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
     )
@@ -140,7 +140,7 @@ def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
         after = s.coefficients[1:, order] * (1, 1, 2)[order]
         jump = np.linalg.norm(after - ends[order], axis=-1)
         size = np.linalg.norm(s.coefficients[:, order], axis=-1).max() + np.linalg.norm(ends[order], axis=-1)
-        if order == 2:  # accelerations that are zero everywhere are compared with changes of the velocity
+        if order == 2:  # the added speed/duration keeps the scale positive where all accelerations are zero
             size = size + np.linalg.norm(s.coefficients[:, 1], axis=-1).max() / s.durations.max()
         bad = np.flatnonzero((jump > CONTINUOUS * size) & ~cut)
         if bad.size:

@@ -38,9 +38,10 @@ class Proofs(eqx.Module):
 
 
 class _Queue(NamedTuple):
-    """The queue of subcells `centre` ± `half` of a `cell`, [−1, 1]; `head` to `tail`, modulo the capacity, are open.
+    """A ring buffer of subcells: the interval `centre` ± `half` in the coordinate [−1, 1] of `cell`.
 
-    `rows` are the inequalities to prove in a subcell: the limits, and a > 0. The other fields are the results so far.
+    The entries from `head` to `tail` − 1, modulo the capacity, are still to be examined. `rows` is a mask of the
+    inequalities to prove in a subcell: the limits, and a > 0, where a = u̇². The other fields are the results so far.
     """
 
     cell: Int[Array, " capacity"]
@@ -62,11 +63,12 @@ def prove(
     bounds: dict[str, Scalar],
     vehicle: RoadParameters | None = None,
 ) -> Proofs:
-    """Return the status of each limit on each cell; PROVED requires a proof of a > 0.
+    """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
-    `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. Limits that
-    are infinite or not in `bounds` are absent; their status is that of a > 0. No code is compiled for limits that are
-    not in `bounds`. Limits on friction and power are absent without a `vehicle`.
+    `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit
+    that is not in `bounds` gets the status of a > 0. An infinite limit is PROVED if a > 0 is proved, otherwise
+    UNDECIDED. No code is compiled for limits that are not in `bounds`. Without a `vehicle`, limits on friction and
+    power are treated as limits that are not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     names = tuple(name for name in known if name in bounds)
@@ -119,7 +121,7 @@ def prove(
 def _in_unit_of_time(
     timing: tuple[Array, Any], bounds: dict[str, Scalar], vehicle: RoadParameters | None
 ) -> tuple[tuple[Array, Any], dict[str, Scalar], RoadParameters | None]:
-    """Return timing, limits and vehicle in a unit of time in which a is about 1.
+    """Return timing, limits and vehicle in a unit of time in which a = u̇² is about 1.
 
     The unit is a power of two, so the change is exact. Otherwise a tiny a would be less than the smallest majorant.
     """

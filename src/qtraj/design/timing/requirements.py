@@ -21,14 +21,14 @@ converge."""
 def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     """Return the names of the limits, or raise an error if they cannot be used or cannot bound the speed.
 
-    `free` indicates whether no speed is given; then a limit that bounds the speed is required.
+    `free` indicates that neither end speed is prescribed; then a limit that bounds the speed is required.
     """
     names = tuple(limits.given())
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
-            f"retime does not support a limit on {', '.join(unknown)}; it supports limits on {', '.join(NAMES)}. "
-            "Remove the other limits, and check them with qtraj.certify on the path of the result: quantities that "
-            "depend only on the shape, such as the curvature, are the same for every timing."
+            f"retime supports limits only on {', '.join(NAMES)}. Remove the limits on {', '.join(unknown)}, and check "
+            "them with qtraj.certify on the path of the result: quantities that depend only on the shape, such as the "
+            "curvature, are the same for every timing."
         )
     bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
     if not set(bounding) & set(names) and (free or not names):
@@ -40,16 +40,16 @@ def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 
 
 def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
-    """Raise an error if the path has `stops` and a limit on power alone would have to bound the acceleration there."""
+    """Raise an error if the path has `stops` and a limit on power, but no limit that bounds the acceleration there."""
     if stops and "power" in names and not set(ACCELERATIONS) & set(names):
         raise ValueError(
-            "a limit on power does not bound the acceleration at a stop, where the speed is zero, and no other limit "
-            f"that was given does. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."
+            "a limit on power does not bound the acceleration at a stop, where the speed is zero, and no other given "
+            f"limit bounds it there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."
         )
 
 
 def require_knots(knots: int) -> None:
-    """Raise an error if `knots` is not a possible number of cells."""
+    """Raise an error if `knots` is not a power of two from `MIN_KNOTS` to `MAX_KNOTS`."""
     if not isinstance(knots, int) or not MIN_KNOTS <= knots <= MAX_KNOTS or knots & (knots - 1):
         raise ValueError(
             f"knots must be a power of two from {MIN_KNOTS} to {MAX_KNOTS}, such as 512, but {knots!r} was given"

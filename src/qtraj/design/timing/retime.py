@@ -116,7 +116,10 @@ def retime(
 
 
 class _Timed(NamedTuple):
-    """The timing of a part: coefficients of u̇², usage and status of limits in each cell, knots, and search result."""
+    """The timing of a part: coefficients of u̇², usage and status of limits in each cell, knots, and search result.
+
+    The usage of a limit is the ratio of the quantity to the limit. The search result is None for a stop.
+    """
 
     powers: Float[Any, "cells 4"]
     usage: Float[Any, "limits cells"]
@@ -152,10 +155,11 @@ def _retimed(
 
 
 class _Begun(NamedTuple):
-    """The path's own speeds `pace` at both ends, the prescribed speeds `wanted`, and bounds on a = u̇² at ends of parts.
+    """Speeds and bounds on a = u̇² at the ends of a path with the parameter u.
 
-    `largest` contains the bounds for (is first part, is last part), `free` the infinite bounds for all other parts.
-    `slowest` is the lowest own speed divided by the highest.
+    `pace` are the speeds |r'(u)| at both ends, and `wanted` the prescribed speeds. `largest` contains the bounds on a
+    at both ends of a part, by (is first part, is last part); `free` are the infinite bounds for all other parts.
+    `slowest` is the lowest speed |r'(u)| divided by the highest.
     """
 
     pace: Float[Array, " 2"]

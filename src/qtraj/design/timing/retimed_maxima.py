@@ -19,7 +19,7 @@ PLACES = 17
 ZOOM_PLACES, ZOOMS = 9, 10
 """Number of points in each interval of the search for a maximum, and number of intervals.
 
-The first interval is the cell; the others are smaller and smaller intervals around the largest value so far."""
+The first interval is the cell. Each further interval is smaller, and its centre is the largest value so far."""
 
 INSIDE = 1e-9
 """Smallest distance of a maximum from the ends of its cell, relative to the cell."""

@@ -35,8 +35,8 @@ Certify = Callable[[AbstractHodograph, Limits], Certificate]
 def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Certificate:
     """Return the certificate of a retimed path or a batch; `certify` certifies paths other than routes.
 
-    Limits that the proof of `retime` supports are proved with this proof, and limits on the shape on the original path.
-    All other limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
+    Limits on the timing are proved as in `retime`, and limits on the shape are proved on the original path. All other
+    limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
@@ -92,7 +92,8 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(jnp.asarray(x, dtype) for x in limits.road(dtype)))
     (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced((path, limits))
-    polynomials: Any = source(path.path)  # before `stop_gradient`, which makes the numbers of a route unknown
+    # Call `source` before `stop_gradient`, because `stop_gradient` makes the values of the arrays of a route unknown.
+    polynomials: Any = source(path.path)
     limited, polynomials = stop_gradient((Limited(path, cells, bounds, vehicle), polynomials))
     timing = limited.path.timing.coefficients[cells.columns], np.array(path.timing.rest)
     codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes

@@ -2,7 +2,8 @@
 
 The force of the road on the vehicle, divided by the mass, has components along the path (X), in the plane of the road
 across the path (Y), and normal to the road (Z). The motion has the acceleration a r'' + ½ a' r' and the squared speed
-a S, so all three are affine functions of a and a'. The limits are
+a S, where S = |r'|². So X, Y and Z are affine functions of a and a'. With the mass m, the friction coefficients μ and
+the coefficient C_rr of rolling resistance, the limits are
 
     friction   √((X/μ_along)² + (Y/μ_across)²) ≤ limit·Z, a second-order cone
     power      √(a S) m (X + C_rr Z) ≤ limit.
@@ -30,15 +31,16 @@ LEAST_LOAD = 1e-6
 
 
 SLOWEST = 0.9
-"""Smallest factor on a with which the whole timing is slowed down to satisfy limits on friction and power."""
+"""Smallest factor on a = u̇² with which the whole timing is slowed down to satisfy limits on friction and power."""
 
 
 class Road(NamedTuple):
-    """The coefficients of affine functions of 1, a and a' at all nodes.
+    """The coefficients of 1, a and a' in affine functions at all nodes, where a = u̇².
 
-    `along` and `across` are X and Y divided by μ and by the limit on friction, `onto` is Z; all are divided by the
-    normal force at rest. `power` is the power divided by √a and by its limit. `across` and `onto` do not depend on a'.
-    `upper` is 1/a for the upper bound on a that the lateral force alone implies.
+    The functions are the components X, Y and Z of the force of the road (see the module). `along` and `across` are X
+    and Y divided by μ and by the limit on friction, `onto` is Z; all are divided by the normal force at rest. `power`
+    is the power divided by √a and by its limit. `across` and `onto` do not depend on a'. `upper` is 1/a for the upper
+    bound on a that the lateral force alone implies.
     """
 
     along: Float[Array, "3 *nodes"]
@@ -58,8 +60,8 @@ def coefficients(
 ) -> Road:
     """Compute the coefficients from the direction of motion `ahead`, r'' (`second`) and |r'| (`speed`) at the nodes.
 
-    The acceleration along the path contains a' with the factor `half`·|r'|. A limit that is infinite or not in `bounds`
-    is absent.
+    The acceleration along the path contains the derivative a' of a = u̇² with the factor `half`·|r'|. A limit that is
+    infinite or not in `bounds` is absent.
     """
     x, y, z = ahead
     square = x * x + y * y
@@ -83,7 +85,10 @@ def coefficients(
 
 
 def _upper(across: Array, onto: Array) -> Array:
-    """Return 1/a for the largest a with |Y| ≤ Z, or 0 if there is none, or if it is violated at rest."""
+    """Return 1/a for the largest a = u̇² with |Y| ≤ Z, where `across` is Y and `onto` is Z.
+
+    The result is 0 if a is unbounded. A side on which the inequality is violated at rest is ignored.
+    """
     found = jnp.zeros_like(onto[0])
     for sign in (-1.0, 1.0):
         reserve, rate = onto[0] - sign * across[0], sign * across[1] - onto[1]
@@ -92,7 +97,7 @@ def _upper(across: Array, onto: Array) -> Array:
 
 
 def steady(r: Road) -> Float[Array, "*nodes"]:
-    """Return a lower bound on the largest constant a at which the power is sufficient; infinite without a limit."""
+    """Return a lower bound on the largest constant a = u̇² for which the power suffices; infinite without a limit."""
     slope, drag = jnp.maximum(2 * r.power[0], 0.0), jnp.maximum(2 * r.power[1], 0.0)
     bounds = [jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** e, jnp.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
     return jnp.minimum(*bounds)
@@ -108,8 +113,8 @@ def without(r: Road, omitted: Array) -> Road:
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
-    For friction, the parts of X and Y that depend on the timing are multiplied by the factors instead. Otherwise
-    gravity on a slope or a banked road could violate a reduced limit at every speed.
+    For friction, the parts of the force components X and Y that depend on the timing are multiplied by the factors
+    instead. Otherwise gravity on a slope or a banked road could violate a reduced limit at every speed.
     """
     friction, power = factors[:1], factors[1:]
     along = jnp.concatenate([r.along[:1], r.along[1:] * friction])
@@ -132,7 +137,7 @@ def used(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
 def slowing(
     usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"], allowed: float
 ) -> Float[Array, "2 *cells"]:
-    """Return the factors on a with which friction and power satisfy their limits approximately, or 1.
+    """Return the factors on a = u̇² with which friction and power satisfy their limits approximately, or 1.
 
     A relative violation of at most `allowed` gets the factor 1, because a slower timing may need more power where the
     vehicle brakes uphill.
@@ -149,7 +154,7 @@ def slowing(
 
 
 def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ...]]:
-    """Return the gradients of `values` with respect to (a, a')."""
+    """Return the gradients of `values` with respect to a = u̇² and a'."""
     x, y, z = _grip(r, v)
     root = _root(v[0])
     inverse = jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1.0), 0.0)
@@ -158,7 +163,10 @@ def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ..
 
 
 def second_derivatives(r: Road, multipliers: Float[Array, "2 *nodes"]) -> tuple[Array, Array, Array]:
-    """Return the entries (aa, ab, bb) of Σ multiplier·(second derivatives), without the terms that are not convex."""
+    """Return the entries (aa, ab, bb) of Σ multiplier·(second derivatives), without the terms that are not convex.
+
+    The derivatives are with respect to a = u̇² and b = a'.
+    """
     twice = 2 * multipliers[0]
     (_, p, q), (_, s) = r.along, r.across
     return twice * (p * p + s * s), twice * p * q, twice * q * q

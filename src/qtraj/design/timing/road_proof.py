@@ -1,9 +1,9 @@
 """Bound the slacks of limits on friction and power on subcells of a retimed path, for the proof.
 
-The formulas of `contact` apply to a vector q in the direction of motion, r' = w·q, and to the acceleration
-a r'' + ½ a' r'. With S = q·q, they contain the squared speed w² a S only in the drag, and the speed w√(a S) only as a
-factor of the power. With the drive power w√a·P, the limit is satisfied if P ≤ 0 or w² a P² ≤ limit². The acceleration,
-gravity and drag are doubled, which avoids the factor ½.
+Let a = u̇², where u is the path parameter. The formulas of `contact` apply to a vector q in the direction of motion,
+r' = w·q, and to the acceleration a r'' + ½ a' r'. With S = q·q, the formulas contain the squared speed w² a S only in
+the drag, and the speed w√(a S) only as a factor of the power. Let the drive power be w√a·P. Then the limit on the power
+is satisfied if P ≤ 0 or w² a P² ≤ limit². The acceleration, gravity and drag are doubled to avoid the factor ½.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ from qtraj.path.vehicle import RoadParameters
 
 
 class _Drag:
-    """The coefficient of drag times the squared ratio of the velocity to q."""
+    """The coefficient of drag times the squared ratio of the velocity to the vector q (see the module)."""
 
     def __init__(self, coefficient: Parameter, square: RootSum):
         self.coefficient, self.square = coefficient, square
@@ -44,8 +44,9 @@ def road_bounds(
 ) -> tuple[Float[Array, "limits subcells"], Float[Array, "limits subcells"]]:
     """Return lower and upper bounds on the smallest slack of each of `limits` in each subcell, in the order of `ROAD`.
 
-    A negative upper bound indicates a violation. `ahead` is q, `doubled` is twice the acceleration, and `pace` is w² a,
-    in the units of length and time of the parameters of `vehicle`. `units` convert the limits from SI units.
+    A negative upper bound indicates a violation. With r' = w·q and a = u̇², `ahead` is q, `doubled` is twice the
+    acceleration, and `pace` is w² a, in the units of length and time of the parameters of `vehicle`. `units` convert
+    the limits from SI units.
     """
     twice = vehicle._replace(gravity=2 * vehicle.gravity, drag=2 * vehicle.drag)
     i: Any = RoadInvariants(Invariants([None, ahead, doubled], vehicle=twice))

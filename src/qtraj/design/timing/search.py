@@ -37,26 +37,26 @@ GAPS = (1e-5, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
 
 FINEST = 128
-"""With more cells than this, the allowed gap of the last search grows with the square of their number, because
-rounding errors in the jerk prevent a gap of 1e-8."""
+"""With more cells than this, the allowed error of the last search grows with the square of the number of cells, because
+rounding errors in the jerk prevent an optimality error of 1e-8."""
 
 ROUNDS, ALLOWED = 10, 8e-6
 """Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
 
 OVER, CHECKED = 2.0, 17
-"""After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. After
-the third search, this factor doubles each time, because a peak far from the nodes decreases only if the limits at the
-nodes become much tighter."""
+"""After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
+the fourth search on, this factor doubles after each search, because a peak far from the nodes decreases only if the
+limits at the nodes become much tighter."""
 
 MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
 
 SLOWED = 1e-4
-"""If the solution of the last search must be slowed down by more than this fraction of a, it has not converged."""
+"""If a = u̇² must be reduced by more than this fraction after the last search, the search has not converged."""
 
 
 class Problem(NamedTuple):
-    """A part of a path from `start` to `end`, the given limits by name, and bounds on a at its ends.
+    """A part of a path from `start` to `end`, the given limits by name, and the bounds `ends` on a = u̇² at both ends.
 
     `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
     the start and at the end.
@@ -75,7 +75,8 @@ class Tables(NamedTuple):
     """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell.
 
     For each node, and then for each point at which limits are checked, `cell` is the index of its cell and `place` its
-    position in the cell, from 0 to 1.
+    position in the cell, between 0 and 1. `within` and `powers` are the results of the functions `within` and
+    `power_form` of the module `spline`.
     """
 
     grid: Grid
@@ -104,7 +105,7 @@ class Found(NamedTuple):
 
 
 def last_gap(cells: int) -> float:
-    """Return the relative duality gap at which the last search ends."""
+    """Return the relative optimality error at which the last search ends."""
     return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
 
 
@@ -140,9 +141,10 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
 
 class _Round(NamedTuple):
-    """The last state, the factors by which its search divided the limits (`used`), the next factors, usage and count.
+    """The result `state` of the last search, and the number of `searches`.
 
-    The rows of `usage` are those of `constraints.used`.
+    The last search divided the limits by the factors `used`; the next search divides them by `factors`. `usage` is the
+    largest result of `constraints.used` in each cell.
     """
 
     state: State
@@ -206,7 +208,7 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 
 @eqx.filter_jit
 def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return the coefficients of a, the usage, and the error; slow down the timing if a violation remains.
+    """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
     A violation that a slower timing does not reduce remains, and the certificate reports it.
     """
@@ -257,9 +259,9 @@ def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cel
 
 @eqx.filter_jit
 def _sensitivity(program: Program, r: _Round) -> Scalar:
-    """Return zero, with the derivatives of the Lagrangian at the optimum.
+    """Return a number with the value zero and the derivatives of the Lagrangian at the optimum.
 
-    By the envelope theorem, they are the derivatives of the minimum duration.
+    By the envelope theorem, these are the derivatives of the minimum duration.
     """
     v = stop_gradient(program.at_nodes(r.state.coefficients))
     limits = values(tightened(program.constraints, _at_nodes(r.used)), v)

@@ -46,7 +46,10 @@ def enclosures(
     given: dict[str, Array],
     vehicle: RoadParameters | None,
 ) -> Any:
-    """Return a function that computes lower and upper bounds (rows, subcells) on the minima of all slacks and of a."""
+    """Return a function that computes lower and upper bounds on the minima of all slacks and of a = u̇² in subcells.
+
+    The bounds have the shape (limits + 1, subcells). At an end at rest, a is divided by its factor that vanishes there.
+    """
     segments = path_derivatives(path.polynomials, path.durations, orders=ORDERS)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
     shape = segments.derivatives
@@ -126,7 +129,10 @@ def _stacked(polynomials: list[CellPolynomial]) -> CellPolynomial:
 def _directions(
     ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return q with two derivatives in each segment, and the factor w with r' = w·q in the units of r' and q."""
+    """Return the vector q (see `directions`) with two derivatives in each segment, and the factor w with r' = w·q.
+
+    The unit of w is the ratio of the units of r' and q.
+    """
     polynomials, powers, roundings = ahead
     found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None], ORDERS)
     table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
@@ -147,10 +153,11 @@ def _unit(name: str, whole: PathDerivatives) -> Array:
 
 
 class _Cells(NamedTuple):
-    """Models on subcells, in units of half durations; `path` contains the first three derivatives of the path.
+    """Models on subcells; `path` contains the first three derivatives of the path. The unit of time is half a duration.
 
-    `slope` and `bend` are the first two derivatives of `a`. With r' = w·q, `ahead` contains q and its two derivatives,
-    and `factor` is w. Without stops q is r', and `factor` is None.
+    `a` is u̇², and `slope` and `bend` are its first two derivatives with respect to the path parameter u. With
+    r' = w·q, `ahead` contains q and its first two derivatives, and `factor` is w. Without stops q is r', and `factor`
+    is None.
     """
 
     path: list[Any]

@@ -16,7 +16,11 @@ from qtraj.path.route import Route
 
 
 class Source(NamedTuple):
-    """The polynomials of the segments (on the last axis), their durations [s], and their `Directions`."""
+    """The polynomials of the segments (on the last axis), their durations [s], and the directions `ahead`.
+
+    `ahead` contains the fields of `Directions`, with polynomials instead of coefficients. It is None if no moving
+    segment starts or ends at a stop.
+    """
 
     polynomials: MovingPolynomials
     durations: Float[Array, " segments"]

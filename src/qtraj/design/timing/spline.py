@@ -4,8 +4,8 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays, which become one loop over the nodes. Reductions of stacked arrays
-are about 20 times slower.
+Sums over short axes are written as sums of arrays. The compiler turns such a sum into one loop over the nodes.
+Reductions of stacked arrays are about 20 times slower.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,13 @@ ORDERS = 3
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
 """Node and weight of the one-point Gauss quadrature for ∫ f(z)/√z dz over [0, 1], exact for linear f.
 
-The weight is a factor on f/√z.
+The integral is approximately the weight times the value of f(z)/√z at the node.
 """
 
 Numbers = Float[np.ndarray, "..."]
 
 Lower = Sequence[Sequence[Any]]
-"""Rows of the lower triangle of a symmetric matrix, whose entries are arrays over the nodes."""
+"""Rows of the lower triangle of a symmetric matrix; each entry is an array over the nodes."""
 
 
 class Nodes(NamedTuple):
@@ -41,8 +41,9 @@ class Nodes(NamedTuple):
     column does not exist; it is treated as a node at rest, so it has no influence.
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
-    matrices from the coefficients j to j + 3 to values and derivatives. `free` is 0 for the coefficient at an end at
-    rest, because this coefficient must be zero, and 1 for all others. `standing` is 1 for nodes at rest.
+    matrices from the coefficients j to j + 3 to values and derivatives. The first two axes of `basis` are the order of
+    the derivative and the coefficient. `free` is 0 for the coefficient at an end at rest, because this coefficient must
+    be zero, and 1 for all others. `standing` is 1 for nodes at rest.
     """
 
     place: Float[np.ndarray, "2 cells+1"]
@@ -96,7 +97,8 @@ def nodes(
     at_knots[:-1] += length * ends[0] / 6
     at_knots[1:] += length * ends[1] / 6
     form = power_form(knots)
-    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)  # its first coefficient has no influence
+    # At the last knot, the first coefficient of the cell has zero weight.
+    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)
     last[:, -1] = 0.0
     at_each = np.concatenate([_at(form, np.zeros(cells), length), last], axis=-1)
     free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))
@@ -145,9 +147,10 @@ def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Arra
 
 
 def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
-    """Convert second derivatives as `gathered` does gradients; `parts[i][j]`, j ≤ i, are the matrix entries at nodes.
+    """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    Array d of the result contains the entries (i, i − d) of the matrix.
+    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes. Array d of the result contains the entries
+    (i, i − d) of the matrix for the coefficients.
     """
     orders = range(len(parts))
     half = [

@@ -4,9 +4,9 @@ Where the recorded vehicle was at rest, a fitted route moves slowly, and sometim
 T₂ be the start and the end of such an interval, at which the speed has a given value v. The replacement consists of a
 short drive to the point halfway between r(T₀) and r(T₂), a stop, and a short drive from that point. Both drives are
 quintics with the position, velocity and acceleration of the route at T₀ and T₂, and zero velocity and acceleration at
-the stop. A drive of length d has the duration 3d/v, as in the motion x = d(1 − (1 − τ)³), so the vehicle does not
-reverse; in a short interval, both durations are reduced. During the remaining time the vehicle is at rest. The route
-outside the interval does not change.
+the stop. A drive of length d has the duration 3d/v, as in the motion x = d(1 − (1 − τ)³), where τ is the fraction of
+the duration. So the vehicle does not reverse; in a short interval, both durations are reduced. During the remaining
+time the vehicle is at rest. The route outside the interval does not change.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,11 @@ SAMPLES = 65
 
 
 class _Stop(NamedTuple):
-    """An interval [s] of slow motion, the point of its stop, and the states (3, 3) of the route at both ends."""
+    """An interval [s] of slow motion, the point of its stop, and the states of the route before and after it.
+
+    The axes of a state (3, 3) are the order of the derivative and the component. A state is None if the replacement
+    has no drive on this side of the stop.
+    """
 
     start: float
     end: float

@@ -28,10 +28,10 @@ NEWTON_STEPS = 8
 class Timing(eqx.Module):
     """The relation between a path parameter u and time: u̇² = a(u), where a is a cubic polynomial between two `knots`.
 
-    `knots` (n + 1,) [s] increase from 0. `coefficients` (n, 4) are those of a in each cell, for ascending powers of the
-    position x in the cell, 0 ≤ x ≤ 1. `rest` indicates whether the vehicle is at rest, a = 0, at the start and
-    at the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and `parameter` are
-    inverses of each other to within about 1e-12 of the duration.
+    `knots` (n + 1,) [s] increase from 0. `coefficients` (n, 4) are the coefficients of a in each cell, for ascending
+    powers of the position x in the cell, 0 ≤ x ≤ 1. `rest` indicates whether the vehicle is at rest, a = 0, at the
+    start and at the end; elsewhere a > 0. `times` (n + 1,) [s] are the times of the knots. The methods `time` and
+    `parameter` are inverses of each other to within about 1e-12 of the duration.
     """
 
     coefficients: Float[Array, "cells 4"]
@@ -137,7 +137,7 @@ def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
 
 @eqx.filter_custom_jvp
 def _rate(timing: Timing, t: Scalar) -> Scalar:
-    """Return u̇ at a time within [0, duration]."""
+    """Return the rate u̇ of the parameter at a time within [0, duration]."""
     return _root(timing.squared_speed(timing._inverted(t)))
 
 
@@ -197,7 +197,10 @@ def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
 
 
 def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """Return dt/dz [s] in a cell with the coefficients `c` (4, …)."""
+    """Return dt/dz [s] at the position `_stretched(z)` in a cell.
+
+    The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
+    """
     place = _stretched(z, starts, ends)
     left = 1 - place
     from_start = c[1] + place * (c[2] + place * c[3])
@@ -241,7 +244,10 @@ class RetimedPath(AbstractHodograph):
 
 
 def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
-    """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = √a and ü = a'(u)/2."""
+    """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = √a and ü = a'(u)/2.
+
+    The argument `a` contains the Taylor coefficients of the function a(u) at u₀.
+    """
     zero = jnp.zeros_like(a[0])
     change = [zero, _root(a[0])]
     for k in range(order - 1):

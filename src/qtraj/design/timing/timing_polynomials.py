@@ -13,7 +13,7 @@ RADIUS, DEGREE = 17.0, 3
 
 
 def scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
-    """Return the polynomials multiplied by powers of two, which is exact."""
+    """Return the polynomials multiplied by powers of two; the products are exact."""
     return CellPolynomial(
         p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
     )
@@ -30,7 +30,10 @@ def on_wide_ellipses(p: ChebyshevModel) -> ChebyshevModel:
 def of_timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """Return a, a' and a'' as polynomials in s, −1 ≤ s ≤ 1, and a divided by its factor that vanishes at rest."""
+    """Return a = u̇² and two derivatives of a as polynomials in the position s in the cell, −1 ≤ s ≤ 1.
+
+    The derivatives are with respect to s. Also return a divided by its factor that vanishes at an end at rest.
+    """
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)

@@ -40,7 +40,10 @@ RELAXATION = 1e6
 """Factor by which a limit is multiplied to make it ineffective."""
 
 MARGINS = (1.0001, 1.01, 1.1)
-"""Factors on the smallest peak; the new limit is the first product for which a search satisfies all limits."""
+"""Factors on the largest value of a quantity on the path with the smallest violation.
+
+The new limit is the first product for which a search satisfies all limits.
+"""
 
 MORE_STARTS = 4
 """Factor on the number of starts in the advice to use more starts."""

@@ -62,14 +62,14 @@ ROUNDING = 1e-13
 
 
 class Point(NamedTuple):
-    """A point that was evaluated during a round."""
+    """A point y that was evaluated during a round; `value` and `gradient_norm` belong to the augmented Lagrangian."""
 
     y: Variables
     value: Scalar
-    gradient_norm: Scalar  # largest component of the gradient
+    gradient_norm: Scalar  # magnitude of the largest component of the gradient
     cost: Scalar
     step: Int[Array, ""]  # within the round
-    multipliers: PerInterval  # of the next round: max(0, m + μg)
+    multipliers: PerInterval  # of the next round: max(0, m + μg), with multipliers m, penalty μ and constraint values g
     times: PerInterval
     peaks: Peaks
 

@@ -14,7 +14,10 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
-"""Default bounds on the magnitudes of velocity changes, in reference speeds, and of ln(duration/initial duration)."""
+"""Default bounds on the magnitudes of velocity changes, in units of the reference speed, and of ln(T/T₀).
+
+T is the duration, and T₀ the initial duration.
+"""
 
 BOUND_TOLERANCE = 1e-6
 """A variable within this distance of a default bound counts as at the bound."""
@@ -114,7 +117,7 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
 
 
 def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
-    """Return the range in which a V_φ keeps its sign, or None if `name` is not a V_φ with a fixed heading.
+    """Return the range in which the variable `name` keeps its sign, or None if it is not a V_phi with a fixed heading.
 
     Outside this range the vehicle would drive backwards.
     """

@@ -63,8 +63,8 @@ def require_choices(
         raise ValueError("tuning changes the boundary velocities and cannot keep boundary accelerations: omit them")
     if has_duration and motion.is_uniform and not objective.fixes_duration:
         raise ValueError(
-            "a duration was given, but the tuned rate of uniform motion determines the duration. Omit the duration, or "
-            "use motion='hermite' or objective='smoothest'."
+            "a duration was given, but with motion='uniform' the duration follows from the tuned angular rate. Omit "
+            "the duration, or use motion='hermite' or objective='smoothest'."
         )
 
 

@@ -2,12 +2,13 @@
 
 A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0, where z are the variables and u is the time divided by the duration
 T. With u as the time, T only scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s
-in the unit of the quantity. G is a function of a few invariants, which are scalar products of the vectors r', r'', …,
-c = r'×r'' and c' = r'×r''' with each other and with the vertical. The code calls these vectors blocks.
+in the unit of the quantity. G is a function of a few invariants. These are scalar products of vectors with each other
+and with the vertical. The vectors are the first four derivatives of the position r with respect to u, c = r'×r'' and
+c' = r'×r'''. The code calls these vectors blocks.
 
 An index selects the limit. All searches of a batch share the index, so the formula of each limit is compiled once, and
 only the limits that are set are evaluated. The functions in this module operate on a batch of paths without `jax.vmap`,
-which would trace branches and loops several times.
+because `jax.vmap` would trace branches and loops several times.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,9 +38,10 @@ Places = Float[Array, "batch places"]
 class Setting(NamedTuple):
     """The data of a path for the evaluation of constraints.
 
-    `curves` is the path as a function of u, `log_duration` is ln T, `axes` rotates from the axes of the placement to
-    world axes, `reference` are the coefficients of the initial path, and `road` are the parameters of the vehicle, or
-    None. For a batch of paths every array has a leading axis.
+    `curves` is the path as a function of u = t/T, where T is the duration, and `log_duration` is ln T. `axes` rotates
+    from the axes of the placement to world axes. `reference` (terms, 3) contains the coefficients of ρ, φ and h of the
+    initial path. `road` contains the parameters of the vehicle, or is None. For a batch of paths every array has a
+    leading axis.
     """
 
     curves: Curves
@@ -138,7 +140,10 @@ PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] 
 
 
 def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places) -> Places:
-    """Return the constraint g for a batch of paths, each at its own instants `u` (fractions of the duration)."""
+    """Return the constraint values g = ½((value/limit)² − 1) for a batch of paths.
+
+    Each path has its own instants `u` (fractions of the duration).
+    """
     scale, _ = limit_scale(settings, index, limits)
 
     def in_world(order: int, upright: bool) -> Array:
@@ -180,7 +185,10 @@ def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
 def limit_scale(
     settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"]
 ) -> tuple[Float[Array, " batch"], Scalar]:
-    """Return κ, the factor of G, and d ln κ / d ln T."""
+    """Return κ = T^−2p/limit² and its derivative d ln κ/d ln T.
+
+    T is the duration, and p is the power of 1/s in the unit of the quantity.
+    """
     per_log = element(-2.0 * PER_TIME, index).astype(limits.dtype)
     return jnp.exp(per_log * settings.log_duration) / limits**2, per_log
 

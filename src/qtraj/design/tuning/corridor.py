@@ -1,8 +1,9 @@
 """The squared distance from the initial path as a constraint, with its derivatives.
 
-The derivatives are with respect to the slopes at both ends and to u. The coordinates ρ, φ and h are linear in the
-slopes. So only the squared distance, which is a polynomial in the four fields of `Offset`, has nonzero second
-derivatives.
+Let u be the time divided by the duration. The derivatives are with respect to u and to the slopes, which are the
+derivatives of the coordinates ρ, φ and h with respect to u at both ends. The coordinates are linear in the slopes. So
+only the squared distance, which is a polynomial in the four fields of `Offset`, has nonzero second derivatives with
+respect to the slopes. The arguments `directions` are the derivatives of the coefficients with respect to the slopes.
 """
 
 import jax

@@ -1,10 +1,10 @@
 """Polynomials for the derivatives of a path, and derivatives of these polynomials with respect to the variables.
 
 The time is u = t/T, where T is the duration. In the moving basis, the derivatives of the position R_z(φ)·(ρ, 0, h) with
-respect to u have polynomial components (a, b, h), because (a, b, h)' = (a' − bφ', b' + aφ', h'). If the end positions
-are fixed, the path as a function of u depends only on its slopes at both ends. These slopes are the boundary velocities
-(for φ, the angular rates) times T. The coefficients are differentiated with respect to these slopes, once for all
-limits and instants.
+respect to u have polynomial components: the derivative of a vector with the components (a, b, c) has the components
+(a' − bφ', b' + aφ', c'). If the end positions are fixed, the path as a function of u depends only on its slopes at both
+ends. These slopes are the boundary velocities (for φ, the angular rates) times T. The coefficients are differentiated
+with respect to these slopes, once for all limits and instants.
 """
 
 from functools import partial
@@ -28,10 +28,11 @@ ANGLE = 1  # the index of φ in (ρ, φ, h)
 
 
 class Curves(NamedTuple):
-    """The coefficients of 1, u, u², … in r', r'', r''', r'''' (`derivatives`) and in ρ, φ, h (`place`).
+    """The coefficients of ascending powers of u = t/T in a path, where T is the duration.
 
-    The arrays may also contain derivatives of the coefficients; leading axes then index these derivatives. If φ' is
-    constant, r', r'', … have the same degree; otherwise the degree increases by two with each derivative.
+    `derivatives` contains the coefficients of the first four derivatives of r, and `place` those of ρ, φ and h. The
+    arrays may also contain derivatives of the coefficients; leading axes then index these derivatives. If φ' is
+    constant, all derivatives of r have the same degree; otherwise the degree increases by two with each derivative.
     """
 
     derivatives: Float[Array, "*more orders terms 3"]
@@ -58,25 +59,26 @@ class CurveDerivatives(NamedTuple):
     """Derivatives of a path with respect to its slopes at both ends, and of the slopes with respect to the variables.
 
     `first` and `second` are derivatives with respect to the slopes; `slopes` (k, n) and `log_duration` (n,) are the
-    derivatives of the slopes and of ln T with respect to the variables. The path is linear in the slopes of ρ and h. So
-    `second` contains only the pairs of slopes that include φ' (see `pairs`), and is None if φ' is constant.
+    derivatives of the slopes and of ln T with respect to the variables, where T is the duration. The path is linear in
+    the slopes of ρ and h. So `second` contains only the pairs of slopes that include φ' (see `pairs`), and is None if
+    φ' is constant.
     """
 
     first: Curves
-    second: Float[Array, "pairs orders terms 3"] | None  # of r', r'', …
+    second: Float[Array, "pairs orders terms 3"] | None  # of the coefficients of the derivatives of r
     slopes: Float[Array, "k n"]
     log_duration: Float[Array, " n"]
 
 
 def cubics(problem: Problem, slopes: Float[Array, "2 3"]) -> Float[Array, "4 3"]:
-    """Return the coefficients of ρ, φ and h in u for given slopes at both ends."""
+    """Return the coefficients of ρ, φ and h as cubics in u = t/T for given slopes at both ends."""
     first, last = problem.ends
     return jnp.asarray(HERMITE, slopes.dtype) @ jnp.concatenate([jnp.stack([first, last - first]), slopes])
 
 
 @jax.jit
 def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
-    """Return the coefficients of ρ, φ and h in u for the initial path."""
+    """Return the coefficients of ρ, φ and h as cubics in u = t/T for the initial path."""
     return cubics(problem, problem.slopes(jnp.zeros(problem.size, problem.speed.dtype))[0])
 
 
@@ -109,7 +111,7 @@ def curve_derivatives(
 
 
 def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " rates"]:
-    """Return the coefficients of φ' in u."""
+    """Return the coefficients of φ' = dφ/du for ascending powers of u."""
     if problem.motion.is_uniform:
         return cubic[1:2, ANGLE]
     return cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype)
@@ -118,11 +120,12 @@ def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " 
 def _orders(
     cubic: Float[Array, "rows 4 3"], angle_rate: Float[Array, " rates"], moved_rate: Float[np.ndarray, "k rates"] | None
 ) -> Float[Array, "rows_ orders terms 3"]:
-    """Return the coefficients of r', r'', … of a path and of their derivatives with respect to the slopes.
+    """Return the coefficients of the first four derivatives of r, and their derivatives with respect to the slopes.
 
-    `cubic` contains the coefficients of ρ, φ and h, and optionally their derivatives with respect to the k slopes. If
-    `moved_rate`, the derivatives of φ' with respect to the slopes, is given, the result includes the second derivatives
-    for the `pairs` of slopes. With x = (a, b, h), the recursion is x ← x' + φ'·(−b, a, 0).
+    `cubic` contains the coefficients of ρ, φ and h, and optionally their derivatives with respect to the k slopes.
+    `moved_rate` contains the derivatives of φ' with respect to the slopes; if it is given, the result includes the
+    second derivatives for the `pairs` of slopes. With the components x = (a, b, c), the recursion is
+    x ← x' + φ'·(−b, a, 0).
     """
     terms = TERMS if angle_rate.shape[0] == 1 else TERMS + (TERMS - 2) * ORDERS
     n_pairs = 0 if moved_rate is None else len(pairs())
@@ -147,7 +150,7 @@ def _orders(
 
 
 def pairs() -> np.ndarray:
-    """Return the index pairs (pairs, 2) i ≤ j of slopes with at least one slope of φ."""
+    """Return the pairs (pairs, 2) of indices i ≤ j of two slopes, at least one of which is a slope of φ."""
     return np.asarray([(i, j) for i in range(6) for j in range(i, 6) if ANGLE in (i % 3, j % 3)])
 
 
@@ -162,10 +165,10 @@ def from_pairs(x: Float[Array, "pairs *rest"]) -> Float[Array, "k k *rest"]:
 def second_along(
     derivatives: CurveDerivatives, gradient: Float[Array, "order 3 places"], order: int, u: Float[Array, " places"]
 ) -> Array:
-    """Contract `gradient` with the second derivatives of r', r'', … with respect to the k slopes.
+    """Contract `gradient` with the second derivatives of r' and the higher derivatives with respect to the k slopes.
 
-    `gradient` is the gradient of a function with respect to r', r'', … at the instants `u`. The shape of the result is
-    (k, k, places).
+    `gradient` is the gradient of a function with respect to the derivatives of r up to `order`, at the instants `u`.
+    The shape of the result is (k, k, places).
     """
     k = derivatives.slopes.shape[0]
     if derivatives.second is None:
@@ -196,7 +199,10 @@ def _taylor(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"
 
 
 def _directions(problem: Problem) -> np.ndarray:
-    """Return the unit vectors (k, 2, 3) of the free slopes: all six, or in uniform motion the four of ρ and h."""
+    """Return the unit vectors (k, 2, 3) of the free slopes: all six, or in uniform motion the four of ρ and h.
+
+    The axes are the slope, the end of the path, and the coordinate.
+    """
     unit = np.eye(6)
     free = [k for k in range(6) if not (problem.motion.is_uniform and k % 3 == ANGLE)]
     return unit[free].reshape(-1, 2, 3)

@@ -26,7 +26,7 @@ compiled_dot, compiled_cross = jax.jit(dot), jax.jit(cross)
 
 @jax.jit
 def along(v: Triple, w: Triple) -> Array:
-    """Return the scalar products of v with all directions w."""
+    """Return the scalar products of the vector v with the vectors w in all directions."""
     return dot(broadcast(v), w)
 
 

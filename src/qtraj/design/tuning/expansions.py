@@ -31,7 +31,10 @@ from qtraj.path.components import Triple, add_vectors
 
 
 class Expansion(NamedTuple):
-    """The constraint g at several instants: its value and its derivatives with respect to the variables and to u."""
+    """The constraint g = ½((value/limit)² − 1) at several instants, and its derivatives.
+
+    The derivatives are with respect to the variables z and to u, a fraction of the duration.
+    """
 
     value: Float[Array, "*batch places"]
     slope: Float[Array, "*batch n places"]
@@ -44,7 +47,10 @@ class Expansion(NamedTuple):
 def slopes(
     settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> tuple[Places, Float[Array, "batch n places"]]:
-    """Return g of a batch of paths, each at its own instants `u`, and the derivatives with respect to the variables."""
+    """Return the constraint values of a batch of paths, and their derivatives with respect to the variables.
+
+    Each path has its own instants `u`.
+    """
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
     member = element(MEMBER, index)
@@ -73,7 +79,7 @@ def slopes(
 def _first_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, Array]:
-    """Return G of one path and its derivatives with respect to the slopes at both ends."""
+    """Return G (see `constraints`) of one path and its derivatives with respect to the slopes at both ends."""
     at = _local(group, index, setting, derivatives, u)
     return at.G, at.first_order[:-1]
 
@@ -81,7 +87,7 @@ def _first_order(
 def expansions(
     settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> Expansion:
-    """Return g of a batch of paths, each at its own instants `u`, with first and second derivatives."""
+    """Return the constraint values of a batch of paths, each at its own instants `u`, with their derivatives."""
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
     member = element(MEMBER, index)
@@ -102,7 +108,10 @@ def expansions(
 def _in_variables(
     G: Expansion, setting: Setting, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar
 ) -> Expansion:
-    """Convert `G` and its derivatives with respect to the end slopes to g and its derivatives with respect to z."""
+    """Convert G (see `constraints`) and its derivatives to the constraint g and its derivatives.
+
+    The derivatives of G are with respect to the slopes at both ends, and those of g with respect to the variables z.
+    """
     J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
@@ -112,7 +121,7 @@ def _in_variables(
     log_terms = e[:, None] * in_slopes[None]
     both = e[:, None] * e[None] * jnp.sum(e * in_slopes, axis=0)[None, None]
     curvature = curvature + log_terms + jnp.swapaxes(log_terms, 0, 1) - both
-    # Add the derivatives of κ = exp(−2p ln T)/limit².
+    # Add the derivatives of κ = exp(−2p ln T)/limit², where p is the power of 1/s in the unit of the quantity.
     first = per_log * e
     cross = first[:, None] * slope[None]
     second = first[:, None] * first[None] * G.value[None, None]
@@ -127,7 +136,7 @@ def _in_variables(
 
 
 def _directions(setting: Setting, derivatives: CurveDerivatives) -> Float[Array, "m n"]:
-    """Return the derivatives of the slopes (and, with a vehicle, of ln T) with respect to the variables."""
+    """Return the derivatives of the slopes (and, with a vehicle, of ln(duration)) with respect to the variables."""
     if setting.road is None:
         return derivatives.slopes
     return jnp.concatenate([derivatives.slopes, derivatives.log_duration[None]])
@@ -139,7 +148,7 @@ def _others(setting: Setting, corridor_branch: Any, road_branch: Any) -> list[An
 
 
 def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
-    """In a problem with a vehicle, add zero derivatives with respect to ln T to the result of a function."""
+    """In a problem with a vehicle, add zero derivatives with respect to ln(duration) to the result of a function."""
 
     def padded() -> Any:
         G, slope, *rest = branch()
@@ -156,10 +165,11 @@ def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
 def _second_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, ...]:
-    """Return G of one path with its first and second derivatives with respect to the slopes at both ends and to u.
+    """Return G (see `constraints`) of one path with its first and second derivatives.
 
-    Subscripts denote derivatives. With directions w (the slopes and u), invariants s and blocks Y,
-    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
+    The derivatives are with respect to the slopes at both ends and to u. Subscripts denote derivatives. With directions
+    w (the slopes and u), invariants s and blocks Y, G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the
+    weights of the products of blocks and Ȳ = G_Y.
     """
     at = _local(group, index, setting, derivatives, u)
     Y, in_invariants, directions = at.blocks, at.in_invariants, vectors(at.w)
@@ -205,10 +215,10 @@ def _second_order(
 
 
 class _Local(NamedTuple):
-    """G of one path, its first derivatives, and intermediate values for its second derivatives.
+    """G (see `constraints`) of one path, its first derivatives, and intermediate values for its second derivatives.
 
-    `w` are the derivatives of r', r'', … in the directions of the slopes and of u, in the basis of the invariants;
-    `moving_w` and `r` are in the moving basis.
+    `r` contains the derivatives of the position in the moving basis. `moving_w` and `w` are the derivatives of `r` in
+    the directions of the slopes and of u, in the moving basis and in the basis of the invariants.
     """
 
     G: Float[Array, " places"]
@@ -219,7 +229,7 @@ class _Local(NamedTuple):
     moved_in_u: Float[Array, "n orders 3 places"]
     in_u_twice: Float[Array, "orders 3 places"]
     blocks: dict[str, Triple]
-    gradient: list[Triple]  # with respect to r', r'', …
+    gradient: list[Triple]  # with respect to the derivatives of the position
     in_blocks: dict[str, Triple]
     in_invariants: Float[Array, "i places"]
     hessian: Float[Array, "i i places"]  # with respect to the invariants
@@ -254,7 +264,7 @@ def _local(
 
 
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
-    """Return G, its gradients with respect to r', r'', …, and intermediate values.
+    """Return G (see `constraints`), its gradients with respect to the derivatives `r`, and intermediate values.
 
     The intermediate values are the blocks, the gradients with respect to the blocks and to the invariants, and the
     Hessian with respect to the invariants.

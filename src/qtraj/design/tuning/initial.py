@@ -31,8 +31,8 @@ def initial_path(
 
     With "uniform" motion the angular rate is constant and equals the turn divided by `duration`. Without a `duration`,
     it is the rate that fits V_φ at both ends best in the least-squares sense. With "hermite" motion the path has the
-    given boundary velocities. If `duration` is given, the states may also contain accelerations, which the path then
-    has at its ends; `tune` does not accept such states.
+    given boundary velocities. If a `duration` is also given, the states may contain accelerations, and the path has
+    these accelerations at its ends. `tune` does not accept states with accelerations.
 
     **Raises:** ValueError if the arguments do not determine a path.
     """

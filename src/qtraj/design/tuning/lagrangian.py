@@ -29,7 +29,7 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
-"""A start on a bound is moved to this fraction of the half-width from the centre: ∂z/∂y is zero on the bound."""
+"""A start on a bound is moved to this fraction of the half-width from the centre; on the bound, ∂z/∂y would be zero."""
 
 PerInterval = Float[Array, "slots k"]
 
@@ -45,7 +45,7 @@ class Round(NamedTuple):
 
 
 class Expanded(NamedTuple):
-    """The augmented Lagrangian at one point: its value, its gradient with respect to y, and the constraints."""
+    """The augmented Lagrangian at a point y (see the module): value, gradient, cost, and constraint values g."""
 
     value: Scalar
     gradient: Variables
@@ -102,7 +102,10 @@ def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) 
 
 
 def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: Variables) -> Expanded:
-    """Evaluate the augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), with the constraints g at `times`."""
+    """Evaluate the augmented Lagrangian weight·cost + Σ (max(0, m + μg)² − m²)/(2μ) and its gradient.
+
+    The sum is over the constraints g at `times`, with the multipliers m and the penalty μ.
+    """
     z, scale = jax.jvp(lambda y: to_box(task, y), (y,), (jnp.ones_like(y),))  # the Jacobian is diagonal
     cost, cost_gradient = jax.value_and_grad(task.problem.cost)(z)
     ends, log_duration = task.problem.slopes(z)

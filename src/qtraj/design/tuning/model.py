@@ -34,7 +34,10 @@ MAX_DRIFT = 0.1
 
 
 class Constraints(NamedTuple):
-    """The constraints of all limits, with their derivatives with respect to the n variables; r is `PER_LIMIT`."""
+    """The constraints of all limits, with their derivatives with respect to the n variables.
+
+    The axis `r` has `PER_LIMIT` elements.
+    """
 
     value: Float[Array, "*batch slots r"]
     slope: Float[Array, "*batch slots r n"]

@@ -1,8 +1,8 @@
 """Represent squares of path quantities as sums of monomials in the invariants, by tables of coefficients and exponents.
 
 The tables are computed by evaluating the formulas of the registry for symbolic polynomials. The derivatives of a sum
-Σ c·Π sᵢ^eᵢ are sums of monomials, too, because ∂/∂sᵢ multiplies a monomial by eᵢ/sᵢ. So one function evaluates all
-quantities.
+Σ c·Π sᵢ^eᵢ, with coefficients c, invariants sᵢ and exponents eᵢ, are sums of monomials, too, because ∂/∂sᵢ multiplies a
+monomial by eᵢ/sᵢ. So one function evaluates all quantities.
 """
 
 from collections.abc import Sequence

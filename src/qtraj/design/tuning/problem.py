@@ -72,7 +72,7 @@ class Problem(eqx.Module):
         return jnp.stack(first), jnp.stack(last)
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
-        """Return the derivatives of ρ, φ and h with respect to u = t/T at both ends, and ln T (T in seconds)."""
+        """Return the derivatives of ρ, φ and h with respect to u = t/T at both ends, and ln T; T is the duration."""
         return _slopes(self, z)
 
     def time(self, z: Variables) -> Scalar:

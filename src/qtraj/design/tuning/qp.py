@@ -33,8 +33,8 @@ Matrix = Float[Array, "n n"]
 class QP(NamedTuple):
     """The QP min ½dᵀHd + cᵀd + ½εt² + νt subject to normals·d − t ≤ bounds, low ≤ d ≤ high and t ≥ min_violation.
 
-    H must be positive definite; `inverse` is its inverse. With ε > 0 the QP is strictly convex in t, too.
-    ν + ε·min_violation must be positive.
+    The variables are the step d and the violation t. H must be positive definite; `inverse` is H⁻¹. With ε > 0 the QP
+    is strictly convex in t, too. ν + ε·min_violation must be positive.
     """
 
     hessian: Matrix
@@ -73,7 +73,7 @@ class Active(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """The solution d and t, the active constraints, whether the QP was solved, and the number of steps."""
+    """The optimal step d and violation t, the active constraints, whether the QP is solved, and the number of steps."""
 
     d: Vector
     t: Scalar

@@ -40,7 +40,10 @@ def value(setting: Any, r: Float[Array, "2 3 places"], member: Int[Array, ""]) -
 def slopes(
     member: Int[Array, ""], setting: Any, derivatives: CurveDerivatives, u: Places
 ) -> tuple[Places, Float[Array, "n places"]]:
-    """Return the square at the instants `u`, and its derivatives with respect to ln T and the slopes at both ends."""
+    """Return the square of the quantity `member` at the instants `u`, and its derivatives.
+
+    The derivatives are with respect to the slopes at both ends and to ln T, where T is the duration.
+    """
     curves = setting.curves
     r = along_u(curves.up_to(ORDER), u, 0)[0]
     directions = along_u(derivatives.first.up_to(ORDER), u, 0)[0]
@@ -57,10 +60,11 @@ def slopes(
 def second_order(
     member: Int[Array, ""], setting: Any, derivatives: CurveDerivatives, u: Places
 ) -> tuple[Places, Array, Array, Array, Places, Places]:
-    """Return the square at the instants `u`, and its derivatives.
+    """Return the square of the quantity `member` at the instants `u`, and its derivatives.
 
-    The derivatives are the first and second derivatives with respect to the slopes and ln T, the mixed second
-    derivatives with respect to these variables and u, and the first and second derivatives with respect to u.
+    The derivatives are the first and second derivatives with respect to the slopes and ln T (T is the duration), the
+    mixed second derivatives with respect to these variables and u, and the first and second derivatives with respect to
+    u.
     """
     curves = setting.curves
     moving_r, in_u, in_u_twice = along_u(curves.up_to(ORDER), u, 2)
@@ -78,7 +82,8 @@ def second_order(
         return f, pullback(weights)[0]
 
     (_, gradient), change = jax.linearize(with_weights, p)
-    rates, projected = jax.vmap(change)(directions)  # the Hessian is symmetric and separate for each instant
+    # The Hessian is symmetric, and block-diagonal with one block per instant.
+    rates, projected = jax.vmap(change)(directions)
     hessian = jnp.sum(directions[:, None] * projected[None], axis=2)
     hessian = hessian + jnp.sum(rates[:, None] * jnp.sum(bend[None] * rates[:, None], axis=2)[None], axis=2)
     first_order = jnp.sum(gradient[None] * directions, axis=1)
@@ -104,14 +109,18 @@ def _numbers(r: Float[Array, "2 3 places"], gravity: Places) -> Numbers:
 def _directions(w: Float[Array, "n 2 3 places"], gravity: Places) -> Float[Array, "m 7 places"]:
     """Return the derivatives of the seven numbers in all directions.
 
-    Along the directions `w` of the path, gravity is constant. In the last direction, ln T, only gravity changes.
+    Along the directions `w` of the path, gravity is constant. In the last direction, the logarithm of the duration,
+    only gravity changes.
     """
     paths = jnp.pad(w.reshape(w.shape[0], -1, w.shape[-1]), ((0, 0), (0, 1), (0, 0)))
     return jnp.concatenate([paths, jnp.pad(2 * gravity[None, None], ((0, 0), (w[0, ..., 0].size, 0), (0, 0)))])
 
 
 def _forces(setting: Any) -> Callable[[Numbers], Forces]:
-    """Return the function of the components of r' and r'', and gravity, that computes S, H and the `Contact` forces."""
+    """Return the function of the components of r' and r'', and gravity, that computes S, H and the forces of `Contact`.
+
+    S is the squared speed, and H the squared horizontal speed.
+    """
 
     def forces(p: Numbers) -> Forces:
         i = Invariants([None, (p[0], p[1], p[2]), (p[3], p[4], p[5])], vehicle=setting.road._replace(gravity=p[6]))
@@ -121,7 +130,9 @@ def _forces(setting: Any) -> Callable[[Numbers], Forces]:
 
 
 def _square(setting: Any, member: Int[Array, ""], f: Forces, order: int) -> tuple[Places, Array, Array]:
-    """Return the square and its derivatives up to `order` with respect to S, H and the forces.
+    """Return the square of the quantity `member`, and its derivatives up to `order` with respect to `f`.
+
+    `f` contains the five results of the function that `_forces` returns.
 
     Derivatives of higher order are empty arrays. Each branch differentiates its own formula, because a derivative of
     the switch would store the intermediate results of all branches.

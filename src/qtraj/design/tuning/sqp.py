@@ -1,16 +1,16 @@
 """Sequential quadratic programming (SQP) on refined peaks, for batches of small, smooth tuning problems.
 
-The search minimises the merit function weight·cost + ν·max(0, g₁, …) over a box, where g₁, … are the constraint values
-and ν is the penalty. The penalty is exact, and applies to the largest violation rather than to the sum, because the
-largest violation is continuous when peaks appear or vanish.
+The search minimises the merit function weight·cost + ν·max(0, max g) over a box, where max g is the largest constraint
+value and ν is the penalty. The penalty is exact, and applies to the largest violation rather than to the sum, because
+the largest violation is continuous when peaks appear or vanish.
 
 Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. The
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
-positive definite, squares of the active constraints are added. They do not change the solution while these constraints
-remain active. If the limits cannot be satisfied, all active constraint values equal t, so squares of their differences
-are added instead. If the Hessian is still not positive definite, a multiple of the identity is added. A second QP,
-about the end point of the first step, corrects the step. If a step reduces the merit function by less than a tenth of
-the predicted decrease, it is rejected, and the trust radius is reduced.
+positive definite, squares of the active constraints are added. These squares do not change the solution while the
+constraints remain active. If the limits cannot be satisfied, all active constraint values equal t, so squares of the
+differences between these values are added instead. If the Hessian is still not positive definite, a multiple of the
+identity is added. A second QP, about the end point of the first step, corrects the step. If a step reduces the merit
+function by less than a tenth of the predicted decrease, it is rejected, and the trust radius is reduced.
 """
 
 from typing import Any, ClassVar, NamedTuple

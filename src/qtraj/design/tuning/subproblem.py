@@ -20,7 +20,7 @@ FAR = 1e3  # a constraint at this distance, in trust radii, is out of reach of a
 ACTIVE = 1e-7  # a constraint with a multiplier above this value is active
 AT_BOUND = 1e-7  # a variable within this distance of a bound is at the bound
 PENALISED = 0.9  # above this ratio of the multiplier sum to the penalty, the limits cannot be satisfied yet
-MAX_STIFFNESS = 1e-4  # largest second derivative with respect to t, which keeps the QP strictly convex
+MAX_STIFFNESS = 1e-4  # upper limit of ε in the term ½εt² that makes the QP strictly convex in the violation t
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """Regularizations of the Hessian in the order of trial: weights of the squared active constraints and of the identity.
@@ -165,7 +165,7 @@ def _hessian(
     """Return the Hessians of the Lagrangian and of the squares of the active peaks, and the change of the gradient."""
     slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
     penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # While the limits cannot be satisfied, all active values equal t: subtract their mean.
+    # While the limits cannot be satisfied, all active constraint values equal the violation t: subtract their mean.
     inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = weight * curvature + sums.hessian
     lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])

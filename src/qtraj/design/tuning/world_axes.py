@@ -8,7 +8,7 @@ from qtraj.design.tuning.curves import angle_at
 
 
 def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
-    """Convert r', r'', … of a batch of paths to world axes, except for paths with a vertical axis.
+    """Convert the derivatives `r` of a batch of paths to world axes, except for paths with a vertical axis.
 
     For paths with a vertical axis, the derivatives in the moving basis are sufficient.
     """
@@ -51,7 +51,7 @@ def cross_axis(v: Array) -> Array:
 def world_derivatives(
     axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, u: Array
 ) -> tuple[Array, Array]:
-    """Return r', r'', … and their derivatives in all directions, in world axes."""
+    """Convert the derivatives `r` of a path, and their derivatives `w` in all directions, to world axes."""
     angle, in_u = angle_at(coefficients, u, 1)
     first = jnp.concatenate([angle_at(angle_derivatives, u, 0)[0], in_u[None]])
     return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * cross_axis(r)[None])

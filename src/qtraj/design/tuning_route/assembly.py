@@ -1,8 +1,8 @@
 """Compute first and second derivatives of the objective and the constraints with respect to the joint variables.
 
-Products with constant matrices turn derivatives at the nodes into derivatives with respect to the end data of a
-segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of the
-segment's joints.
+Products with constant matrices turn derivatives at the nodes into derivatives with respect to the scaled states
+y = (p, hv, h²a) at both ends of a segment (see `basis`). The chain rule for y then gives the derivatives with respect
+to the states and times of the segment's joints.
 """
 
 from typing import NamedTuple
@@ -21,14 +21,21 @@ _POWERS = np.array(basis.POWERS, float)
 
 
 class Local(NamedTuple):
-    """First derivatives of a sum over segments with respect to the end data (6, 3, n) and the durations (n,)."""
+    """First derivatives of a sum over segments with respect to the scaled end states and the durations.
+
+    The axes of `ends` (6, 3, n) are the index of the scaled end state (see `basis`), the component and the segment.
+    """
 
     ends: Float[Array, "6 3 n"]
     h: Float[Array, " n"]
 
 
 class LocalSecond(NamedTuple):
-    """Second derivatives: end data (6, 6, 3, 3, n), end data and duration (6, 3, n), and duration (n,)."""
+    """Second derivatives of a sum over segments with respect to the scaled end states (see `basis`) and the durations.
+
+    The axes of `ends` (6, 6, 3, 3, n) are two indices of scaled end states, two components and the segment. `mixed`
+    (6, 3, n) are derivatives with respect to a scaled end state and the duration, and `h` with respect to the duration.
+    """
 
     ends: Float[Array, "6 6 3 3 n"]
     mixed: Float[Array, "6 3 n"]
@@ -57,7 +64,10 @@ def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
 
 
 def _table(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return H_l at the nodes (nodes, 6), and its derivatives of the orders 1 to `order` (order, nodes, 6)."""
+    """Return the Hermite functions H_l (see `basis`) at the nodes, (nodes, 6), and their derivatives.
+
+    The derivatives (order, nodes, 6) have the orders 1 to `order`.
+    """
     rows = basis.at_nodes(basis.NODES, order)
     return rows[0], rows[1:]
 
@@ -86,7 +96,10 @@ def constraints_second(
     weights: Float[Array, "constraints nodes n"],
     stiffness: Float[Array, "constraints nodes n"],
 ) -> LocalSecond:
-    """Return Σ weight·∇²g + stiffness·∇g∇gᵀ over all constraints g; `at` contains the weighted second derivatives."""
+    """Return Σ (weight·∇²g + stiffness·∇g∇gᵀ) over all constraints g.
+
+    `at` contains the weighted second derivatives of the limits.
+    """
     order, n = (at.slopes.shape[0] - 1) // 3, at.away.shape[-1]
     place, table = _table(order)
     stiff = stiffness[:-2]

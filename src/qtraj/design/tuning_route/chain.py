@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 class Border(NamedTuple):
     """The rows and columns of block 0 of a cyclic system.
 
-    `corner` is its diagonal block, and `side[i]` couples block i (rows) to block 0 (columns).
+    `corner` is the diagonal block 0, and `side[i]` couples block i (rows) to block 0 (columns).
     """
 
     corner: Float[Array, "b b"]
@@ -26,10 +26,11 @@ class Border(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The diagonal blocks, and the blocks below them: `lower[i]` couples block i + 1 (rows) to block i (columns).
+    """A symmetric block-tridiagonal matrix, or the matrix of a cyclic system.
 
-    With a `border`, which contains the whole of block 0, `diagonal[0]` is the identity matrix, and `lower[0]` and
-    `border.side[0]` are zero.
+    `diagonal` contains the diagonal blocks, and `lower[i]` couples block i + 1 (rows) to block i (columns). The
+    `border` of a cyclic system contains all rows and columns of block 0; then `diagonal[0]` is the identity matrix, and
+    `lower[0]` and `border.side[0]` are zero.
     """
 
     diagonal: Float[Array, "n b b"]

@@ -25,7 +25,11 @@ def orders(names: Names) -> int:
 
 
 def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
-    """Return (value/limit)² of each limit; the first axis of `q` contains the components of r', r'', …, then h."""
+    """Return (value/limit)² of each limit.
+
+    The first axis of `q` contains the components of the derivatives of r with respect to u = t/h, in ascending order,
+    and then the duration h.
+    """
     h = q[-1]
     order = (q.shape[0] - 1) // 3
     i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])
@@ -67,8 +71,8 @@ class Expansion(NamedTuple):
     """The constraints at the nodes with their gradients and the weighted sum of their second derivatives.
 
     `slopes` (q, limits, nodes, n) and `bending` (q, q, nodes, n) are derivatives with respect to the argument of
-    `ratios`. `away` (3, nodes, n) is the displacement, whose horizontal and vertical squares are the last two
-    constraints.
+    `ratios`. `away` (3, nodes, n) is the displacement from the original path. The last two constraints are the squares
+    of the horizontal and of the vertical displacement, relative to the squared half-widths of the tube.
     """
 
     values: Float[Array, "constraints nodes n"]

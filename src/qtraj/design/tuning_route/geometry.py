@@ -18,11 +18,13 @@ X, Z = np.eye(3)[:1], np.eye(3)[2:]
 
 STRAIGHT = np.zeros((6, 3))
 STRAIGHT[[1, 3, 4], 0] = 1.0
-"""The end data of a straight line of length 1, which replaces segments that do not change."""
+"""The scaled end states (see `basis`) of a straight line of length 1, which replaces segments that do not change."""
 
 
 def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
-    """Return the states of the joints (count + 1, 3, 3); `still` (count,) marks the segments that do not change.
+    """Return the states of the joints; `still` (count,) marks the segments that do not change.
+
+    The axes of the states (count + 1, 3, 3) are the joint, the order of the derivative and the component.
 
     Where the route jumps, the state of a joint is the mean of the states on both sides. Next to a segment that does not
     change, the state is taken from that segment, so that the tuned route does not jump there. If the route is `closed`,
@@ -66,7 +68,10 @@ def smooth_fields(c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: A
 
 
 def ends(states: Any, h: Any, moving: Any) -> Any:
-    """Return the end data (6, 3, n); segments that do not change become straight lines of length 1."""
+    """Return the scaled end states (see `basis`); segments that do not change become straight lines of length 1.
+
+    The axes of the result (6, 3, n) are the index of the scaled end state, the component and the segment.
+    """
     xp, n = pieces.arithmetic(states, h), len(moving)
     start, end = states[:-1], states[1:]
     known = xp.concatenate([xp.zeros_like(start[:, :1]), start[:, 1:], end[:, :1] - start[:, :1], end[:, 1:]], axis=1)
@@ -94,7 +99,10 @@ def speeds(end_data: Any, durations: Any) -> Any:
 
 
 def axes(states: Any, n: int) -> Any:
-    """Return unit vectors along, to the left of and above the path at both ends of the segments (2, 3, 3, n)."""
+    """Return unit vectors along, to the left of and above the path at both ends of the segments.
+
+    The axes of the result (2, 3, 3, n) are the end, the unit vector, the component and the segment.
+    """
     xp = pieces.arithmetic(states)
     v = filled(states[:, 1], n + 1, 0.0)
     v = xp.where(xp.sum(v * v, axis=1)[:, None] == 0, X, v)
@@ -107,7 +115,7 @@ def axes(states: Any, n: int) -> Any:
 
 
 def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
-    """Return the quintics through the states minus the original path (3, nodes, n)."""
+    """Return the quintics through the states minus the original path; axes (3, nodes, n): component, node, segment."""
     own, c = same_terms(pieces.hermite(h, states), c)
     xp, count = pieces.arithmetic(own, c), len(h)
     exponents = np.arange(own.shape[1], dtype=float)[None]
@@ -118,7 +126,10 @@ def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
 
 
 def tube_squares(tube: Any, n: int, nodes: np.ndarray) -> Any:
-    """Return the squared half-widths (2, nodes, n), linear between the joints."""
+    """Return the squares of the horizontal and vertical half-widths (2, nodes, n).
+
+    The half-widths are linear between the joints.
+    """
     xp = pieces.arithmetic(tube)
     widths = filled(tube, n + 1, 1.0)
     nodes = nodes[None, None]
@@ -126,7 +137,10 @@ def tube_squares(tube: Any, n: int, nodes: np.ndarray) -> Any:
 
 
 def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
-    """Return the states of the joints (count + 1, 3, 3) and the durations (count,) for the variables `z`."""
+    """Return the states of the joints and the durations (count,) for the variables `z`.
+
+    The axes of the states (count + 1, 3, 3) are the joint, the order of the derivative and the component.
+    """
     xp, count = pieces.arithmetic(z, states, h, problem.axes), len(h)
     scale, both, moving = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.moving))
     move = (z * scale[:, None])[:, : count + 1]

@@ -1,9 +1,10 @@
 """Tune a route by a primal-dual interior-point method in one compiled loop.
 
-The inequalities are written as g(z) + s = 0 with slacks s. A logarithmic barrier with the parameter μ → 0 keeps the
-slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
-2006, sections 2 and 3). Second derivatives are exact. If the matrix is not positive definite, a multiple of the
-identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
+The inequalities g(z) ≤ 0 are written as g(z) + s = 0 with slacks s. A logarithmic barrier with the parameter μ → 0
+keeps the slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler,
+*Math. Program.* 106, 2006, sections 2 and 3). Second derivatives are exact. If the matrix is not positive definite, a
+multiple of the identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s|, with the objective f
+and the penalty ν, ensures progress.
 """
 
 from typing import Any, NamedTuple
@@ -32,7 +33,7 @@ HALVINGS = 14
 SUFFICIENT = 1e-4
 
 CAP = 1e10
-"""Multipliers stay within this factor of μ/s."""
+"""Multipliers stay within this factor of μ/s, the barrier parameter divided by the slack."""
 
 RENEWED, RENEWALS = 1e-2, 60
 """Margins are updated if the barrier parameter is below `RENEWED`, at most `RENEWALS` times. The search does not
@@ -48,8 +49,8 @@ LAG = 0.1
 """The barrier parameter does not become smaller than this fraction of the largest change of a margin."""
 
 SETTLED, NEAR = 5e-6, 0.1
-"""If the barrier parameter is the final one and the margins with slacks below `NEAR` change by at most `SETTLED`, they
-are not updated again."""
+"""Margins are not updated again if the barrier parameter has its final value, and if all margins of constraints with
+slacks below `NEAR` change by at most `SETTLED`."""
 
 
 class Search(NamedTuple):
@@ -176,7 +177,7 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
         return z, slacks, jnp.where(bounded & ~_inside(problem, excess, margins), jnp.inf, merit)
 
     def reset(slack: Array, g: Array, before: Array, u: Array) -> Array:
-        """Set the slack of a clearly satisfied constraint to −g, which gives the smallest merit function."""
+        """Set the slack s of a clearly satisfied constraint to −g, so that |g + s| is zero in the merit function."""
         exact = -g > jnp.maximum(mu / penalty, 0.01 * before)
         return jnp.where(u > 0, jnp.where(exact, -g, slack), 1.0)
 

@@ -15,7 +15,8 @@ FULL = 0.625
 """A node accounts fully for maxima within this fraction of a cell."""
 
 FAR, CLOSE = 0.8, 0.9
-"""Fractions of the squared limit: margins are 1 below the first one, and are computed in full above the second one."""
+"""A margin is 1 if the squared quantity is below the first fraction of the squared limit, and has its full effect if
+the squared quantity is above the second fraction."""
 
 
 def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
@@ -64,7 +65,7 @@ def _above(own: Array, fine: Array) -> Array:
 
 
 def _joined(largest: Array, used: Array, seam: Array | None) -> Array:
-    """Return the largest values near used nodes, which include the values near unused neighbours.
+    """Return the largest values near used nodes, including the values near unused neighbours of these nodes.
 
     The value at the end of a segment is assigned to the start of the next segment, unless the quantity may jump there.
     If a fixed joint has no used node, the value is assigned to the nearest node inside the segment.

@@ -33,8 +33,8 @@ class Iterate(NamedTuple):
 class Step(NamedTuple):
     """A Newton step.
 
-    `slope` is the derivative of the barrier function along the step, and `curvature` is zᵀHz, where H is the matrix of
-    the linear system. `positive` is whether H is positive definite.
+    `z` are the changes of the variables. `slope` is the derivative of the barrier function along the step, and
+    `curvature` is zᵀHz, where H is the matrix of the linear system. `positive` is true if H is positive definite.
     """
 
     z: Float[Array, "10 joints"]
@@ -46,7 +46,11 @@ class Step(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """The values and derivatives at an iterate from which its Newton steps are computed."""
+    """The values and derivatives at an iterate from which its Newton steps are computed.
+
+    `slopes` and `away` are fields of `Expansion`, `excess` are the constraint values, `gradient` is the gradient of the
+    objective, and `residual` the gradient of the Lagrangian. `hessian` is the matrix of the linear system.
+    """
 
     segments: Segments
     slopes: Float[Array, "q limits nodes n"]

@@ -29,17 +29,18 @@ JERK = basis.gram(3)
 class RouteProblem(NamedTuple):
     """The data of n segments with n + 1 joints.
 
-    `ends` (6, 3, n) [m] and `durations` (n,) [s]: the original end data (see `basis`), with positions relative to the
-    start of the segment. `offset`, `fine_offset` (3, nodes, n) [m]: the quintic through the end data minus the original
-    path. `squares` (limits,): the squares of the limits. `tube` (2, nodes, n) [m²]: the squares of the half-widths.
-    `used` (limits + 2, nodes, n): 1 for the constraints that are used. `shortest`, `longest` (n,) [s]: bounds on the
-    durations.
+    `ends` (6, 3, n) [m]: the scaled end states (see `basis`) of the original segments, with positions relative to the
+    start of the segment. `durations` (n,) [s]: the original durations. `offset`, `fine_offset` (3, nodes, n) [m]: the
+    quintic through the end states minus the original path. `squares` (limits,): the squares of the limits. `tube`
+    (2, nodes, n) [m²]: the squares of the half-widths. `used` (limits + 2, nodes, n): 1 for the constraints that are
+    used. `shortest`, `longest` (n,) [s]: bounds on the durations.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
-    change of the end data. `unit` times this sum is the objective in the user's units. `free` (10, n + 1) is 0 for
-    fixed variables; `scale` (10,) converts variables to SI. `axes` (2, 3, 3, n): in rows, unit vectors along, to the
-    left of and above the original path at both ends. `seam`: the index of the last joint of a closed route, which has
-    the state of the first joint; otherwise None.
+    change of the scaled end states, h the duration and h₀ the original duration. `unit` times this sum is the objective
+    in the user's units. `free` (10, n + 1) is 0 for fixed variables; `scale` (10,) converts variables to SI. `axes`
+    (2, 3, 3, n): unit vectors along, to the left of and above the original path at both ends (end, unit vector,
+    component, segment). `seam`: the index of the last joint of a closed route, which has the state of the first joint;
+    otherwise None.
     """
 
     ends: Float[Array, "6 3 n"]
@@ -65,7 +66,11 @@ class RouteProblem(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments for some variables: durations, states (6, 3, n) [SI], changes of the end data [m], and end data [m]."""
+    """The segments for some variables.
+
+    `h` are the durations, `states` (6, 3, n) the position, velocity and acceleration at both ends [SI], `ends` the
+    scaled end states (see `basis`) [m], and `change` the changes of the scaled end states [m].
+    """
 
     h: Float[Array, " n"]
     states: Float[Array, "6 3 n"]
@@ -94,7 +99,7 @@ def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any, 
 
 
 def powers(h: Float[Array, " n"]) -> Float[Array, "6 1 n"]:
-    """Return the factors 1, h, h² that convert states to end data."""
+    """Return the factors 1, h, h² that convert derivatives with respect to t into derivatives with respect to t/h."""
     return jnp.stack([jnp.ones_like(h), h, h * h] * 2)[:, None]
 
 

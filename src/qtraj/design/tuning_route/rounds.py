@@ -36,7 +36,7 @@ BARRIER, LEAST = 0.1, 1e-7
 most about `LEAST` times the number of constraints."""
 
 AGAIN = (1e-7, 1e-3)
-"""A repeated search starts with the largest relative violation as barrier parameter, clipped to these bounds."""
+"""Bounds to which the initial barrier parameter of a repeated search, the largest relative violation, is clipped."""
 
 ROUGH, SMOOTHING = 1e-3, 1e-3
 """The fastest route is not unique: on a straight, for example, many lines take the same time. Therefore
@@ -50,8 +50,8 @@ SAFETY = 2e-5
 class Judged(NamedTuple):
     """A route with its certificate.
 
-    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube;
-    `distances` (segments, 2) [m]: their largest values.
+    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube.
+    `distances` (segments, 2) [m]: the largest horizontal and vertical distances.
     """
 
     route: Route
@@ -83,7 +83,8 @@ def search(
 ) -> Search:
     """Call `interior.solve`, compiled.
 
-    For the fastest route with the initial margins, once an iterate satisfies the limits, all later iterates do, too.
+    If the objective is "fastest", then in the searches before the first repetition all iterates after an iterate that
+    satisfies the limits at the nodes satisfy them, too.
     """
     inside = jnp.any(problem.time > 0) & (renewals == 0)
     return interior.solve(names, problem, at, factor, mu, least, most, renewals, inside)

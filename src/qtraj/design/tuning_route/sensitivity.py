@@ -2,11 +2,12 @@
 
 The variables z of the last search, the slacks s and the multipliers λ of its constraints g(z) + s = 0 satisfy
 
-    ∇f + Σ λ ∇g = 0,   s λ = μ.
+    ∇f + Σ λ ∇g = 0,   s λ = μ,
 
-These conditions depend smoothly on the data θ. With μ → 0 and constant margins, their derivative is a linear system for
-dz/dθ with the matrix of the interior-point method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. It is block tridiagonal and
-symmetric, so `chain.solve` is used in forward and reverse mode. The search itself is not differentiated.
+with the objective f and the barrier parameter μ. These conditions depend smoothly on the data θ. With μ → 0 and
+constant margins, differentiating them gives a linear system for dz/dθ. Its matrix is the matrix of the interior-point
+method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. This matrix is block tridiagonal and symmetric, so `chain.solve` is used in
+forward and reverse mode. The search itself is not differentiated.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ REFINEMENTS = 2
 """Number of iterative refinements of the solution; the linear system is ill-conditioned."""
 
 DECREASE, KEEP = 0.2, 0.995
-"""The barrier parameter decreases by this factor in each step; slacks and multipliers by at most this fraction."""
+"""The factor by which the barrier parameter decreases in each step, and the largest fraction by which a step may reduce
+a slack or a multiplier."""
 
 
 class Data(NamedTuple):
@@ -177,7 +179,7 @@ def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate,
 def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
     """Refine an iterate by full Newton steps, starting with the barrier parameter `barrier`.
 
-    There is no merit function, because its rounding errors would stop a line search this close to the optimum.
+    There is no line search, because the rounding errors of a merit function would stop it this close to the optimum.
     """
     at = _centred(names, problem, at, barrier)
     zero = jnp.zeros_like(problem.durations[0])
@@ -252,7 +254,7 @@ def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array,
 
 
 def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
-    """Return the unit of length of the objective "nearest", which does not influence its minimum."""
+    """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
     unit = problem.unit * data.duration if kind == "nearest" else jnp.ones_like(data.duration)
     return jax.lax.stop_gradient(jnp.sqrt(unit))
 

@@ -30,7 +30,10 @@ SHORTEST, LONGEST = 0.1, 10.0
 
 
 class Parts(NamedTuple):
-    """The segments of the original route: coefficients (n, terms, 3), durations (n,), and states (n + 1, 3, 3)."""
+    """The segments of the original route: coefficients `c` (n, terms, 3), durations `h` (n,), and states of the joints.
+
+    The axes of `states` (n + 1, 3, 3) are the joint, the order of the derivative and the component.
+    """
 
     c: np.ndarray
     h: np.ndarray
@@ -98,7 +101,10 @@ def problem_of(
 
 
 def _held(fixed: np.ndarray, moving: np.ndarray, count: int, closed: bool) -> np.ndarray:
-    """Return whether each state (n + 1, 3) of the joints is fixed, by the user or because a segment does not change."""
+    """Return whether position, velocity and acceleration of the joints, (n + 1, 3), are fixed.
+
+    They are fixed by the user, or because an adjacent segment does not change.
+    """
     held = filled(fixed, len(moving) + 1, True)
     still = (moving[:count] == 0)[:, None]
     held[:count] |= still

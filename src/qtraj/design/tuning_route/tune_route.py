@@ -62,12 +62,13 @@ def tune_route(
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
 
-    The method is a primal-dual interior-point method with exact second derivatives, whose cost per step is proportional
-    to the number of segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment,
-    with margins for larger values between them. Then `certify` checks whole segments, and the margins are reduced until
-    everything is proved, in at most eleven searches (twelve for "fastest") with `max_steps` steps in total. The result
-    is a local optimum with the code `successful`. The code is `not_optimal` if everything is proved but the search
-    stopped before the optimum.
+    The method is a primal-dual interior-point method with exact second derivatives (Wächter and Biegler 2006). The cost
+    of a step is proportional to the number of segments. The method satisfies the limits at eleven instants of each
+    segment, with margins for larger values between them. Then `certify` checks whole segments, and the margins are
+    reduced until everything is proved, in at most eleven searches (twelve for "fastest") with `max_steps` steps in
+    total. The result is a local optimum with the code `successful`. The code is `not_optimal` if everything is proved
+    but the search stopped before the optimum. Two more codes refer to segments that touch a stop: `broken_at_stops` and
+    `undefined_at_stops`.
 
     Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
     if they jump in the original route. Segments that touch a stop keep their coefficients and the jumps between them.
@@ -207,7 +208,8 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
     if objective == "fastest" and not any(quantity(name).bounds_speed for name in names):
         raise ValueError(
             "the fastest route needs a limit that bounds the speed, such as speed, acceleration, lateral_acceleration "
-            "or yaw_rate"
+            "or yaw_rate. On straight parts, lateral_acceleration and yaw_rate do not bound the speed: if the route "
+            "has straight parts, limit speed, too."
         )
 
 
