@@ -144,7 +144,7 @@ def test_signs_storage_and_invalid_arguments(tmp_path):
         (lambda: qt.PoseProgram(both, both.attitude), "the path must be a position curve"),
         (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be an attitude program"),
         (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no discrete state"),
-        (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a scalar"),
+        (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a number, 3 numbers"),
         (lambda: qt.simulate_pose(both.path, LAW, *state), "must be a PoseProgram"),
         (lambda: qt.simulate_pose(both, LAW.attitude, *state), "must be a PoseLaw"),
         (lambda: qt.simulate_pose(both, LAW, *state, sign="far"), "sign must be"),

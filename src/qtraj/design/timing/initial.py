@@ -36,7 +36,7 @@ def initial(p: Program) -> Float[Array, " cells+3"]:
         highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
     if c.road is not None:
         highest = jnp.minimum(highest, steady(c.road)[0])
-    highest = jnp.minimum(highest, RANGE * jnp.min(highest))
+    highest = jnp.minimum(highest, jnp.minimum(RANGE * jnp.min(highest), jnp.min(largest)))  # finite at stops, too
     pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
     pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
     pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
