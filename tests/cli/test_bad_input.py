@@ -211,7 +211,7 @@ BAD = {
     "a number with a unit": ("duration = 0.5 s\n", ["in 'duration = 0.5 s'\n"]),
     "an unclosed array": ("[limits]\ncurvature = [1,", ["not valid TOML", "line 2, column 16"]),
     "a key twice": ("name = 'a'\nname = 'b'\n", ["not valid TOML", "line 2"]),
-    "no text": (b"\xff\xfe\x00", ["not a text file in UTF-8"]),
+    "no text": (b"\xff\xfe\x00", ["not a UTF-8 text file"]),
     "deep nesting": ("a = " + "[" * 5000, ["not"]),
 }
 

@@ -237,7 +237,7 @@ def test_faults_of_a_tum_file(tmp_path, text, words):
 def test_a_missing_file_and_a_binary_one(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.csv: there is no such file"):
         read_track(tmp_path / "nowhere.csv")
-    with pytest.raises(ValueError, match="not a text file in UTF-8"):
+    with pytest.raises(ValueError, match="not a UTF-8 text file"):
         read_track(written(tmp_path, "time,x,y,z\n\u00e9", encoding="latin-1"))
 
 

@@ -15,8 +15,8 @@ Let L(p) x = p∘x and R(p) x = x∘p, and let ᾱ be the conjugate of α:
 ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and ½(Ṙ₀ −
 Ṙ₀′)(0, x) = (0, r × x). The square and the cube of ½(Ṙ₀ − Ṙ₀′) yield r × (r × x) and r × (r × (r × x)).
 
-With the same matrices, the kinematic equations are 2λ̇ = ᵗAᵗ(ω_X) λ = A(ω_ξ) λ (Alpatov et al., 2021, doi
-10.14738/tmlai.94.10523). Conversely, for a unit λ, (0, ω_X) = 2Aᵗλ̇ and (0, ω_ξ) = 2 ᵗA λ̇.
+With the rate ω_X in body axes or ω_ξ in inertial axes, the kinematic equations are 2λ̇ = ᵗAᵗ(ω_X) λ = A(ω_ξ) λ
+(Alpatov et al., 2021, doi 10.14738/tmlai.94.10523). Conversely, for a unit λ, (0, ω_X) = 2Aᵗλ̇ and (0, ω_ξ) = 2 ᵗA λ̇.
 """
 
 import jax.numpy as jnp

@@ -91,7 +91,7 @@ def canonical(q: Quat) -> Quat:
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
-    """Move the scalar part from last to first; last is the order of ROS, TUM files and, by default, SciPy."""
+    """Move the scalar part from last to first. ROS, TUM files and, by default, SciPy store it last."""
     return jnp.roll(xyzw, 1, axis=-1)
 
 

@@ -176,7 +176,7 @@ def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array) -> 
 
 
 def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """Return the value (paths,) of each component by name, which is the mean over a single instant."""
+    """Return the value (paths,) of each component by name; with one instant, it is also the mean."""
     arrays, work = _worker(paths, frame, task.names)
     return jax.tree.map(lambda x: (x[:, 0].astype(times.dtype),), work(arrays, (times,)))
 

@@ -154,7 +154,7 @@ class Limits(eqx.Module):
         return self.only(NAMES)
 
     def on_shape(self) -> Limits:
-        """Return the limits that depend only on the shape of a path: those on curvature, torsion and slope."""
+        """Return the limits on quantities that depend only on the shape of a path: curvature, torsion and slope."""
         return self.only([name for name, entry in QUANTITIES.items() if entry.per_time == 0 and not entry.needs])
 
     def only(self, names: Collection[str]) -> Limits:

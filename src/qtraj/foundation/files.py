@@ -157,7 +157,7 @@ def _prefix() -> str | None:
     """Return the prefix for names of staging folders; None if locks do not show whether a process is still running.
 
     Locks are reliable between processes of one running kernel, but not between machines that share a file system.
-    Therefore the prefix contains the boot ID, which Linux changes at every start.
+    Therefore the prefix contains the boot ID, which changes at every boot.
     """
     if fcntl is None:
         return None

@@ -43,8 +43,8 @@ class ResultCode(enum.IntEnum):
     near_zero_error = (
         NOTES + 0,
         "finished, but the error quaternion came near zero, where the command grows without bound: look at "
-        "peak_command. The other sign of λ may avoid this: start from choose_sign(law, program(t0), quaternion, rate) "
-        "with sign='as given'.",
+        "peak_command. The other sign of λ may avoid this: pass choose_sign(law, program(t0), quaternion, rate) as the "
+        "initial quaternion, and sign='as given', to the simulation.",
     )
     held_by_bounds = (
         NOTES + 1,
@@ -54,8 +54,8 @@ class ResultCode(enum.IntEnum):
     loose_fit = (
         NOTES + 3,
         "the path follows its recording only approximately. Choose a window with one clear bend in which the vehicle "
-        "keeps moving. A path with motion='hermite' follows the recording more closely than with 'uniform', and wider "
-        "radius_bounds may help.",
+        "keeps moving. Pass motion='hermite', which follows the recording more closely than 'uniform', or wider "
+        "radius_bounds.",
     )
     limits_sampled = (
         NOTES + 2,
@@ -108,8 +108,8 @@ class ResultCode(enum.IntEnum):
     poor_fit = (
         FAILURES + 11,
         "the path does not follow its recording. Choose a window with one clear bend in which the vehicle keeps "
-        "moving. A path with motion='hermite' follows the recording more closely than with 'uniform', and wider "
-        "radius_bounds may help.",
+        "moving. Pass motion='hermite', which follows the recording more closely than 'uniform', or wider "
+        "radius_bounds.",
     )
     limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (

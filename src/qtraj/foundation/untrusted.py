@@ -59,7 +59,7 @@ def decoded(path: Path, content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+        raise ValueError(f"{path}: not a UTF-8 text file (invalid byte at offset {error.start})") from None
 
 
 def parse_json(text: str | bytes) -> Any:

@@ -35,7 +35,7 @@ class InputFile:
 
 
 def read_input(file: Path) -> InputFile:
-    """Read a file and determine whether it is a recording; otherwise, parse its TOML or JSON.
+    """Read a file; if it is not a recording, parse its TOML or JSON.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, for a syntax error.
     """

@@ -36,7 +36,7 @@ def uniform(
 
     V_φ is the azimuthal velocity. The arguments are the ascending coefficients of the radius ρ, the azimuth φ and the
     height h, the duration, the placement, and the mismatch. The mismatch is the relative difference of V_φ/ρ between
-    the two ends; it is infinite if there is no solution. The equations are paper S's boundary conditions.
+    the two ends; it is infinite if there is no solution. The coefficients satisfy the boundary conditions of paper S.
     """
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError(

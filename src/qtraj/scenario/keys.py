@@ -75,7 +75,7 @@ RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair
 
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
-SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', with different successive axes"
+SEQUENCE = "three axes, none twice in a row: fixed axes in lower case ('xyz') or moving axes in upper case ('ZYX')"
 LONGER = 1e-9
 """Relative tolerance by which a rotation vector may exceed half a turn."""
 

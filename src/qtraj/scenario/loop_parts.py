@@ -84,9 +84,9 @@ class ErrorPart(AttitudePart):
 
     rate: keys.Vector = key("rate of the body minus rate of the program, in body axes", [0.0, 0.0, 0.0], unit="angle/s")
     sign: Literal["auto", "near", "far"] = key(
-        "sign of the initial λ: 'near' (μ0 ≥ 0), 'far' (μ0 ≤ 0) or 'auto' (larger minimum of |μ|; the same as 'near' "
-        "for the law 'additive'). 'far' cannot be combined with normalization = 'gibbs'. Not for the laws "
-        "'quaternion', 'geometric' and 'logarithmic'",
+        "sign of the initial λ: 'near' (μ0 ≥ 0), 'far' (μ0 ≤ 0) or 'auto' (the sign with the larger minimum of |μ|; "
+        "for the law 'additive', the same as 'near'). 'far' cannot be combined with normalization = 'gibbs'. Not for "
+        "the laws 'quaternion', 'geometric' and 'logarithmic'",
         "auto",
     )
     normalization: Literal["unit", "gibbs"] = key(

@@ -33,8 +33,8 @@ class StatePart(Part):
     position: keys.Vector = key("position", unit="m")
     velocity: keys.Vector = key("velocity", unit="m/s")
     acceleration: keys.Vector | None = key(
-        "acceleration of both states, only for a hermite path with a duration and not for `qtraj tune`; radius, angle "
-        "and height are then quintics in time",
+        "acceleration, for both states or neither; only for a hermite path with a duration, and not for `qtraj tune`; "
+        "radius, angle and height are then quintics in time",
         None,
         unit="m/s²",
     )

@@ -207,19 +207,19 @@ class RetimePart(Part):
     start_speed: keys.Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
     end_speed: keys.Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
     knots: Annotated[int, checked_by(require_knots)] = key(
-        "minimum number of timing cells for each drive between two stops; with more cells, the duration is closer to "
-        "the shortest possible duration",
+        "minimum number of knot intervals of the speed profile between two stops; with more intervals, the duration "
+        "is closer to the shortest possible duration",
         512,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
     stop_speed: keys.Speed | None = key(
-        "speed at or below which a vehicle on a route counts as stopped, if it also stays within `stop_distance`; with "
-        f"0, slow motion is left unchanged; default: the smaller of {STOP_SPEED} m/s and {100 * SLOW:g} % of the "
-        "highest speed",
+        "speed at or below which slow motion on a route is replaced by a stop, if the vehicle also stays within "
+        f"`stop_distance`; with 0, nothing is replaced; default: the smaller of {STOP_SPEED} m/s and {100 * SLOW:g} % "
+        "of the highest speed",
         None,
     )
     stop_distance: keys.NotNegative | None = key(
-        f"maximum distance from the start of a slow interval for it to count as a stop; default: {STOP_DISTANCE} m",
+        f"maximum distance of a stopped vehicle from its position when the stop starts; default: {STOP_DISTANCE} m",
         None,
         unit="m",
     )

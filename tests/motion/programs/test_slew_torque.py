@@ -143,7 +143,7 @@ def test_about_a_principal_axis_the_torque_is_along_it():
     ("law", "inertia", "limit", "message"),
     [
         (qt.Quintic(duration=1.0), TENSOR, 2.0, "times the torque that max_torque .* cannot be slowed down"),
-        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "its duration or its end rates are fixed"),
+        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "its duration, start_rate or end_rate is fixed"),
         (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number, or three positive numbers"),
         (LAWS["quintic"], -1.0, 2.0, "positive principal moments"),
     ],

@@ -10,9 +10,9 @@ from qtraj.foundation.number_text import intervals, number
 
 
 def limit_rows(findings: Iterable[Finding], more: Mapping[str, str], digits_of_time: int = 4) -> list[tuple[str, ...]]:
-    """Return name with unit, largest value, limit, time [s], a further text and status of each limit.
+    """Return name with unit, largest value, limit, time [s], an additional text and status of each limit.
 
-    `more` contains the further texts by the names of the limits; a dash replaces a missing text.
+    `more` contains the additional texts by the names of the limits; a dash replaces a missing text.
     """
     return [
         (x.label, number(x.value), number(x.limit), number(x.time, digits_of_time), more.get(x.name, "-"), x.status)
@@ -35,7 +35,7 @@ def limit_change_rows(before: Certificate, after: Certificate) -> list[list[tupl
 
 
 def route_limit_rows(certificate: RouteCertificate) -> list[tuple[str, ...]]:
-    """Return the `limit_rows` of a route, with the number of segments that violate the limit as the further text."""
+    """Return the `limit_rows` of a route; the additional text is the number of segments that violate the limit."""
     status = certificate.segments.status
     violated = {name: str(int(np.sum(np.asarray(status[name]) == "broken"))) for name in certificate.names}
     return limit_rows(certificate.findings(), violated, digits_of_time=6)

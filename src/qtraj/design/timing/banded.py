@@ -112,7 +112,10 @@ def inverse_factor(rows: Float[Array, "m w+1 blocks"]) -> Float[Array, "m m bloc
     none = jnp.zeros((width, m, blocks), dtype)
 
     def step(last: Any, given: Any) -> tuple[Any, Array]:
-        """Compute a row of the inverse from the w previous rows, `whole`; `corner` are their entries in w columns."""
+        """Compute a row of the inverse Cholesky factor from the w previous rows, `whole`.
+
+        `corner` contains their entries in the w columns before the diagonal of the new row.
+        """
         whole, corner = last
         row, at = given
         factor = jnp.sum(corner * row[None, :-1], axis=1)

@@ -137,9 +137,9 @@ def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) ->
 def _linear(
     jerk: Float[Array, "6 nodes"], place: Array, a: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
 ) -> Flag:
-    """Return whether the path is straight and the limits allow an arbitrarily large squared speed without jerk.
+    """Return whether the path is straight and the limits allow motion with zero jerk at arbitrarily high speed.
 
-    Such a squared speed is constant, or proportional to the distance from one end.
+    The squared speed of such a motion is constant, or proportional to the distance from one end.
     """
     _, _, bend, _, mixed, square = jerk  # proportional to 9|r''|², 3r'·r'' and |r'|²
     moving = jnp.where(square > 0, square, 1.0)

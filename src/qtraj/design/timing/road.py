@@ -65,7 +65,7 @@ def coefficients(
     """
     x, y, z = ahead
     square = x * x + y * y
-    safe = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # keeps derivatives finite in a vertical direction
+    safe = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
     level = jnp.where(square > 0, safe, 0.0)
     left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
     forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))

@@ -226,7 +226,7 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
         usage = r.usage * jnp.stack(factors)[:, None]
-    else:  # the change of friction and power has no closed form
+    else:  # friction and power do not scale with a power of `slower`
         usage = _between_nodes(between, t.within, slowed)
     return powers, ratios(usage, rows), error
 

@@ -114,7 +114,7 @@ def nodes(
 
 
 def within(knots: Float[np.ndarray, " cells+1"], count: int) -> Float[np.ndarray, "count 3 4 cells"]:
-    """Return the matrices from the coefficients of a cell to value and derivatives at `count` equally spaced points."""
+    """Return the matrices that map coefficients of a cell to value and derivatives at `count` equidistant points."""
     length = np.diff(knots)
     form = power_form(knots)
     return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])

@@ -235,7 +235,7 @@ class _Local(NamedTuple):
     hessian: Float[Array, "i i places"]  # with respect to the invariants
 
 
-@partial(jax.jit, static_argnums=0)  # traced once: there are as many peaks as fixed times
+@partial(jax.jit, static_argnums=0)  # traced once: the arrays of peaks and of fixed times have one shape
 def _local(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> _Local:

@@ -23,7 +23,7 @@ from qtraj.foundation.types import Flag, Scalar
 MAX_STEPS = 60
 FEASIBILITY = 1e-12  # tolerance on constraints; a QP should be scaled to numbers near one
 MAX_KKT_RESIDUAL = 1e-7  # largest residual of the KKT conditions at a solution, relative to gradient and penalty
-MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active constraints
+MIN_RATE = 1e-13  # a normal n with a smaller relative nᵀ·inverse·n is linearly dependent on the active constraints
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]

@@ -87,7 +87,7 @@ def limit_slots(names: Sequence[str]) -> LimitSlots:
 
 
 def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
-    """Return the reduced limits (count, slots) that the search uses for each of `count` problems.
+    """Return the limits (count, slots) of each of `count` problems, divided by their divisors and tightened.
 
     The result is a NumPy array if the limits have concrete values. The values of unused slots are one.
     """

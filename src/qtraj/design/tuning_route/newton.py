@@ -22,7 +22,7 @@ class Rows(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """The variables, the slacks and multipliers of the constraints, and the margins (at most 1) of the limits."""
+    """The variables, slacks and multipliers, and the tightened bounds `margins` (at most 1) on quantity/limit."""
 
     z: Float[Array, "10 joints"]
     slacks: Rows

@@ -120,6 +120,7 @@ def require_continuous_law(law: Any, name: str) -> None:
     """Raise a ValueError unless `law` commands accelerations and has no discrete state; `name` is for the message."""
     if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw | HystereticLaw):
         raise ValueError(
-            f"{name} must command accelerations and have no discrete state, like AccelerationLaw(2.0, 1.0), but "
+            f"{name} must be a law that commands accelerations and has no discrete state, such as "
+            f"AccelerationLaw(2.0, 1.0), but "
             f"{law!r} was given"
         )

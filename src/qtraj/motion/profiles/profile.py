@@ -247,7 +247,7 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     raise ValueError(
-        f"a slew of {angle} between these end rates cannot last exactly {fixed:.9g} s within the limits. The minimum "
-        f"is {minimum_text}. If the end rates are not zero, some longer durations are impossible too. Change the "
-        "duration or the end rates."
+        f"with this start_rate and end_rate, a slew of {angle} cannot last exactly {fixed:.9g} s within the limits. "
+        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too. "
+        "Change duration, start_rate or end_rate."
     )

@@ -94,8 +94,8 @@ def within_torque(
     if is_fixed(law):
         raise ValueError(
             f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot "
-            "be slowed down, because its duration or its end rates are fixed. Increase the duration, or omit duration "
-            "and end rates."
+            "be slowed down, because its duration, start_rate or end_rate is fixed. Increase the duration, or omit "
+            "duration, start_rate and end_rate."
         )
     target = bound * (1 - MARGIN)
     if isinstance(program, EulerTurn) and isinstance(law, TimeOptimal):

@@ -154,7 +154,7 @@ class Gyros(AbstractSensor):
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """Return the computer's estimate of λ and the gyro reading (4,) at sample `k`, and the new discrete state."""
+        """Return the estimate of λ, the measured ω (4,), scalar part first, and the new state at sample `k`."""
         estimate, before = memory
         now = self._gyro(k, rate)
         estimate = propagate_linear_rate(estimate, before, now, elapsed)
