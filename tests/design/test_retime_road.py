@@ -106,7 +106,7 @@ def with_a_stop():
 
 def test_power_alone_does_not_bound_the_acceleration_at_a_stop():
     limits = qt.Limits(speed=7.0, power=3e4, vehicle=CAR)
-    with pytest.raises(ValueError, match=r"at a stop.*Add a limit on acceleration, .* or jerk"):
+    with pytest.raises(ValueError, match=r"at a stop of a route.*Add a limit on acceleration, .* or jerk"):
         qt.retime(with_a_stop(), limits, knots=128)
 
 

@@ -115,9 +115,9 @@ def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
     return renamed
 
 
-def _help(docstring: str, examples: Sequence[str]) -> dict[str, Any]:
+def _help(docstring: str | None, examples: Sequence[str]) -> dict[str, Any]:
     """Return the help of a command, with each paragraph on one line, which the terminal wraps, and its examples."""
-    paragraphs = (" ".join(paragraph.split()) for paragraph in docstring.split("\n\n"))
+    paragraphs = (" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
     return {"help": "\n\n".join(paragraphs), "epilog": "\n\n".join(["Examples:", *examples])}
 
 

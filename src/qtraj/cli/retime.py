@@ -42,7 +42,9 @@ def retime(
         None, metavar="V", help="Speed at the end in m/s, 0 for rest. Overrides the scenario."
     ),
     knots: int | None = typer.Option(
-        None, metavar="N", help="Timing cells for each drive between stops, a power of two. Overrides the scenario."
+        None,
+        metavar="N",
+        help="Minimum number of timing cells between two stops, a power of two. Overrides the scenario.",
     ),
 ) -> Outcome:
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
@@ -61,7 +63,7 @@ def retime(
     loaded = read_retiming(scenario, limits)
     options = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
     options = {name: value for name, value in options.items() if value is not None}
-    result = _found(loaded, limits, options, watch)
+    result = _retimed(loaded, limits, options, watch)
     watch.say("sampling")
     solved = [x for x in (result.timed, result.certificate, result.tuned, result.task.fitted) if x is not None]
     failed = not all(bool(x.successful) for x in solved)
@@ -86,7 +88,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
     return limits
 
 
-class Found(NamedTuple):
+class Result(NamedTuple):
     """The task, the tuning result or None, the retimed path, the certificate for all limits, and the speed profile."""
 
     task: "RouteTask"
@@ -96,7 +98,7 @@ class Found(NamedTuple):
     profile: "SpeedProfile"
 
 
-def _found(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Found:
+def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Result:
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
@@ -114,10 +116,10 @@ def _found(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[s
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")
-        return Found(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
+        return Result(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
 
 
-def _content(loaded: "ScenarioFile[Any]", result: Found) -> dict[str, Any]:
+def _content(loaded: "ScenarioFile[Any]", result: Result) -> dict[str, Any]:
     """Return the result as JSON types."""
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import plain
@@ -134,7 +136,7 @@ def _content(loaded: "ScenarioFile[Any]", result: Found) -> dict[str, Any]:
     }
 
 
-def _files(loaded: "ScenarioFile[Any]", result: Found) -> "dict[str, Writer]":
+def _files(loaded: "ScenarioFile[Any]", result: Result) -> "dict[str, Writer]":
     """Return the writers of the files."""
     from qtraj.viz.command_files import retimed_files  # imported after the computation, because matplotlib is slow
 
@@ -143,7 +145,7 @@ def _files(loaded: "ScenarioFile[Any]", result: Found) -> "dict[str, Writer]":
     return retimed_files(timed, profile, task.limits, certificate, task.track, task.fitted, about)
 
 
-def _text(loaded: "ScenarioFile[Any]", result: Found) -> list[layout.Part]:
+def _text(loaded: "ScenarioFile[Any]", result: Result) -> list[layout.Part]:
     """Return the fit, the tuning, the limits and the result as text."""
     from qtraj.design.retimed_facts import retimed_fact_rows, retimed_limit_rows
 

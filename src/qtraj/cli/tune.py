@@ -70,8 +70,8 @@ def tune(
     from qtraj.scenario.reader import read_scenario
 
     loaded = read_scenario(scenario, "path")
-    found = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
-    task, before, best, change = found
+    result = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
+    task, before, best, change = result
     content = {
         "fit": facts_of(task.fitted),
         "frame": str(frame or UPRIGHT),
@@ -85,11 +85,11 @@ def tune(
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
     restrictions = {"fixed": ", ".join(task.part.fixed), "bounds": bounds_text(task.part.ranges)}
-    writers = _files(loaded, content, restrictions, found)
-    return Outcome(content, _text(content, restrictions, found), loaded, not met, writers)
+    writers = _files(loaded, content, restrictions, result)
+    return Outcome(content, _text(content, restrictions, result), loaded, not met, writers)
 
 
-class Found(NamedTuple):
+class Result(NamedTuple):
     """The task of a scenario, the certificate of its path, the result of the tuning, and the change of the path."""
 
     task: "PathTask"
@@ -98,7 +98,7 @@ class Found(NamedTuple):
     change: "PathChange"
 
 
-def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Found:
+def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Result:
     """Check and tune the path of a scenario.
 
     `overrides`: motion, objective and number of starts; each value that is not None replaces the value of the scenario.
@@ -118,7 +118,7 @@ def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None,
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
         best = task.tuned(watch.tuning)
-        return Found(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)))
+        return Result(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)))
 
 
 def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
@@ -136,13 +136,13 @@ def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
 
 
 def _files(
-    loaded: "ScenarioFile[Any]", content: dict[str, Any], restrictions: dict[str, str], found: Found
+    loaded: "ScenarioFile[Any]", content: dict[str, Any], restrictions: dict[str, str], result: Result
 ) -> "dict[str, Writer]":
     """Return the writers of the files."""
     from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.viz.command_files import tuned_files  # imported after the computation, because matplotlib is slow
 
-    task, before, best, _ = found
+    task, before, best, _ = result
     facts = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
     facts |= restrictions | {"warning": content["warning"]}
     about = loaded.provenance() | {f"tuning_{name}": text for name, text in facts.items() if text}
@@ -150,11 +150,11 @@ def _files(
     return tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
 
 
-def _text(content: dict[str, Any], restrictions: dict[str, str], found: Found) -> list[layout.Part]:
+def _text(content: dict[str, Any], restrictions: dict[str, str], result: Result) -> list[layout.Part]:
     """Return the fit, the limits, the changes and the result as text."""
     from qtraj.design.proof.limit_rows import limit_change_rows
 
-    task, before, best, change = found
+    task, before, best, change = result
     limits = limit_change_rows(before, best.certificate)
     columns = ("value", "limit", "margin", "at [s]")
     velocities = "Boundary velocities before and after"

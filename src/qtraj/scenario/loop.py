@@ -95,7 +95,7 @@ class ProgramPart(Part):
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         frame = self.path_frame(angles, chosen)
         if isinstance(frame, AbstractFrame):
-            with naming("[program]: "):
+            with naming("[program]: " if chosen is None else "--frame: "):
                 require_defined(path, frame)
         return FrameProgram(path, frame)
 

@@ -207,8 +207,7 @@ class RetimePart(Part):
     start_speed: keys.Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
     end_speed: keys.Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
     knots: Annotated[int, checked_by(require_knots)] = key(
-        "minimum number of knot intervals of the speed profile between two stops; with more intervals, the duration "
-        "is closer to the shortest possible duration",
+        "minimum number of timing cells between two stops; with more cells, the duration is closer to the minimum",
         512,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )

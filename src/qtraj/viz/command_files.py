@@ -137,7 +137,8 @@ def loop_files(
     history: LoopHistory, verdict: LoopVerdict, actuator: Actuator | None = None, about: Mapping[str, str] | None = None
 ) -> dict[str, Writer]:
     """Return the files of `qtraj simulate`: the solution, the table of the `history` and a figure."""
-    limit, saturation = limit_of(actuator).values()
+    limited = limit_of(actuator)
+    limit, saturation = limited["command_limit"], limited["saturation"]
     closed = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
     more = {"closed_form": closed} | ({} if limit is None else {"saturation": saturation})
     dataset = to_dataset(history.record(), {**(about or {}), **more})

@@ -13,11 +13,10 @@ from qtraj.design.timing.timing import RetimedPath
 def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array, "limits moving"]:
     """Return a mask of the cells in which the vehicle moves: true where a jump at an end affects the quantity.
 
-    The jump makes the quantity infinite or undefined.
-    A jump of the velocity makes all quantities infinite except those that depend only on the speed and the shape of the
-    path, such as the yaw rate. A jump of the acceleration makes the jerk infinite. At a stop, and at an end at rest,
-    the acceleration may jump. If an end is declared to be at rest but the speed there is not zero, all quantities are
-    undefined.
+    The jump makes the quantity infinite or undefined. A jump of the velocity makes all quantities infinite except those
+    that depend only on the speed and the shape of the path, such as the yaw rate. A jump of the acceleration makes the
+    jerk infinite. At a stop, and at an end at rest, the acceleration may jump. If an end is declared to be at rest but
+    the speed there is not zero, all quantities are undefined.
     """
     moving = cells.grid.half.shape[0]
     cell, both = jnp.tile(jnp.arange(moving), 2), jnp.repeat(jnp.array([0.0, 1.0]), moving)

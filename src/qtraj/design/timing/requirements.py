@@ -40,11 +40,11 @@ def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 
 
 def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
-    """Raise an error if the path has `stops` and a limit on power, but no limit that bounds the acceleration there."""
+    """Raise an error if a route has `stops` and a limit on power, but no limit that bounds the acceleration there."""
     if stops and "power" in names and not set(ACCELERATIONS) & set(names):
         raise ValueError(
-            "a limit on power does not bound the acceleration at a stop, where the speed is zero, and no other given "
-            f"limit bounds it there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."
+            "a limit on power does not bound the acceleration at a stop of a route, and no other given limit bounds it "
+            f"there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."
         )
 
 

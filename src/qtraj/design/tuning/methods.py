@@ -41,7 +41,7 @@ def _optimiser(method: Method) -> Any:
     if isinstance(method, str) and method == "lbfgs":
         return _lbfgs()
     if isinstance(method, str) and method == "adam":
-        return adam()
+        return adam(LEARNING_RATE)
     if isinstance(method, str) or not all(callable(getattr(method, name, None)) for name in ("init", "update")):
         raise ValueError(
             f"method must be {either(METHODS)}, or an optax optimiser such as optax.adam(1e-2), "
@@ -53,7 +53,7 @@ def _optimiser(method: Method) -> Any:
 
 
 @lru_cache(maxsize=8)
-def adam(learning_rate: float = LEARNING_RATE) -> Any:
+def adam(learning_rate: float, /) -> Any:
     """Return `optax.adam`; equal learning rates give the same object, so that the compiled search is reused."""
     import optax
 

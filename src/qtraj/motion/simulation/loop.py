@@ -125,7 +125,7 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     if periods > MAX_RENEWALS:
         raise ValueError(
             f"a sampling period of {float(period):.6g} s requires {periods:.3g} commands in {float(span):.6g} s, but "
-            f"the maximum is {MAX_RENEWALS}. Use a longer period, or sampling=None for a continuous loop."
+            f"the maximum is {MAX_RENEWALS}. Use a longer period, or no sampling, for a continuous loop."
         )
     count = int(np.floor(periods + rounding)) + 1
     return times[0] + sampling * jnp.arange(count, dtype=times.dtype)
