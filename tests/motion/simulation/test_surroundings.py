@@ -95,7 +95,7 @@ def test_noise_depends_on_its_key_and_has_its_standard_deviation():
         (lambda: Actuator(sampling=0.0), "sampling period must be positive"),
         (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),
         (lambda: Sensor(rate_noise=0.1, sampling=0.1), "needs a key"),
-        (lambda: Sensor(rate_noise=0.1, key=jax.random.key(0)), "needs sampling"),
+        (lambda: Sensor(rate_noise=0.1, key=jax.random.key(0)), "must be sampled"),
         (lambda: Gyros(0.1, noise=-1.0), "a scalar and not negative"),
         (lambda: Gyros(0.1, bias=[1.0]), r"bias must have shape \(3,\)"),
         (lambda: Sinusoid([1.0, 0, 0], 0.0), "the period must be positive"),
