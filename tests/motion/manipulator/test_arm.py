@@ -201,7 +201,7 @@ def test_storage_batches_and_invalid_arguments(tmp_path):
         (lambda: qt.Arm.from_dh(np.zeros((2, 4)), ["revolute"]), "one entry for each of 2 rows"),
         (lambda: qt.simulate_arm(3.0, turn, LAW, JOINTS, RATES, TIMES), "the arm must be an Arm"),
         (lambda: qt.simulate_arm(arm, 3.0, LAW, JOINTS, RATES, TIMES), "the program must be an attitude program"),
-        (lambda: qt.simulate_arm(arm, turn, qt.RateLaw(1.0), JOINTS, RATES, TIMES), "have no discrete state"),
+        (lambda: qt.simulate_arm(arm, turn, qt.RateLaw(1.0), JOINTS, RATES, TIMES), "has no discrete state"),
         (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS[:5], RATES, TIMES), r"the joints must have shape \(6,\)"),
         (lambda: qt.simulate_arm(short, turn, LAW, [0, 0, 0], [0, 0, 0], TIMES, qt.Curve(circle, 4.0)), "6 joints"),
         (lambda: qt.Damping(-1.0), "threshold of damping must be positive"),
@@ -213,7 +213,7 @@ def test_storage_batches_and_invalid_arguments(tmp_path):
             lambda: qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, TIMES, gains=(4.0, -1.0)),
             "position gain k2 must be",
         ),
-        (lambda: qt.simulate_arm(arm, turn, qt.HystereticLaw(LAW), JOINTS, RATES, TIMES), "have no discrete state"),
+        (lambda: qt.simulate_arm(arm, turn, qt.HystereticLaw(LAW), JOINTS, RATES, TIMES), "has no discrete state"),
         (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, TIMES, jumps=1.0), "jumps must be a vector"),
     ):
         with pytest.raises(ValueError, match=expected):
