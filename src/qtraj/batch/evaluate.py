@@ -5,17 +5,15 @@ from __future__ import annotations  # so that `help` shows short names
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, is_traced
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path.channel import CHANNELS
@@ -105,7 +103,7 @@ def evaluate(
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
     work = (paths, frame, vehicle)
-    traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
+    traced = is_traced(work, instants)
     values = run(
         task,
         work,

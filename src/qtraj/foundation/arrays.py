@@ -47,6 +47,11 @@ def as_array(x: ArrayInput, dtype: Any) -> Array:
     return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
+def is_traced(*trees: Any) -> bool:
+    """Return whether any leaf is traced, that is, has an unknown value or is differentiated."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
 def concrete(x: Any) -> np.ndarray | None:
     """Return the value of `x` as a NumPy array, or None if it is traced."""
     return None if isinstance(x, Tracer) else np.asarray(x)

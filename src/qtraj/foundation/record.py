@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
-from jax.core import Tracer
 
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.extras import require_package
 from qtraj.foundation.provenance import provenance_attributes
 
@@ -105,7 +104,7 @@ def variable_attributes(unit: str, meaning: str) -> dict[str, Any]:
 
 def require_concrete(values: Any) -> None:
     """Raise a ValueError if any array in a tree is traced."""
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(values)):
+    if is_traced(values):
         raise ValueError("a dataset needs concrete values, but these are traced: create it outside jit, grad and vmap")
 
 

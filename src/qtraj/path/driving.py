@@ -12,11 +12,10 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import evaluate
-from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector
+from qtraj.foundation.arrays import as_float, concrete, is_traced, real_scalar, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
@@ -141,7 +140,7 @@ def default_frame(path: AbstractHodograph) -> AbstractFrame:
 
 def _is_single_concrete(route: Route) -> bool:
     """Return whether `route` is one route, not a batch, with concrete values."""
-    return route.duration.ndim == 0 and not any(isinstance(x, Tracer) for x in jax.tree.leaves(route))
+    return route.duration.ndim == 0 and not is_traced(route)
 
 
 def require_moving(path: AbstractHodograph) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
+
+from qtraj.foundation.arrays import is_traced
 
 TERMS = (6, 8)
 """Possible numbers of stored coefficients, for quintics and for septics."""
@@ -21,7 +22,7 @@ MIN_ROWS = 8
 
 def arithmetic(*arrays: Any) -> Any:
     """Return the module `numpy` if all arrays are concrete, otherwise `jax.numpy`."""
-    return jnp if any(isinstance(x, Tracer) for x in arrays) else np
+    return jnp if is_traced(arrays) else np
 
 
 def padded_size(count: int) -> int:

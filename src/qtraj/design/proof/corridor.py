@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
@@ -20,7 +19,7 @@ from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
 from qtraj.design.proof.inequalities import centred, in_units, squared_bound
 from qtraj.design.proof.search import find_maximum
-from qtraj.foundation.arrays import concrete, require_positive
+from qtraj.foundation.arrays import concrete, is_traced, require_positive
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import safe_root as root
 from qtraj.path.placement import Placement
@@ -81,7 +80,7 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     ours, theirs = coefficients(path, batch), coefficients(reference, batch)
     widths = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
     codes, times, values = judge_corridor(*jax.lax.stop_gradient((ours, theirs, widths.reshape(-1))))
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves((path, reference, width))):
+    if is_traced(path, reference, width):
         values = jax.vmap(distance)(ours, theirs, times)
     columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
     pairs = (

@@ -2,14 +2,13 @@
 
 from typing import Any
 
-import jax
 import numpy as np
-from jax.core import Tracer
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, UNDECIDED, Certificate, contradicted
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_segments import findings, worst
+from qtraj.foundation.arrays import is_traced
 from qtraj.path import pieces
 from qtraj.path.driving import require_one_direction
 from qtraj.path.frenet import Invariants
@@ -35,7 +34,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     **Raises:** ValueError for a batch of routes, inside a trace, and for limits on forces on a banked road if the route
     reverses.
     """
-    if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
+    if route.duration.ndim or is_traced(route, limits):
         raise ValueError(
             "certify accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
         )

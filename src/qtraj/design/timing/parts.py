@@ -3,15 +3,13 @@
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
 from qtraj.design.timing.directions import STANDS
 from qtraj.design.timing.grid import Grid, of_segments, uniform
 from qtraj.design.timing.standstill import with_stops
-from qtraj.foundation.arrays import concrete
+from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -84,7 +82,7 @@ def known_segments(route: Route) -> Segments:
 
     **Raises:** ValueError for a batch of routes or a traced route.
     """
-    if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves(route)):
+    if route.duration.ndim or is_traced(route):
         raise ValueError(
             "retime needs a route with concrete values: call it once for each route, without jit, grad or vmap over "
             "the route. The limits may be traced."

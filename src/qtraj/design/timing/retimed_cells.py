@@ -2,15 +2,14 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.grid import Grid, Shape, derivatives, uniform
 from qtraj.design.timing.parts import Part, known_segments, standing_ends
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.arrays import is_traced
 from qtraj.path.route import Route
 
 ROUNDINGS = 64
@@ -43,8 +42,8 @@ def cells_of(path: RetimedPath) -> Cells | None:
         if count & (count - 1):
             return None
         found = Cells(uniform(count), np.arange(count), np.zeros((2, count), bool))
-        return found if isinstance(knots, Tracer) or bool(np.all(divides_equally(path, found))) else None
-    if path.duration.ndim or is_traced((path.path, knots)):
+        return found if is_traced(knots) or bool(np.all(divides_equally(path, found))) else None
+    if path.duration.ndim or is_traced(path.path, knots):
         return None
     segments, at = known_segments(path.path), np.asarray(knots)
     starts, spans = segments.starts, segments.durations
@@ -102,8 +101,3 @@ def motion_at(
     a = c[0] + place * (c[1] + place * (c[2] + place * c[3]))
     slope, bend = c[1] + place * (2 * c[2] + 3 * place * c[3]), 2 * c[2] + 6 * place * c[3]
     return r, jnp.stack([a, slope / length, bend / length**2])
-
-
-def is_traced(tree: Any) -> bool:
-    """Return whether an array of a tree has no concrete value."""
-    return any(isinstance(x, Tracer) for x in jax.tree.leaves(tree))

@@ -19,11 +19,12 @@ from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.joints import jumps
 from qtraj.design.timing.proof import prove
-from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally, is_traced
+from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
@@ -91,7 +92,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(jnp.asarray(x, dtype) for x in limits.road(dtype)))
-    (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced((path, limits))
+    (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
     # Call `source` before `stop_gradient`, because `stop_gradient` makes the values of the arrays of a route unknown.
     polynomials: Any = source(path.path)
     limited, polynomials = stop_gradient((Limited(path, cells, bounds, vehicle), polynomials))

@@ -18,7 +18,7 @@ from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task, limit_names
-from qtraj.foundation.arrays import part
+from qtraj.foundation.arrays import is_traced, part
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -78,7 +78,7 @@ def _with_nan(data: Any, ill_posed: Any) -> Any:
 
 def _code(stationary: Any, violation: Any, findings_met: Any) -> Any:
     """Return the result code, from the search result and the findings on the path."""
-    xp: Any = jnp if any(isinstance(x, Tracer) for x in (stationary, violation, findings_met)) else np
+    xp: Any = jnp if is_traced(stationary, violation, findings_met) else np
     all_met = xp.all(xp.asarray(findings_met), axis=-1)
     feasible = xp.asarray(violation) <= FEASIBLE
     code = xp.where(xp.asarray(stationary) & all_met & feasible, CONVERGED, NOT_CONVERGED)

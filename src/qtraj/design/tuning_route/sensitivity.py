@@ -19,7 +19,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
@@ -29,6 +28,7 @@ from qtraj.design.tuning_route.newton import Iterate, excess_of, linearise, newt
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, objective, segments
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
 from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.foundation.arrays import is_traced
 from qtraj.path.route import Route, from_segments
 
 STEPS = 60
@@ -67,11 +67,6 @@ class Solution(NamedTuple):
 
 
 Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
-
-
-def is_traced(*trees: Any) -> bool:
-    """Return whether any leaf is traced."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: str, solve: Solve) -> TunedRoute:

@@ -12,9 +12,10 @@ from qtraj.design.proof.certificate import require_float64
 from qtraj.design.tuning_route import circuit, rounds
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
-from qtraj.design.tuning_route.sensitivity import Solution, differentiable, is_traced
+from qtraj.design.tuning_route.sensitivity import Solution, differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.quantity import QUANTITIES, quantity
