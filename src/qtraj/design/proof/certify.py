@@ -3,13 +3,13 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import math
+from collections.abc import Iterable
 from typing import Any, overload
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from qtraj.design.limits import Limits
@@ -23,7 +23,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation import cores
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, is_traced
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -121,30 +121,40 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         advice = "build the batch with jax.vmap, or with jax.tree.map(lambda *x: jnp.stack(x), *paths)"
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     limits.require_batch(batch, "the paths" if batch else "the path")
-    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
-    xp = jnp if traced else np
-
-    def in_batch(x: Any) -> Any:
-        return xp.broadcast_to(xp.asarray(x, dtype), batch)
-
-    bounds = [in_batch(x) for x in limits.given().values()]
-    reduced = limits.reduced(dtype)
-    table = [in_batch(reduced.get(x.name, 1.0)) for x in LIMITS]
-    road = [in_batch(x) for x in (limits.road(dtype) if limits.needs_vehicle else ())]
-    # In the array, the vehicle's parameters come after the limits. They are omitted if no limit depends on the road.
-    source, limits_array = prepared(path, len(batch)), xp.stack([*table, *(road if limits.on_road else ())], axis=-1)
-    road_numbers = xp.stack(road, axis=-1) if road else xp.zeros((*batch, 0), dtype)
+    traced = is_traced(arrays, limits)
+    bounds = _in_batch(limits.given().values(), batch, dtype)
+    # Outside jit and vmap, the values of differentiated arrays are known, so the search is not traced.
+    constant, fixed = jax.lax.stop_gradient((arrays, limits))
+    codes, times, values = _find(eqx.combine(constant, static), fixed, names, batch)
     if traced:
-        source, limits_array = jax.lax.stop_gradient((source, limits_array))
+        road = _in_batch(limits.road(dtype) if limits.needs_vehicle else (), batch, dtype)
+        values = differentiable(names, static, (arrays, road), times, values)
+    return Certificate(names, codes, times, values, bounds)
+
+
+def _in_batch(numbers: Iterable[Any], batch: tuple[int, ...], dtype: Any) -> Any:
+    """Return an array (*batch, n) of `numbers`, each of which is a scalar or has the batch shape."""
+    each = list(numbers)
+    xp: Any = jnp if is_traced(each) else np
+    columns = [xp.broadcast_to(xp.asarray(x, dtype), batch) for x in each]
+    return xp.stack(columns, axis=-1) if columns else xp.zeros((*batch, 0), dtype)
+
+
+def _find(path: AbstractHodograph, limits: Limits, names: tuple[str, ...], batch: tuple[int, ...]) -> Any:
+    """Return the codes, times and values of the findings on `names`."""
+    dtype, source = path.duration.dtype, prepared(path, len(batch))
+    reduced = limits.reduced(dtype)
+    # In the array, the vehicle's parameters come after the limits. They are omitted if no limit depends on the road.
+    numbers = [*(reduced.get(x.name, 1.0) for x in LIMITS), *(limits.road(dtype) if limits.on_road else ())]
+    limits_array, traced = _in_batch(numbers, batch, dtype), is_traced(source, limits)
     findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
     places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
     codes, times, values = (x[..., places] for x in findings)
-    values = values * xp.stack([in_batch(x) for x in limits.factors(dtype)], axis=-1)
+    values = values * _in_batch(limits.factors(dtype), batch, dtype)
     undecided = UNDECIDED if isinstance(source, PolynomialPaths) else SAMPLED
-    codes = xp.where(contradicted(names, codes, values, xp.stack(bounds, axis=-1)), undecided, codes)
-    if traced:
-        values = differentiable(names, static, (arrays, road_numbers), times, values)
-    return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
+    given = _in_batch(limits.given().values(), batch, dtype)
+    xp: Any = jnp if traced else np
+    return xp.where(contradicted(names, codes, values, given), undecided, codes), times, values
 
 
 def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], function: Any) -> Any:

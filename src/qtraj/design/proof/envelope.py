@@ -24,6 +24,12 @@ def differentiable(names: tuple[str, ...], static: Any, source: Any, times: Arra
 @differentiable.defjvp
 def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any) -> tuple[Array, Array]:
     (source, times, values), (changes, _, _) = primals, tangents
+    return values, _change(names, static, source, changes, times)
+
+
+@eqx.filter_jit
+def _change(names: tuple[str, ...], static: Any, source: Any, changes: Any, times: Array) -> Array:
+    """Return the change of the values at `times` due to the `changes` of the arrays in `source`."""
 
     def at_times(source: Any, times: Array) -> Array:
         path, road = eqx.combine(source[0], static), RoadParameters(*source[1]) if source[1].size else None
@@ -35,5 +41,4 @@ def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any
             one = jax.vmap(one)
         return one(source, times)
 
-    _, change = jax.jvp(at_all_times, (source,), (changes,))
-    return values, change
+    return jax.jvp(at_all_times, (source,), (changes,))[1]
