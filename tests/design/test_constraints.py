@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.design.tuning import constraints
-from qtraj.design.tuning.curves import curve_derivatives
+from qtraj.design.tuning import constraints, corridor
+from qtraj.design.tuning.curves import cubics, curve_derivatives, reference_cubics
 from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.model import make_setting, setting
 from qtraj.design.tuning.motions.registry import MOTIONS
 from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.sensitivity import constraint
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.values import squared
 from qtraj.path.vehicle import RoadParameters
 
 START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
@@ -31,6 +31,15 @@ def make_problem(motion, placement=None, objective="nearest"):
     duration = 4.0 if objective == "smoothest" else None
     problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, placement, road=ROAD)
     return problem, 0.01 * jnp.asarray(np.random.default_rng(5).normal(size=problem.size))
+
+
+def constraint(problem, z, u, name, limit):
+    """The constraint g = ½((value/limit)² − 1) at the fraction `u` of the duration, by its definition."""
+    if name == "corridor":
+        place = cubics(problem, problem.slopes(z)[0])
+        return 0.5 * (corridor.value(place, reference_cubics(problem), u[None])[0] / limit**2 - 1.0)
+    path = problem.path(z)
+    return 0.5 * (squared(path, u * path.duration, name, problem.road) / limit**2 - 1.0)
 
 
 @pytest.mark.parametrize("placement", [None, AXIS], ids=["upright", "tilted"])

@@ -124,7 +124,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     traced = is_traced(arrays, limits)
     bounds = _in_batch(limits.given().values(), batch, dtype)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search is not traced.
-    constant, fixed = jax.lax.stop_gradient((arrays, limits))
+    constant, fixed = jax.lax.stop_gradient((arrays, limits)) if traced else (arrays, limits)
     codes, times, values = _find(eqx.combine(constant, static), fixed, names, batch)
     if traced:
         road = _in_batch(limits.road(dtype) if limits.needs_vehicle else (), batch, dtype)

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
@@ -38,12 +37,9 @@ def make_outcome(
     faults: Any,
 ) -> Tuned:
     """Return the outcome of a batch of tasks (possibly padded); `faults` is the result of `fault_codes`."""
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
-    if traced:
-        order, constant = limit_names(limits, corridor), jax.lax.stop_gradient(result)
-        z = jax.vmap(lambda task, at: solution(task, at, order))(tasks, constant)
-    else:
-        z = result.z
+    z = result.z
+    if is_traced(tasks):
+        z = _solutions(tasks, jax.lax.stop_gradient(result), limit_names(limits, corridor))
     # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
     # executable.
     compute_paths = _paths_jit if tasks.problem.objective.is_smooth else _paths
@@ -56,17 +52,23 @@ def make_outcome(
         path = eqx.tree_at(lambda path: path.placement, path, None)
         reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
     ill_posed = faults != ResultCode.successful
-    if traced or np.any(ill_posed):
+    if is_traced(ill_posed) or np.any(ill_posed):
         axis = path.placement
         path, objective, first, last = _with_nan((path, objective, first, last), ill_posed)
         # The certificate requires that path and reference have equal placements, and NaN is not equal to NaN.
         path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
     certificate = certify(path, limits, corridor=corridor, reference=reference)
     code = _code(unbatched(result.stationary), unbatched(result.violation), certificate.codes <= SAMPLED)
-    xp: Any = jnp if traced else np
+    xp: Any = jnp if is_traced(code, faults) else np
     code = xp.where(ill_posed, faults, code).astype(np.int32)
     vehicle = with_batch(limits.vehicle, batch[0]) if batch else limits.vehicle
     return Tuned(path, first, last, objective, certificate, code, unbatched(result.steps), vehicle=vehicle)
+
+
+@eqx.filter_jit
+def _solutions(tasks: Task, results: SearchResult, names: tuple[str, ...]) -> Float[Array, "batch n"]:
+    """Return the solutions of a batch as differentiable functions of the tasks."""
+    return jax.vmap(lambda task, result: solution(task, result, names).z)(tasks, results)
 
 
 def _with_nan(data: Any, ill_posed: Any) -> Any:

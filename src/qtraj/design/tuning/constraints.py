@@ -194,11 +194,15 @@ def limit_scale(
 
 
 def switch_group(
-    index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], others: Sequence[Callable[[], Any]]
+    index: Int[Array, ""],
+    make_branch: Callable[[Group], Callable[[], Any]],
+    others: Sequence[Callable[[], Any]],
+    group: int | None = None,
 ) -> Any:
     """Call the function of the group that contains the quantity with this index.
 
     `make_branch` returns the functions of `GROUPS`. `others` are the functions of the corridor and, in a problem with a
-    vehicle, of `ROAD_GROUP`.
+    vehicle, of `ROAD_GROUP`. With the number of the `group`, only its function is compiled.
     """
-    return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), *others])
+    branches = [*map(make_branch, GROUPS), *others]
+    return jax.lax.switch(element(GROUP, index), branches) if group is None else branches[group]()

@@ -85,9 +85,17 @@ def _first_order(
 
 
 def expansions(
-    settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
+    settings: Setting,
+    derivatives: CurveDerivatives,
+    index: Int[Array, ""],
+    limits: Float[Array, " batch"],
+    u: Places,
+    group: int | None = None,
 ) -> Expansion:
-    """Return the constraint values of a batch of paths, each at its own instants `u`, with their derivatives."""
+    """Return the constraint values of a batch of paths, each at its own instants `u`, with their derivatives.
+
+    `group` is the number of the group of the quantity, if it is known.
+    """
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
     member = element(MEMBER, index)
@@ -101,6 +109,7 @@ def expansions(
             lambda: jax.vmap(corridor.second_order)(*places, u),
             lambda: jax.vmap(partial(road.second_order, member))(settings, derivatives, u),
         ),
+        group,
     )
     return jax.vmap(_in_variables, (0, 0, 0, 0, None))(Expansion(*arrays), settings, derivatives, scale, per_log)
 

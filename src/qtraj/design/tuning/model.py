@@ -68,7 +68,7 @@ def setting(problem: Problem, curves: Curves, log_duration: Scalar) -> Setting:
 
 def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Peaks) -> Model:
     """Build the local models of a batch of problems, each at its own `z`."""
-    slope, curvature, here, derivatives = jax.vmap(_differentiated)(tasks.problem, z)
+    slope, curvature, here, derivatives = jax.vmap(differentiated)(tasks.problem, z)
     batch, n = z.shape
     nodes = jnp.asarray(np.linspace(0.0, 1.0, NODES)[NODE_STRIDE:-1:NODE_STRIDE], z.dtype)
 
@@ -88,7 +88,7 @@ def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Pea
     return Model(slope, curvature, over_slots(slots, of_slot, empty))
 
 
-def _differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setting, CurveDerivatives]:
+def differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setting, CurveDerivatives]:
     """Return the gradient and the Hessian of the cost, the path, and the derivatives of the path."""
     _, slope, curvature = with_derivatives(problem.cost, z)
     slopes, log_duration = problem.slopes(z)

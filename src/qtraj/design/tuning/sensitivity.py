@@ -1,115 +1,136 @@
 """Derivatives of the solution of a tuning problem with respect to its data (implicit function theorem).
 
-A solution z*, with the multipliers λ and the times u of the active peaks, satisfies
+A solution z, with the multipliers λ and the times u of the active peaks, satisfies
 
     w ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0,
 
 where w is the weight of the cost f, and g are the active constraints. These conditions are smooth functions of the data
-θ (boundary states and limits) as long as the same peaks are active. The derivatives of the conditions form a small
-linear system for dz*/dθ. The searches themselves are never differentiated.
+θ (boundary states and limits) as long as the same peaks are active. A dot denotes the change due to a change of θ. The
+third condition gives the changes of the times, du = −(g_uz dz + ġ_u)/g_uu. The others are then a small linear system:
+
+    (w ∇²f + Σ λ (∇²g − g_zu g_uz/g_uu)) dz + Σ ∇g dλ = −(w ∇ḟ + Σ λ (∇ġ − g_zu ġ_u/g_uu)),   ∇g·dz = −ġ.
+
+Its coefficients come from the same formulas as the steps of "sqp". The searches themselves are never differentiated.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning import corridor
-from qtraj.design.tuning.curves import cubics, reference_cubics
-from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.constraints import GROUP, Setting, of_one_path
+from qtraj.design.tuning.curves import CurveDerivatives
+from qtraj.design.tuning.expansions import Expansion, expansions
+from qtraj.design.tuning.model import differentiated
+from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
-from qtraj.design.tuning.task import Task
-from qtraj.foundation.types import Scalar
-from qtraj.path.quantity import CORRIDOR
-from qtraj.path.values import squared
+from qtraj.design.tuning.task import Task, limit_slots
+
+PerPeak = Float[Array, "limits k"]
 
 
-def constraint(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
-    """Return the constraint g = ½((value/limit)² − 1) of one limit at the fraction `u` of the duration."""
-    if name == CORRIDOR.name:
-        place = cubics(problem, problem.slopes(z)[0])
-        return 0.5 * (corridor.value(place, reference_cubics(problem), u[None])[0] / limit**2 - 1.0)
-    path = problem.path(z)
-    return 0.5 * (squared(path, u * path.duration, name, problem.road) / limit**2 - 1.0)
+class Solution(NamedTuple):
+    """The solution of a problem: the variables, and the multipliers and times of the peaks of each limit."""
 
-
-class _Unknowns(NamedTuple):
     z: Variables
-    multipliers: Float[Array, "slots k"]
-    times: Float[Array, "slots k"]
+    multipliers: PerPeak
+    times: PerPeak
 
 
-class _Active(NamedTuple):
-    """The active set at the solution.
+class _Terms(NamedTuple):
+    """The terms of the conditions that change with the data: w ∇f, and g, ∇g and ∂g/∂u at each peak."""
 
-    The fields mark the active constraints, the active constraints at interior maxima, and the variables at a bound.
-    """
-
-    constraints: Bool[Array, "slots k"]
-    inner: Bool[Array, "slots k"]
-    low: Bool[Array, " n"]
-    high: Bool[Array, " n"]
+    slope: Float[Array, " n"]
+    g: PerPeak
+    gradient: Float[Array, "limits n k"]
+    rate: PerPeak
 
 
 @eqx.filter_custom_jvp
-def solution(task: Task, result: SearchResult, names: tuple[str, ...]) -> Variables:
-    """Return the solution z* of a search as a differentiable function of the task; `names` are the limits' names."""
-    return result.z
+def solution(task: Task, result: SearchResult, names: tuple[str, ...]) -> Solution:
+    """Return the solution of a search as a differentiable function of the task; `names` are the limits' names."""
+    return Solution(result.z, result.multipliers[: len(names)], result.times[: len(names)])
 
 
 @solution.def_jvp
 def _differentiate(
     primals: tuple[Task, SearchResult, tuple[str, ...]], tangents: tuple[Task, SearchResult, None]
-) -> tuple[Variables, Variables]:
+) -> tuple[Solution, Solution]:
     task, result, names = primals
+    at = solution(task, result, names)  # depends on the task, so that higher derivatives are correct, too
     arrays, rest = eqx.partition(task, eqx.is_inexact_array)
     changes = jax.tree.map(_or_zeros, arrays, tangents[0], is_leaf=lambda x: x is None)
-    active = _active(task, result)
-    at = _Unknowns(result.z, result.multipliers, result.times)
-    flat, unravel = jax.flatten_util.ravel_pytree(at)
+    terms, change, (curvature, g) = jax.jvp(
+        lambda arrays: _terms(eqx.combine(arrays, rest), at, names), (arrays,), (changes,), has_aux=True
+    )
+    active = at.multipliers > ACTIVE
+    inner = active & (at.times > 0) & (at.times < 1)
+    inverse = jnp.where(inner, 1 / jnp.where(inner, g.second_rate, 1.0), 0.0)  # of g_uu
 
-    def residual(x: Float[Array, " m"], arrays: Task) -> Float[Array, " m"]:
-        return jax.flatten_util.ravel_pytree(_conditions(eqx.combine(arrays, rest), unravel(x), at, active, names))[0]
+    def weighted(x: Float[Array, "limits *n k"]) -> Float[Array, "*n"]:
+        extended = jnp.expand_dims(active, tuple(range(1, x.ndim - 1)))
+        return jnp.einsum("lk,l...k->...", at.multipliers, jnp.where(extended, x, 0.0))
 
-    matrix = jax.jacfwd(residual)(flat, arrays)
-    _, change = jax.jvp(lambda arrays: residual(flat, arrays), (arrays,), (changes,))
-    return result.z, unravel(-jnp.linalg.solve(matrix, change)).z
+    shift = inverse[:, None] * g.mixed
+    hessian = curvature + weighted(g.curvature - shift[:, :, None] * g.mixed[:, None])
+    force = change.slope + weighted(change.gradient - shift * change.rate[:, None])
+    gradients = _rows(jnp.where(active[:, None], terms.gradient, 0.0))
+    matrix = jnp.block([[hessian, gradients.T], [gradients, jnp.diag(jnp.where(active, 0.0, 1.0).ravel())]])
+    known = -jnp.concatenate([force, jnp.where(active, change.g, 0.0).ravel()])
+    dz, multipliers = _solve_with_bounds(task, changes, at.z, matrix, known)
+    times = -jnp.where(inner, jnp.einsum("lnk,n->lk", shift, dz) + inverse * change.rate, 0.0)
+    return at, Solution(dz, multipliers.reshape(active.shape), times)
 
 
 def _or_zeros(x: Array | None, change: Array | None) -> Array | None:
     return jnp.zeros_like(x) if change is None and x is not None else change
 
 
-def _active(task: Task, result: SearchResult) -> _Active:
-    active = result.multipliers > ACTIVE
-    inner = active & (result.times > 0) & (result.times < 1)
-    high = (result.z >= task.high - AT_BOUND) & (task.high > task.low)
-    return _Active(active, inner, result.z <= task.low + AT_BOUND, high)
+def _terms(task: Task, at: Solution, names: tuple[str, ...]) -> tuple[_Terms, tuple[Array, Expansion]]:
+    """Return the terms of the conditions at constant z and times, and w ∇²f with the expansions of the constraints."""
+    slope, curvature, here, derivatives = differentiated(task.problem, at.z)
+    g = _expansions(here, derivatives, task.limits[: len(names)], at.times, names)
+    return _Terms(task.weight * slope, g.value, g.slope, g.rate), (task.weight * curvature, g)
 
 
-def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active, names: tuple[str, ...]) -> _Unknowns:
-    """Return the residual of the optimality conditions; unknowns without a condition are kept constant."""
-    n_unused = x.times.shape[0] - len(names)
+def _expansions(
+    here: Setting,
+    derivatives: CurveDerivatives,
+    limits: Float[Array, " limits"],
+    times: PerPeak,
+    names: tuple[str, ...],
+) -> Expansion:
+    """Return the expansions of all constraints; the formulas of each group of limits are compiled once."""
+    index = limit_slots(names).index[: len(names)]
+    groups, parts, order = GROUP[index], [], []
+    for group in np.unique(groups):
+        own = np.flatnonzero(groups == group)
+        one = partial(of_one_path(partial(expansions, group=int(group))), here, derivatives)
+        parts.append(jax.vmap(one)(index[own], limits[own], times[own]))
+        order += own.tolist()
+    return jax.tree.map(lambda *x: jnp.concatenate(x)[np.argsort(order)], *parts)
 
-    def constraints(z: Variables, times: Float[Array, "slots k"]) -> Float[Array, "slots k"]:
-        of_limits = [
-            jax.vmap(lambda u, name=name, k=k: constraint(task.problem, z, u, name, task.limits[k]))(times[k])
-            for k, name in enumerate(names)
-        ]
-        return jnp.pad(jnp.stack(of_limits), ((0, n_unused), (0, 0)))
 
-    def lagrangian(z: Variables) -> Scalar:
-        terms = jnp.where(active.constraints, x.multipliers * constraints(z, x.times), 0.0)
-        return task.weight * task.problem.cost(z) + jnp.sum(terms)
+def _rows(gradients: Float[Array, "limits n k"]) -> Float[Array, "constraints n"]:
+    """Return the gradients of all constraints as the rows of a matrix."""
+    return jnp.swapaxes(gradients, 1, 2).reshape(-1, gradients.shape[1])
 
-    values, rates = jax.jvp(lambda u: constraints(x.z, u), (x.times,), (jnp.ones_like(x.times),))
-    gradient = jax.grad(lagrangian)(x.z)
-    return _Unknowns(
-        jnp.where(active.low, x.z - task.low, jnp.where(active.high, x.z - task.high, gradient)),
-        jnp.where(active.constraints, values, x.multipliers - at.multipliers),
-        jnp.where(active.inner, rates, x.times - at.times),
-    )
+
+def _solve_with_bounds(
+    task: Task, changes: Task, z: Variables, matrix: Float[Array, "m m"], known: Float[Array, " m"]
+) -> tuple[Array, Array]:
+    """Return the changes of the variables and of the multipliers; a variable at a bound changes with the bound."""
+    low = z <= task.low + AT_BOUND
+    high = (z >= task.high - AT_BOUND) & (task.high > task.low)
+    fixed: Bool[Array, " n"] = low | high
+    n = z.size
+    unit = jnp.eye(n, matrix.shape[0], dtype=z.dtype)
+    matrix = matrix.at[:n].set(jnp.where(fixed[:, None], unit, matrix[:n]))
+    known = known.at[:n].set(jnp.where(fixed, jnp.where(low, changes.low, changes.high), known[:n]))
+    dz, multipliers = jnp.split(jnp.linalg.solve(matrix, known), [n])
+    return dz, multipliers

@@ -10,7 +10,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
@@ -27,7 +26,7 @@ from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import Problem, pose
 from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
-from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.arrays import as_array, as_float, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
 from qtraj.foundation.types import ArrayInput
@@ -123,7 +122,7 @@ def tune(
     shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds), road)
     _require_batch((*shared, limits.given(), corridor), batch)
     limits.require_batch(batch, "the states")
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, shared, limits, corridor)))
+    traced = is_traced(start, end, shared, limits, corridor)
     count = start.position.shape[0]
     size = count if traced or not batch else _padded_size(count)
     data, axes = _pad((start, end, *shared), batch, size)
@@ -137,20 +136,25 @@ def tune(
     tasks = Task(problem, targets, low, high, xp.ones(size))
     names = limit_names(limits, corridor)
     slots = limit_slots(names)
-    unpadded = take(problem, slice(0, count) if batch else 0)
-    if not (traced or batch):
-        require_well_posed(unpadded, turn, limits, corridor, placement is not None)
-    faults = fault_codes(unpadded, turn, limits, corridor, placement is not None)
-    if traced:
-        result = multistart.solve_traced(search, jax.lax.stop_gradient(tasks), slots, starts)
+    # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
+    data_of_search = (tasks, turn, limits, corridor)
+    constant, *numbers = jax.lax.stop_gradient(data_of_search) if traced else data_of_search
+    question = (take(constant.problem, slice(0, count) if batch else 0), *numbers, placement is not None)
+    if not (batch or is_traced(question)):
+        require_well_posed(*question)
+    faults = fault_codes(*question)
+    if is_traced(constant, numbers):
+        result = multistart.solve_traced(search, constant, slots, starts)
         outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
-    tasks_unpadded = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
+    unpadded = jax.tree.map(lambda x: np.asarray(x)[:count], constant)
     report = None if progress is None else throttled(progress)
-    result = multistart.solve(search, tasks_unpadded, slots, starts, max_steps, report)
+    result = multistart.solve(search, unpadded, slots, starts, max_steps, report)
     padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), result)
     outcome = make_outcome(tasks, limits, corridor, padded, data[0], data[1], batch, placement, faults)
-    advisor = Advisor(tasks_unpadded, slots, names, result, starts, max_steps, bounds, limits.vehicle)
+    if traced:
+        return outcome.check() if throw else outcome
+    advisor = Advisor(unpadded, slots, names, result, starts, max_steps, bounds, limits.vehicle)
     if batch:
         place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
         outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
