@@ -66,6 +66,20 @@ def few_memory_maps():
         jax.clear_caches()
 
 
+@pytest.fixture
+def compiled():
+    """The compilations since the start of the test."""
+    events = []
+
+    def listen(name, *_, **__):
+        if name.endswith("backend_compile_duration"):
+            events.append(name)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield events
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
 @pytest.fixture(scope="module")
 def as_a_user_runs_it():
     """Switch off the shape checks, if the session has them."""

@@ -443,21 +443,12 @@ def test_a_fit_and_its_path_are_stored(tmp_path, fitted, suffix):
         assert eqx.tree_equal(document.load(tmp_path / f"{name}{suffix}"), value)
 
 
-def test_windows_of_other_lengths_share_their_executables(turn, fitted):
+def test_windows_of_other_lengths_share_their_executables(turn, fitted, compiled):
     """Samples are padded, so nothing is recompiled."""
-    compiled = []
-
-    def listen(event, *_, **__):
-        if event.endswith("backend_compile_duration"):
-            compiled.append(event)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        for motion in ("uniform", "hermite"):
-            assert int(fit(turn.window(1093.6, 1099.2), motion).residual.samples) < SAMPLES
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
-    assert compiled == []
+    compiled.clear()  # compilations of the fixtures
+    for motion in ("uniform", "hermite"):
+        assert int(fit(turn.window(1093.6, 1099.2), motion).residual.samples) < SAMPLES
+    assert not compiled
 
 
 def as_float32(track):

@@ -1,4 +1,4 @@
-"""Derivatives of the minimum duration against finite differences of the problem that the last search solves."""
+"""Derivatives of the fastest timing against finite differences, also of the problem that the last search solves."""
 
 import jax
 import jax.numpy as jnp
@@ -29,17 +29,20 @@ def problem(values):
 
 @jax.jit
 def shortest(values, factors):
-    """The minimum duration with the limits at the nodes tightened by given factors, to a small duality gap."""
+    """The fastest timing with the limits at the nodes tightened by given factors, to a small duality gap.
+
+    Returns the minimum duration and the coefficients.
+    """
     program = search._imposed(problem(values), TABLES)[0]
     program = program._replace(constraints=tightened(program.constraints, search._at_nodes(factors)))
     first = solve(program, begun(program, initial(program)), jnp.asarray(search.GAPS[0]))
     found = solve(program, continued(program, first), jnp.asarray(GAP))
-    return duration(program, at_nodes(program.nodes, found.coefficients))
+    return duration(program, at_nodes(program.nodes, found.coefficients)), found.coefficients
 
 
 @pytest.mark.parametrize("values", [(20.0, 3.0, 2.5, 2.0), (9.0, 3.0, 2.5, 2.0)])
 def test_derivatives_in_the_limits_agree_with_finite_differences(values):
-    """The envelope theorem: the derivatives are exact for the factors of the last search, with every kind of limit.
+    """The derivatives are exact for the factors of the last search, with every kind of limit.
 
     The step is small, because the derivatives change where a node becomes active.
     """
@@ -48,9 +51,11 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     found = search._searched(program, places, TABLES.within)
     exact = jax.grad(lambda v: search._sensitivity(search._imposed(problem(v), TABLES)[0], found))(jnp.asarray(at))
     pairs = [(shortest(at + d, found.used), shortest(at - d, found.used)) for d in STEP * np.diag(at)]
-    slopes = np.array([float(a - b) for a, b in pairs]) / (2 * STEP * at)
+    slopes, of_timing = (np.array([np.asarray(a[k] - b[k]) for a, b in pairs]).T / (2 * STEP * at) for k in range(2))
     assert np.count_nonzero(slopes < -0.01) >= 3
     assert exact == pytest.approx(slopes, rel=1e-6, abs=1e-7)
+    timing = jax.jacfwd(lambda v: search._optimum(search._imposed(problem(v), TABLES)[0], found))(jnp.asarray(at))
+    np.testing.assert_allclose(timing, of_timing, rtol=1e-4, atol=1e-4 * np.abs(of_timing).max())
 
 
 def test_the_derivative_is_accurate_with_many_cells():
@@ -62,3 +67,64 @@ def test_the_derivative_is_accurate_with_many_cells():
 
     found, slope = jax.value_and_grad(shortest_time)(lateral)
     assert slope == pytest.approx(-float(found) / (2 * lateral), rel=1e-6)
+
+
+def test_quantities_along_the_path_are_differentiable():
+    """With a limit x on the lateral acceleration only, the motion at the time t is the motion for x = 1 at t√x."""
+    lateral = 3.0
+
+    def along(x):
+        timed = qt.retime(PATH, qt.Limits(lateral_acceleration=lateral * x), knots=CELLS)
+        path = timed.path
+        motion = path.position(1.0), path.velocity(1.0)
+        return jnp.concatenate([*motion, timed.speeds, jnp.stack([path.duration, timed.duration])])
+
+    path = qt.retime(PATH, qt.Limits(lateral_acceleration=lateral), knots=CELLS).path
+    value, forward = jax.jvp(along, (1.0,), (1.0,))
+    velocity = path.velocity(1.0)
+    exact = jnp.concatenate([velocity, velocity + path.acceleration(1.0), value[6:8], -value[8:]]) / 2
+    np.testing.assert_allclose(forward, exact, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(along)(1.0), forward, rtol=1e-9, atol=1e-12)
+
+
+TRUCK = qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05)
+WIDE = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02, -0.004], [1.0, 0.4, 0.05, -0.01], 4.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("limits", "speed"),
+    [
+        (lambda x: qt.Limits(speed=12.0, lateral_acceleration=3.0 * x, longitudinal_acceleration=2.0 * x), 0.0),
+        (lambda x: qt.Limits(speed=12.0, friction=0.5 * x, power=60e3 * x, vehicle=TRUCK), 3.0),
+    ],
+    ids=["rest", "road"],
+)
+def test_positions_agree_with_finite_differences(limits, speed):
+    """The search tightens no limit here, so finite differences of the whole computation are accurate."""
+
+    def along(x):
+        path = qt.retime(WIDE, limits(x), speed, speed).path
+        return jnp.append(path.position(1.0), path.duration)
+
+    differences = (along(1.0 + STEP) - along(1.0 - STEP)) / (2 * STEP)
+    np.testing.assert_allclose(jax.jacrev(along)(1.0), differences, rtol=1e-5, atol=1e-6)
+
+
+def test_the_timing_is_differentiable_in_the_path_and_in_batches():
+    """A path with another unit of time has the same fastest timing; a larger path needs more time."""
+
+    def along(scale, unit):
+        path = qt.SpiralHelix(scale * PATH.radius, PATH.angle, scale * PATH.height, PATH.duration)
+        shorter = qt.SpiralHelix(
+            *(c * unit ** -jnp.arange(4.0) for c in (path.radius, path.angle, path.height)), unit * PATH.duration
+        )
+        timed = qt.retime(shorter, qt.Limits(speed=9.0, lateral_acceleration=3.0), 3.0, 3.0, knots=CELLS)
+        return timed.path.position(1.0)[1], timed.path.duration
+
+    (by_scale, by_unit), (slower, same) = jax.jacfwd(along, (0, 1))(1.0, 1.0)
+    assert abs(float(by_unit)) < 1e-6 * abs(float(by_scale))
+    assert abs(float(same)) < 1e-6 * float(slower)
+    batch = jax.vmap(jax.grad(lambda scale: along(scale, 1.0)[1]))(jnp.asarray([1.0, 1.1]))
+    assert float(batch[0]) == pytest.approx(float(slower), rel=1e-6)
+    assert np.all(np.isfinite(batch))

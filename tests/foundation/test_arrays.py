@@ -9,20 +9,6 @@ from qtraj.foundation.arrays import as_array, as_float, part
 SIZE = 1009  # no other test uses this size, so nothing of this shape is compiled yet
 
 
-@pytest.fixture
-def compiled():
-    """The compilations since the start of the test."""
-    events = []
-
-    def listen(name, *_, **__):
-        if name.endswith("backend_compile_duration"):
-            events.append(name)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    yield events
-    jax.monitoring.unregister_event_duration_listener(listen)
-
-
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, np.bool_])
 def test_concrete_input_compiles_nothing(compiled, dtype):
     x = np.ones(SIZE, dtype)

@@ -44,6 +44,7 @@ def run(
     return _writing(task, over, old is not None)(static, dynamic, times, old)
 
 
+@eqx.filter_jit  # under grad outside jit, the operations would be compiled one by one
 def _traced(task: Task, request: Any, times: Array) -> Any:
     """Return the results inside a trace, with derivatives."""
     paths, frame = _stacked(task, request)

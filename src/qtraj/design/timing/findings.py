@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
@@ -65,6 +66,7 @@ def certificate(
     return Certificate(names, whole, times, values, limits)
 
 
+@eqx.filter_jit
 def joined(found: Sequence[Certificate], names: tuple[str, ...]) -> Certificate:
     """Return one certificate of all limits in the order of `names`; each name is in exactly one of the certificates."""
     own = [name for certificate in found for name in certificate.names]

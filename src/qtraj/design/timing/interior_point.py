@@ -141,7 +141,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     pace = p.weights * jnp.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
-    factored = _factored(linear, p, _curvature(p, v, z, ratio, a))
+    band = factored(linear, p, _curvature(p, v, z, ratio, a))
     mean, time = jnp.mean(s.slacks * z), jnp.sum(pace)
     residual = violations + s.slacks
     gradient = _gradient(p, cost_slope, slope, z)
@@ -150,7 +150,7 @@ def _step_with(linear: ModuleType, p: Program, s: State, enough: Scalar) -> Stat
     def newton(state: tuple[Array, Array, _Change], _: Any) -> tuple[tuple[Array, Array, _Change], None]:
         """Return the Newton step for slack · multiplier = target, and the next target; the first is the predictor."""
         target, off, _ = state
-        dc = -_solved(linear, factored, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
+        dc = -solved(linear, band, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = p.at_nodes(dc)
         rise = changes(slope, dv)
         ds = -off - rise
@@ -213,7 +213,8 @@ class _Scaled(NamedTuple):
     scale: Float[Array, " cells+3"]
 
 
-def _factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _Scaled:
+def factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _Scaled:
+    """Factorise the band matrix with the lower triangle `curvature` of second derivatives at the nodes."""
     own, *below = gathered_band(p.nodes, curvature)
     free = jnp.asarray(p.nodes.free)
     scale = free * jax.lax.rsqrt(jnp.where(free > 0, own, 1.0))
@@ -222,7 +223,8 @@ def _factored(linear: ModuleType, p: Program, curvature: list[list[Array]]) -> _
     return _Scaled(linear.factor(band), scale)
 
 
-def _solved(linear: ModuleType, s: _Scaled, right: Float[Array, " cells+3"]) -> Float[Array, " cells+3"]:
+def solved(linear: ModuleType, s: _Scaled, right: Float[Array, " cells+3"]) -> Float[Array, " cells+3"]:
+    """Solve the linear system with a factorised matrix."""
     return linear.solve(s.factored, right * s.scale) * s.scale
 
 

@@ -32,7 +32,7 @@ class Retimed(AbstractOutcome):
 
     - `path`: the path with its fastest timing. `path.path` is the path as a function of its original parameter. If the
       path is a route, slow motion next to a stop is replaced by a stop.
-    - `duration` [s]: differentiable with respect to the path and the limits.
+    - `duration` [s]: the duration of `path`. Its derivatives are cheaper than those of `path.duration`.
     - `certificate`: the findings on all limits, for the whole path.
     - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.

@@ -82,9 +82,10 @@ def retime(
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
-    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration` is differentiable
-    with respect to the path and the limits, in forward and reverse mode; `jax.vmap` and `jax.lax.map` create batches. A
-    route must have concrete values, but its limits may be traced.
+    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path`
+    and `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the other
+    results are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have concrete values, but its
+    limits may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
@@ -205,8 +206,10 @@ def _timed(
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
         given = stop_gradient({name: bounds[name] for name in names})
-        codes = prove(polynomials, grid, (found.powers, np.array(rest)), given, stop_gradient(vehicle)).codes
-    return _Timed(found.powers, found.usage, codes, _knots(*stop_gradient((start, end)), grid.knots), found)
+        codes = prove(
+            polynomials, grid, (stop_gradient(found.powers), np.array(rest)), given, stop_gradient(vehicle)
+        ).codes
+    return _Timed(found.powers, found.usage, codes, _knots(start, end, grid.knots), found)
 
 
 @jax.jit
@@ -242,7 +245,7 @@ def _judged(
     searches = [x.found for x in timed if x.found is not None]
     powers, (pace, wanted) = timing.coefficients, speeds
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
-    ends = jnp.sqrt(jnp.maximum(squares, 0.0)) * pace
+    ends = jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0) * pace
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = jnp.any((wanted <= 0) & (ends > 0))

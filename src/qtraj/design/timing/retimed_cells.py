@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -60,6 +61,7 @@ def cells_of(path: RetimedPath) -> Cells | None:
     return Cells(grid, columns, sides & standing_ends(segments)[grid.segment].T) if columns.size else None
 
 
+@eqx.filter_jit
 def divides_equally(path: RetimedPath, cells: Cells) -> Array:
     """Return whether the knots divide the whole path into cells of equal length, for each path of a batch."""
     duration, knots = jnp.asarray(path.path.duration)[..., None], path.timing.knots

@@ -125,6 +125,7 @@ def _certificate(
     return findings.certificate(all_codes, times, largest * limits, limits, path.path.polynomials(), names)
 
 
+@eqx.filter_jit
 def _at_new_times(path: RetimedPath, shape: Certificate) -> Certificate:
     """Convert the times of a certificate of the original path to times of the retimed path.
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
+from qtraj.design.timing import sensitivity
 from qtraj.design.timing.banded import total
 from qtraj.design.timing.boundedness import largest, unbounded
 from qtraj.design.timing.constraints import (
@@ -29,6 +30,7 @@ from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.vehicle import RoadParameters
@@ -131,10 +133,11 @@ def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk
 
 
 def fastest(problem: Problem, t: Tables) -> Found:
-    """Compute the fastest timing; its `sensitivity` has derivatives with respect to the path and the limits."""
+    """Compute the fastest timing; `powers` and `sensitivity` have derivatives with respect to the path and limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    powers, usage, error = _satisfied(r, t, stop_gradient(places), tuple(problem.bounds))
+    best = _optimum(program, r) if is_traced(program) else r.state.coefficients
+    powers, usage, error = _satisfied(r, best, t, stop_gradient(places), tuple(problem.bounds))
     fixed, a = stop_gradient(program), program.at_nodes(r.state.coefficients)[0]
     free = unbounded(fixed, a, problem.stops)
     return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, free)
@@ -207,9 +210,10 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 
 
 @eqx.filter_jit
-def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+def _satisfied(r: _Round, best: Array, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
+    `best` are the coefficients of the last search, with their derivatives.
     A violation that a slower timing does not reduce remains, and the certificate reports it.
     """
     rows, on_road = listed(names, between.road is not None), slice(-len(ROAD), None)
@@ -221,7 +225,7 @@ def _satisfied(r: _Round, t: Tables, between: Parts, names: tuple[str, ...]) -> 
         slower = jnp.minimum(slower, jnp.min(slowing(r.usage[on_road], at_rest[on_road], ALLOWED)))
     slower = jnp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.state.coefficients
-    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slowed)[None], axis=1).T
+    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * best)[None], axis=1).T
     error = jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
@@ -255,6 +259,13 @@ def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cel
     one = jnp.ones_like(factors[:, :1])
     before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
     return jnp.stack([jnp.maximum(before, after), after], axis=1)
+
+
+@eqx.filter_jit
+def _optimum(program: Program, r: _Round) -> Float[Array, " cells+3"]:
+    """Return the coefficients of the last search as a differentiable function of the path and the limits."""
+    imposed = program._replace(constraints=tightened(program.constraints, _at_nodes(r.used)))
+    return sensitivity.coefficients(imposed, r.state)
 
 
 @eqx.filter_jit

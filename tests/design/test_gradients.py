@@ -1,0 +1,75 @@
+"""Derivatives outside jit: the same searches as without derivatives, nothing compiled twice, and second derivatives."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
+END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -1.0, 0.1])
+TIMES = np.linspace(0.0, 4.5, 50)
+
+
+def path(x):
+    return qt.SpiralHelix(x * jnp.asarray([20.0, 1.0, 0.3, -0.05]), [0.2, 0.35, 0.02, -0.004], [1.0, 0.4, 0.05], 4.5)
+
+
+def tuned(x):
+    limits = qt.Limits(curvature=0.06 * x, speed=9.0)
+    return qt.tune(START, END, limits, motion="hermite", duration=4.0, starts=2)
+
+
+@functools.cache
+def timing():
+    return qt.retime(path(1.0), qt.Limits(speed=12.0, acceleration=3.0), 3.0, 3.0).path.timing
+
+
+def largest(x):
+    return jnp.sum(qt.certify(qt.RetimedPath(path(x), timing()), qt.Limits(jerk=50.0, curvature=1.0)).values)
+
+
+FUNCTIONS = {
+    "certify": lambda x: jnp.sum(qt.certify(path(x), qt.Limits(curvature=0.1, speed=20.0)).values),
+    "corridor": lambda x: qt.certify(path(x), qt.Limits(), corridor=1.0, reference=path(1.01)).values[0],
+    "batch": lambda x: jnp.sum(qt.certify(jax.vmap(path)(x * jnp.ones(3)), qt.Limits(speed=20.0)).values),
+    "retimed": largest,
+    "tune": lambda x: tuned(x).path.duration,
+    "table": lambda x: jnp.sum(qt.evaluate(path(x), TIMES, ("curvature",)).values["curvature"]),
+    "maximum": lambda x: qt.evaluate(path(x), TIMES, ("curvature",), reduce="max").values["curvature"],
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_second_gradient_compiles_nothing(name, compiled):
+    function, step = FUNCTIONS[name], 1e-5
+    jax.value_and_grad(function)(0.99)
+    compiled.clear()
+    value, slope = jax.value_and_grad(function)(1.0)
+    assert not compiled
+    difference = (float(function(1.0 + step)) - float(function(1.0 - step))) / (2 * step)
+    assert float(slope) == pytest.approx(difference, rel=1e-4)
+    assert float(value) == pytest.approx(float(function(1.0)), rel=1e-12)
+
+
+def test_the_second_derivative_of_a_solution():
+    slope, step = jax.grad(FUNCTIONS["tune"]), 1e-4
+    difference = (float(slope(1.0 + step)) - float(slope(1.0 - step))) / (2 * step)
+    assert float(jax.grad(slope)(1.0)) == pytest.approx(difference, rel=1e-3)
+
+
+def test_an_ill_posed_problem_raises_under_grad():
+    with pytest.raises(ValueError, match="limit curvature must be positive"):
+        jax.grad(FUNCTIONS["tune"])(-1.0)
+
+
+def test_a_problem_without_a_solution_has_its_status_under_grad():
+    def duration(x):
+        outcome = qt.tune(START, END, qt.Limits(curvature=0.001 * x), starts=2)
+        assert outcome.status == "infeasible"
+        return outcome.path.duration
+
+    assert np.isfinite(jax.grad(duration)(1.0))
