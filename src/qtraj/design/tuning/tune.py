@@ -101,7 +101,8 @@ def tune(
 
     **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
     path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
-    theorem). Under these transformations, infeasible problems get no advice.
+    theorem), also of higher order. Outside `jit` and `vmap`, `grad` runs the same compiled search as a call without
+    derivatives. Under all of these transformations, infeasible problems get no advice.
 
     **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
     a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
