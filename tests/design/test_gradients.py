@@ -73,3 +73,17 @@ def test_a_problem_without_a_solution_has_its_status_under_grad():
         return outcome.path.duration
 
     assert np.isfinite(jax.grad(duration)(1.0))
+
+
+def test_the_derivative_where_a_limited_quantity_is_singular():
+    """On a plane path, the square of the torsion is a product of invariants that are zero."""
+    start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.0])
+
+    def climbs(height):
+        end = qt.BoundaryState(jnp.asarray([0.0, 28.0, 0.0]).at[2].set(height), [-9.8, -1.0, 0.0])
+        best = qt.tune(start, end, qt.Limits(angular_rate=0.33), starts=1)
+        return jnp.stack([best.start.velocity[2], best.end.velocity[2]])
+
+    step = 1e-3
+    slopes = jax.jvp(climbs, (0.0,), (1.0,))[1]
+    np.testing.assert_allclose(slopes, (climbs(step) - climbs(-step)) / (2 * step), rtol=1e-5)

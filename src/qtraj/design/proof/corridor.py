@@ -81,7 +81,7 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     widths = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
     codes, times, values = judge_corridor(*jax.lax.stop_gradient((ours, theirs, widths.reshape(-1))))
     if is_traced(path, reference, width):
-        values = jax.vmap(distance)(ours, theirs, times)
+        values = _distances(ours, theirs, times)
     columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
     pairs = (
         (certificate.codes, certificate.times, certificate.values, certificate.limits),
@@ -138,6 +138,9 @@ def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
     radial, angle, up = (a - b for a, b in zip(ours, theirs, strict=True))
     angle = angle - _whole_turns(path, reference)
     return root(CORRIDOR.numerator(Offset(radial, angle, up, theirs[0])))
+
+
+_distances = jax.jit(jax.vmap(distance))
 
 
 def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:

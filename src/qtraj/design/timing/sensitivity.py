@@ -19,6 +19,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.design.timing import banded
+from qtraj.design.timing.banded import total
 from qtraj.design.timing.constraints import gradients, values
 from qtraj.design.timing.interior_point import Program, State, duration, factored, solved
 from qtraj.design.timing.spline import gathered
@@ -49,14 +50,14 @@ def _change(program: Program, change: Program, at: State) -> Coefficients:
 
     def residual(program: Program) -> Coefficients:
         multipliers = at.multipliers + ratio * (values(program.constraints, v) - given)
-        return gathered(fixed.nodes, _slope(program, v, multipliers)) * fixed.nodes.free
+        return gathered(fixed.nodes, [*_slope(program, v, multipliers)]) * fixed.nodes.free
 
     matrix = _second_derivatives(fixed, at, v, ratio)
     band = factored(banded, fixed, matrix)
 
     def product(dc: Coefficients) -> Coefficients:
         dv = fixed.at_nodes(dc)
-        rows = [sum(matrix[max(i, j)][min(i, j)] * x for j, x in enumerate(dv)) for i in range(dv.shape[0])]
+        rows = [total(matrix[max(i, j)][min(i, j)] * x for j, x in enumerate(dv)) for i in range(dv.shape[0])]
         return gathered(fixed.nodes, rows) * fixed.nodes.free
 
     right = jax.jvp(residual, (program,), (change,))[1]

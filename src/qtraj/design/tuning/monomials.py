@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,6 +18,10 @@ from qtraj.path.path_quantity import PathQuantity
 
 TINY = 1e-70
 """Invariants of smaller magnitude are replaced by this value, so that their logarithms and inverses are finite."""
+
+
+Expanded = tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]
+"""A square at p instants, with its gradient and Hessian with respect to i invariants."""
 
 
 class Table(NamedTuple):
@@ -85,10 +90,31 @@ def stacked(tables: Sequence[Table]) -> Table:
     return Table(coefficients, exponents.astype(float))
 
 
+@jax.custom_jvp
 def expand(
     coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], odd: Float[Array, "t i"], s: Float[Array, "i p"]
-) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """Return the square at several instants, with its gradient and Hessian with respect to the invariants `s`."""
+) -> Expanded:
+    """Return the square at several instants, with its gradient and Hessian with respect to the invariants `s`.
+
+    The results are differentiable with respect to `s` only.
+    """
+    return _expand(coefficients, exponents, odd, s)
+
+
+@expand.defjvp
+def _differentiate(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Expanded, Expanded]:
+    """Use the gradient and the Hessian, because the formulas have no derivatives where an invariant is zero."""
+    *tables, s = primals
+    found = expand(*tables, s)
+    change = tangents[-1]
+    gradient, hessian = found[1:]
+    of_hessian = jax.jvp(lambda s: _expand(*tables, s)[2], (s,), (change,))[1]
+    return found, (jnp.sum(gradient * change, axis=0), jnp.sum(hessian * change[None], axis=1), of_hessian)
+
+
+def _expand(
+    coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], odd: Float[Array, "t i"], s: Float[Array, "i p"]
+) -> Expanded:
     safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
     half_negative = 0.5 * odd @ jnp.where(safe < 0, 1.0, 0.0)
     sign = jnp.where(half_negative == jnp.floor(half_negative), coefficients[:, None], -coefficients[:, None])

@@ -138,13 +138,14 @@ def tune(
     names = limit_names(limits, corridor)
     slots = limit_slots(names)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
-    data_of_search = (tasks, turn, limits, corridor)
-    constant, *numbers = jax.lax.stop_gradient(data_of_search) if traced else data_of_search
-    question = (take(constant.problem, slice(0, count) if batch else 0), *numbers, placement is not None)
-    if not (batch or is_traced(question)):
-        require_well_posed(*question)
-    faults = fault_codes(*question)
-    if is_traced(constant, numbers):
+    numbers = (tasks, turn, limits, corridor)
+    constant, *others = jax.lax.stop_gradient(numbers) if traced else numbers
+    checked: Any = (take(constant.problem, slice(0, count) if batch else 0), *others, placement is not None)
+    unknown = is_traced(constant, others)
+    if not (batch or unknown):
+        require_well_posed(*checked)
+    faults = fault_codes(*checked)
+    if unknown:
         result = multistart.solve_traced(search, constant, slots, starts)
         outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
