@@ -61,6 +61,24 @@ def test_the_second_derivative_of_a_solution():
     assert float(jax.grad(slope)(1.0)) == pytest.approx(difference, rel=1e-3)
 
 
+@pytest.mark.parametrize("argument", ["limit", "duration", "mass"])
+def test_a_python_number_is_differentiated(argument):
+    """Under grad, its constant is not an array."""
+
+    def total(x):
+        numbers = {"limit": 20.0, "duration": 4.5, "mass": 1.2e4} | {argument: x}
+        path = qt.SpiralHelix([20.0, 1.0], [0.0, 0.2, 0.05], [0.0, 0.1], numbers["duration"])
+        vehicle = qt.Vehicle(numbers["mass"], friction=0.8)
+        found = qt.certify(path, qt.Limits(speed=numbers["limit"], power=6e5, vehicle=vehicle))
+        assert found.status["speed"] == "proved"
+        return jnp.sum(found.values) + jnp.sum(found.limits)
+
+    at = {"limit": 20.0, "duration": 4.5, "mass": 1.2e4}[argument]
+    step = 1e-5 * at
+    difference = (float(total(at + step)) - float(total(at - step))) / (2 * step)
+    assert float(jax.grad(total)(at)) == pytest.approx(difference, rel=1e-6)
+
+
 def test_an_ill_posed_problem_raises_under_grad():
     with pytest.raises(ValueError, match="limit curvature must be positive"):
         jax.grad(FUNCTIONS["tune"])(-1.0)

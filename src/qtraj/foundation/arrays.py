@@ -52,6 +52,19 @@ def is_traced(*trees: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
+def constants(tree: Any) -> Any:
+    """Return `tree` with its traced arrays replaced by constants; under grad outside jit and vmap, these are concrete.
+
+    Unlike the result of `jax.lax.stop_gradient`, a differentiated Python number becomes an array, and nothing is
+    compiled for arrays that are not traced.
+    """
+
+    def constant(x: Any) -> Any:
+        return as_array(jax.lax.stop_gradient(x), x.dtype) if isinstance(x, Tracer) else x
+
+    return jax.tree.map(constant, tree)
+
+
 def concrete(x: Any) -> np.ndarray | None:
     """Return the value of `x` as a NumPy array, or None if it is traced."""
     return None if isinstance(x, Tracer) else np.asarray(x)

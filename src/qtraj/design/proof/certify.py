@@ -23,7 +23,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation import cores
-from qtraj.foundation.arrays import as_float, is_traced
+from qtraj.foundation.arrays import as_float, constants, is_traced
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -124,7 +124,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     traced = is_traced(arrays, limits)
     bounds = _in_batch(limits.given().values(), batch, dtype)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search is not traced.
-    constant, fixed = jax.lax.stop_gradient((arrays, limits)) if traced else (arrays, limits)
+    constant, fixed = constants((arrays, limits))
     codes, times, values = _find(eqx.combine(constant, static), fixed, names, batch)
     if traced:
         road = _in_batch(limits.road(dtype) if limits.needs_vehicle else (), batch, dtype)

@@ -14,7 +14,7 @@ from qtraj.path.vehicle import RoadParameters
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def differentiable(names: tuple[str, ...], static: Any, source: Any, times: Array, values: Array) -> Array:
-    """Return `values` unchanged, but with derivatives that treat the times of the maxima as constants.
+    """Return `values` unchanged, but with derivatives in which each maximum stays at its fraction of the duration.
 
     `source` is a pair: the arrays of the paths, and an array with the vehicle parameters along its last axis.
     """
@@ -33,7 +33,8 @@ def _change(names: tuple[str, ...], static: Any, source: Any, changes: Any, time
 
     def at_times(source: Any, times: Array) -> Array:
         path, road = eqx.combine(source[0], static), RoadParameters(*source[1]) if source[1].size else None
-        return jnp.stack([value(path, times[k], name, road) for k, name in enumerate(names)])
+        moved = times * (path.duration / jax.lax.stop_gradient(path.duration))  # a maximum at the end moves with it
+        return jnp.stack([value(path, moved[k], name, road) for k, name in enumerate(names)])
 
     def at_all_times(source: Any) -> Array:
         one = at_times

@@ -26,7 +26,7 @@ from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import Problem, pose
 from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
-from qtraj.foundation.arrays import as_array, as_float, is_traced
+from qtraj.foundation.arrays import as_array, as_float, constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
 from qtraj.foundation.types import ArrayInput
@@ -138,8 +138,7 @@ def tune(
     names = limit_names(limits, corridor)
     slots = limit_slots(names)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
-    numbers = (tasks, turn, limits, corridor)
-    constant, *others = jax.lax.stop_gradient(numbers) if traced else numbers
+    constant, *others = constants((tasks, turn, limits, corridor))
     checked: Any = (take(constant.problem, slice(0, count) if batch else 0), *others, placement is not None)
     unknown = is_traced(constant, others)
     if not (batch or unknown):
