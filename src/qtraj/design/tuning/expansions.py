@@ -52,17 +52,14 @@ def slopes(
     Each path has its own instants `u`.
     """
     scale, per_log = limit_scale(settings, index, limits)
-    places = settings.curves.place, derivatives.first.place, settings.reference
-    member = element(MEMBER, index)
+    moving, places = (settings, derivatives, u), (settings.curves.place, derivatives.first.place, settings.reference)
     G, in_slopes = switch_group(
         index,
-        lambda group: _with_log(
-            settings, lambda: jax.vmap(partial(_first_order, group, index))(settings, derivatives, u)
-        ),
+        lambda each: _with_log(settings, lambda: jax.vmap(partial(_first_order, each, index))(*moving)),
         _others(
             settings,
             lambda: jax.vmap(corridor.slopes)(*places, u),
-            lambda: jax.vmap(partial(road.slopes, member))(settings, derivatives, u),
+            lambda: jax.vmap(partial(road.slopes, element(MEMBER, index)))(*moving),
         ),
     )
 
@@ -94,20 +91,17 @@ def expansions(
 ) -> Expansion:
     """Return the constraint values of a batch of paths, each at its own instants `u`, with their derivatives.
 
-    `group` is the number of the group of the quantity, if it is known.
+    `group` is the number of the quantity's group, if it is known.
     """
     scale, per_log = limit_scale(settings, index, limits)
-    places = settings.curves.place, derivatives.first.place, settings.reference
-    member = element(MEMBER, index)
+    moving, places = (settings, derivatives, u), (settings.curves.place, derivatives.first.place, settings.reference)
     arrays = switch_group(
         index,
-        lambda group: _with_log(
-            settings, lambda: jax.vmap(partial(_second_order, group, index))(settings, derivatives, u)
-        ),
+        lambda each: _with_log(settings, lambda: jax.vmap(partial(_second_order, each, index))(*moving)),
         _others(
             settings,
             lambda: jax.vmap(corridor.second_order)(*places, u),
-            lambda: jax.vmap(partial(road.second_order, member))(settings, derivatives, u),
+            lambda: jax.vmap(partial(road.second_order, element(MEMBER, index)))(*moving),
         ),
         group,
     )
