@@ -82,10 +82,10 @@ def retime(
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
-    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path`
-    and `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the other
-    results are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have concrete values, but its
-    limits may be traced.
+    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
+    `speeds` have first derivatives with respect to the path and the limits, in forward and reverse mode; the largest
+    values of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have concrete
+    values, but its limits may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
@@ -241,7 +241,7 @@ def _judged(
     limits, cell = jnp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
     retimed = stop_gradient(RetimedPath(path, timing))
     times, largest = largest_in(Limited(retimed, cells, *stop_gradient((bounds, vehicle))), cell, names)
-    certificate = findings.certificate(codes, times, largest * limits, limits, path.polynomials(), names)
+    certificate = findings.certificate(codes, times, stop_gradient(largest * limits), limits, path.polynomials(), names)
     searches = [x.found for x in timed if x.found is not None]
     powers, (pace, wanted) = timing.coefficients, speeds
     squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))

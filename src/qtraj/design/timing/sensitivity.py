@@ -10,7 +10,8 @@ coefficients change by dc with
     (∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ) dc = −(∇ḟ + Σ λ ∇ġ + Σ (λ/s) ġ ∇g).
 
 The matrix is a band matrix, like the matrix of a step, but with all second derivatives of the constraints, not only
-with those that are convex. The tightening of the limits is constant.
+with those that are convex. The tightening of the limits is constant. Only first derivatives are correct, because the
+matrix, the slacks and the multipliers are constants, too.
 """
 
 import jax
@@ -56,7 +57,7 @@ def _change(program: Program, change: Program, at: State) -> Coefficients:
     band = factored(banded, fixed, matrix)
 
     def product(dc: Coefficients) -> Coefficients:
-        dv = fixed.at_nodes(dc)
+        dv = fixed.at_nodes(dc * fixed.nodes.free)
         rows = [total(matrix[max(i, j)][min(i, j)] * x for j, x in enumerate(dv)) for i in range(dv.shape[0])]
         return gathered(fixed.nodes, rows) * fixed.nodes.free
 

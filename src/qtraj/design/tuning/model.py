@@ -90,7 +90,11 @@ def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Pea
 
 def differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setting, CurveDerivatives]:
     """Return the gradient and the Hessian of the cost, the path, and the derivatives of the path."""
-    _, slope, curvature = with_derivatives(problem.cost, z)
+    if problem.objective.is_smooth:
+        _, slope, curvature = with_derivatives(problem.cost, z)
+    else:  # a user's function may have derivatives in reverse mode only
+        gradient = jax.grad(problem.cost)
+        slope, curvature = gradient(z), jax.jacfwd(gradient)(z)
     slopes, log_duration = problem.slopes(z)
     at, derivatives = curve_derivatives(problem, z, slopes)
     return slope, curvature, setting(problem, at, log_duration), derivatives

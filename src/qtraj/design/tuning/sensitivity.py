@@ -69,7 +69,7 @@ def _differentiate(
         lambda arrays: _terms(eqx.combine(arrays, rest), at, names), (arrays,), (changes,), has_aux=True
     )
     active = at.multipliers > ACTIVE
-    inner = active & (at.times > 0) & (at.times < 1)
+    inner = active & (at.times > 0) & (at.times < 1) & (g.second_rate < 0)
     inverse = jnp.where(inner, 1 / jnp.where(inner, g.second_rate, 1.0), 0.0)  # of g_uu
 
     def weighted(x: Float[Array, "limits *n k"]) -> Float[Array, "*n"]:

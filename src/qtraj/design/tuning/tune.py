@@ -101,8 +101,9 @@ def tune(
 
     **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
     path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
-    theorem), also of higher order. Outside `jit` and `vmap`, `grad` runs the same compiled search as a call without
-    derivatives. Under all of these transformations, infeasible problems get no advice.
+    theorem), also of higher order; they have no meaning if the search did not converge. Outside `jit` and `vmap`,
+    `grad` runs the same compiled search as a call without derivatives. Under all of these transformations, infeasible
+    problems get no advice.
 
     **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
     a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
@@ -153,7 +154,7 @@ def tune(
     result = multistart.solve(search, unpadded, slots, starts, max_steps, report)
     padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), result)
     outcome = make_outcome(tasks, limits, corridor, padded, data[0], data[1], batch, placement, faults)
-    if traced:
+    if is_traced(tasks, turn, limits, corridor):
         return outcome.check() if throw else outcome
     advisor = Advisor(unpadded, slots, names, result, starts, max_steps, bounds, limits.vehicle)
     if batch:
