@@ -104,11 +104,11 @@ def expand(
 @expand.defjvp
 def _differentiate(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Expanded, Expanded]:
     """Use the gradient and the Hessian, because the formulas have no derivatives where an invariant is zero."""
-    *tables, s = primals
-    found = expand(*tables, s)
+    coefficients, exponents, odd, s = primals
+    found = expand(coefficients, exponents, odd, s)
     change = tangents[-1]
     gradient, hessian = found[1:]
-    of_hessian = jax.jvp(lambda s: _expand(*tables, s)[2], (s,), (change,))[1]
+    of_hessian = jax.jvp(lambda s: _expand(coefficients, exponents, odd, s)[2], (s,), (change,))[1]
     return found, (jnp.sum(gradient * change, axis=0), jnp.sum(hessian * change[None], axis=1), of_hessian)
 
 
