@@ -49,12 +49,16 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     at = np.array(values)
     program, places = search._imposed(problem(at), TABLES)
     found = search._searched(program, places, TABLES.within)
-    exact = jax.grad(lambda v: search._sensitivity(search._imposed(problem(v), TABLES)[0], found))(jnp.asarray(at))
+    exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
+        jnp.asarray(at)
+    )
     pairs = [(shortest(at + d, found.used), shortest(at - d, found.used)) for d in STEP * np.diag(at)]
     slopes, of_timing = (np.array([np.asarray(a[k] - b[k]) for a, b in pairs]).T / (2 * STEP * at) for k in range(2))
     assert np.count_nonzero(slopes < -0.01) >= 3
     assert exact == pytest.approx(slopes, rel=1e-6, abs=1e-7)
-    timing = jax.jacfwd(lambda v: search._optimum(search._imposed(problem(v), TABLES)[0], found))(jnp.asarray(at))
+    timing = jax.jacfwd(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[0])(
+        jnp.asarray(at)
+    )
     np.testing.assert_allclose(timing, of_timing, rtol=1e-4, atol=1e-4 * np.abs(of_timing).max())
 
 
@@ -85,6 +89,19 @@ def test_quantities_along_the_path_are_differentiable():
     exact = jnp.concatenate([velocity, velocity + path.acceleration(1.0), value[6:8], -value[8:]]) / 2
     np.testing.assert_allclose(forward, exact, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(jax.jacrev(along)(1.0), forward, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("second", [lambda f: jax.grad(jax.grad(f)), lambda f: jax.jacfwd(jax.jacfwd(f))])
+def test_second_derivatives(second):
+    """With a limit x on the lateral acceleration only, the duration T is proportional to 1/√x, so T″ = ¾ T at x = 1."""
+
+    def durations(x):
+        timed = qt.retime(PATH, qt.Limits(lateral_acceleration=3.0 * x), knots=CELLS)
+        return timed.duration, timed.path.duration
+
+    for k in range(2):
+        found = float(second(lambda x, k=k: durations(x)[k])(1.0))
+        assert found == pytest.approx(0.75 * float(durations(1.0)[k]), rel=1e-4)
 
 
 TRUCK = qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05)
@@ -128,3 +145,17 @@ def test_the_timing_is_differentiable_in_the_path_and_in_batches():
     batch = jax.vmap(jax.grad(lambda scale: along(scale, 1.0)[1]))(jnp.asarray([1.0, 1.1]))
     assert float(batch[0]) == pytest.approx(float(slower), rel=1e-6)
     assert np.all(np.isfinite(batch))
+
+
+def test_the_ends_at_rest_do_not_depend_on_the_unit_of_time():
+    """The state at both ends at rest, whatever the duration of the original path."""
+
+    def ends(unit):
+        shape = (c * unit ** -jnp.arange(4.0) for c in (PATH.radius, PATH.angle, PATH.height))
+        path = qt.SpiralHelix(*shape, unit * PATH.duration)
+        timed = qt.retime(path, qt.Limits(speed=9.0, acceleration=3.0), 0.0, 0.0, knots=CELLS).path
+        times = jnp.stack([jnp.zeros_like(timed.duration), timed.duration])
+        return jax.vmap(timed.position)(times), jax.vmap(timed.velocity)(times), jax.vmap(timed.acceleration)(times)
+
+    for change in jax.jvp(ends, (1.0,), (1.0,))[1]:
+        np.testing.assert_allclose(change, 0.0, atol=1e-5)

@@ -113,7 +113,7 @@ class Scale(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and the placeholder `NO_DIVISOR`."""
+    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
 
     codes: Int[Array, "entries paths"]
     times: Float[Array, "entries paths"]

@@ -83,7 +83,7 @@ def retime(
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
     then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
-    `speeds` have first derivatives with respect to the path and the limits, in forward and reverse mode; the largest
+    `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest
     values of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have concrete
     values, but its limits may be traced.
 

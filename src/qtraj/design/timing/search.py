@@ -10,7 +10,6 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.timing import sensitivity
 from qtraj.design.timing.banded import total
 from qtraj.design.timing.boundedness import largest, unbounded
 from qtraj.design.timing.constraints import (
@@ -23,14 +22,13 @@ from qtraj.design.timing.constraints import (
     ratios,
     tightened,
     used,
-    values,
 )
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import Program, State, begun, continued, duration, solve
+from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
 from qtraj.design.timing.road import ROAD, slowing, without
+from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
-from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.vehicle import RoadParameters
@@ -136,11 +134,11 @@ def fastest(problem: Problem, t: Tables) -> Found:
     """Compute the fastest timing; `powers` and `sensitivity` have derivatives with respect to the path and limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
-    best = _optimum(program, r) if is_traced(program) else r.state.coefficients
+    best, sensitivity = _differentiable(program, r)
     powers, usage, error = _satisfied(r, best, t, stop_gradient(places), tuple(problem.bounds))
     fixed, a = stop_gradient(program), program.at_nodes(r.state.coefficients)[0]
     free = unbounded(fixed, a, problem.stops)
-    return Found(powers, usage, _sensitivity(program, r), r.state.steps, error, free)
+    return Found(powers, usage, sensitivity, r.state.steps, error, free)
 
 
 class _Round(NamedTuple):
@@ -262,19 +260,11 @@ def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cel
 
 
 @eqx.filter_jit
-def _optimum(program: Program, r: _Round) -> Float[Array, " cells+3"]:
-    """Return the coefficients of the last search as a differentiable function of the path and the limits."""
-    imposed = program._replace(constraints=tightened(program.constraints, _at_nodes(r.used)))
-    return sensitivity.coefficients(imposed, r.state)
+def _differentiable(program: Program, r: _Round) -> tuple[Float[Array, " cells+3"], Scalar]:
+    """Return the coefficients of the last search as a differentiable function of the path and the limits.
 
-
-@eqx.filter_jit
-def _sensitivity(program: Program, r: _Round) -> Scalar:
-    """Return a number with the value zero and the derivatives of the Lagrangian at the optimum.
-
-    By the envelope theorem, these are the derivatives of the minimum duration.
+    The second result has the value zero and the derivatives of the minimum duration.
     """
-    v = stop_gradient(program.at_nodes(r.state.coefficients))
-    limits = values(tightened(program.constraints, _at_nodes(r.used)), v)
-    lagrangian = duration(program, v) + jnp.sum(r.state.multipliers * limits)
-    return lagrangian - stop_gradient(lagrangian)
+    imposed = program._replace(constraints=tightened(program.constraints, _at_nodes(r.used)))
+    at = Optimum(r.state.coefficients, r.state.slacks, r.state.multipliers)
+    return optimum(imposed, at).coefficients, duration_change(imposed, at)

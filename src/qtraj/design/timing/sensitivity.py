@@ -10,9 +10,12 @@ coefficients change by dc with
     (∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ) dc = −(∇ḟ + Σ λ ∇ġ + Σ (λ/s) ġ ∇g).
 
 The matrix is a band matrix, like the matrix of a step, but with all second derivatives of the constraints, not only
-with those that are convex. The tightening of the limits is constant. Only first derivatives are correct, because the
-matrix, the slacks and the multipliers are constants, too.
+with those that are convex. Then ds = −(ġ + ∇g·dc) and dλ = −(λ/s) ds. By the envelope theorem, the duration changes by
+ḟ + Σ λ ġ. Each rule calls the differentiated function again, so derivatives of every order are correct. The tightening
+of the limits is constant.
 """
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,56 +24,90 @@ from jaxtyping import Array, Float
 
 from qtraj.design.timing import banded
 from qtraj.design.timing.banded import total
-from qtraj.design.timing.constraints import gradients, values
-from qtraj.design.timing.interior_point import Program, State, duration, factored, solved
+from qtraj.design.timing.constraints import Gradients, changes, gradients, values, weighted
+from qtraj.design.timing.interior_point import Program, duration, factored, solved
 from qtraj.design.timing.spline import gathered
+from qtraj.foundation.types import Scalar
 
-Coefficients = Float[Array, " cells+3"]
+
+class Optimum(NamedTuple):
+    """The coefficients of the last search, and the slacks and multipliers of its constraints."""
+
+    coefficients: Float[Array, " cells+3"]
+    slacks: Float[Array, "count 2 cells+1"]
+    multipliers: Float[Array, "count 2 cells+1"]
 
 
 @jax.custom_jvp
-def coefficients(program: Program, at: State) -> Coefficients:
-    """Return the coefficients of the optimum `at` as a differentiable function of the program."""
-    return at.coefficients
+def optimum(program: Program, at: Optimum) -> Optimum:
+    """Return `at`, the optimum of the program, as a differentiable function of the program."""
+    return at
 
 
-@coefficients.defjvp
-def _differentiate(
-    primals: tuple[Program, State], tangents: tuple[Program, State]
-) -> tuple[Coefficients, Coefficients]:
-    (program, at), (change, _) = primals, tangents
-    return coefficients(program, at), _change(program, change, at)
+@optimum.defjvp
+def _optimum_jvp(primals: tuple[Program, Optimum], tangents: tuple[Program, Optimum]) -> tuple[Optimum, Optimum]:
+    program, at = primals
+    found = optimum(program, at)
+    return found, _change(program, tangents[0], found)
+
+
+@jax.custom_jvp
+def duration_change(program: Program, at: Optimum) -> Scalar:
+    """Return zero, with the derivatives of the minimum duration."""
+    return jnp.zeros((), at.coefficients.dtype)
+
+
+@duration_change.defjvp
+def _duration_jvp(primals: tuple[Program, Optimum], tangents: tuple[Program, Optimum]) -> tuple[Scalar, Scalar]:
+    program, at = primals
+    found = optimum(program, at)
+    v = program.at_nodes(found.coefficients)
+    change = jax.jvp(lambda program: _lagrangian(program, v, found.multipliers), (program,), (tangents[0],))[1]
+    return duration_change(program, at), change
 
 
 @jax.jit
-def _change(program: Program, change: Program, at: State) -> Coefficients:
-    """Return the change of the coefficients due to a change of the program."""
-    fixed = stop_gradient(program)
-    v, ratio = fixed.at_nodes(at.coefficients), at.multipliers / at.slacks
-    given = values(fixed.constraints, v)
+def _change(program: Program, change: Program, at: Optimum) -> Optimum:
+    """Return the change of the optimum due to a change of the program."""
+    v, ratio = program.at_nodes(at.coefficients), at.multipliers / at.slacks
+    free = program.nodes.free
+    rise = jax.jvp(lambda program: values(program.constraints, v), (program,), (change,))[1]
 
-    def residual(program: Program) -> Coefficients:
-        multipliers = at.multipliers + ratio * (values(program.constraints, v) - given)
-        return gathered(fixed.nodes, [*_slope(program, v, multipliers)]) * fixed.nodes.free
+    def slope(program: Program) -> Array:
+        return _slope(program, v, at.multipliers)
 
-    matrix = _second_derivatives(fixed, at, v, ratio)
-    band = factored(banded, fixed, matrix)
+    slopes = gradients(program.constraints, v)
+    at_nodes = jax.jvp(slope, (program,), (change,))[1] + _combined(slopes, ratio * rise, v)
+    matrix = _second_derivatives(program, at, v, ratio)
+    band = factored(banded, *stop_gradient((program, matrix)))
 
-    def product(dc: Coefficients) -> Coefficients:
-        dv = fixed.at_nodes(dc * fixed.nodes.free)
+    def product(dc: Array) -> Array:
+        dv = program.at_nodes(dc * free)
         rows = [total(matrix[max(i, j)][min(i, j)] * x for j, x in enumerate(dv)) for i in range(dv.shape[0])]
-        return gathered(fixed.nodes, rows) * fixed.nodes.free
+        return gathered(program.nodes, rows) * free
 
-    right = jax.jvp(residual, (program,), (change,))[1]
-    return -jax.lax.custom_linear_solve(product, right, lambda _, x: solved(banded, band, x), symmetric=True)
+    right = -gathered(program.nodes, [*at_nodes]) * free
+    dc = jax.lax.custom_linear_solve(product, right, lambda _, x: solved(banded, band, x), symmetric=True)
+    ds = -(rise + changes(slopes, program.at_nodes(dc)))
+    return Optimum(dc, ds, -ratio * ds)
+
+
+def _lagrangian(p: Program, v: Array, multipliers: Array) -> Scalar:
+    return duration(p, v) + jnp.sum(multipliers * values(p.constraints, v))
 
 
 def _slope(p: Program, v: Array, multipliers: Array) -> Array:
     """Return the gradient of the Lagrangian at the nodes with respect to a = u̇², a' and a''."""
-    return jax.grad(lambda v: duration(p, v) + jnp.sum(multipliers * values(p.constraints, v)))(v)
+    return jax.grad(lambda v: _lagrangian(p, v, multipliers))(v)
 
 
-def _second_derivatives(p: Program, at: State, v: Array, ratio: Array) -> list[list[Array]]:
+def _combined(slopes: Gradients, weights: Array, v: Array) -> Array:
+    """Return the weighted sum of the gradients, with one component for each component of `v`."""
+    parts = weighted(slopes, weights)
+    return jnp.stack([*parts, *[jnp.zeros_like(parts[0])] * (v.shape[0] - len(parts))])
+
+
+def _second_derivatives(p: Program, at: Optimum, v: Array, ratio: Array) -> list[list[Array]]:
     """Return the lower triangle of the second derivatives of the Lagrangian at the nodes, plus Σ (λ/s) ∇g ∇gᵀ."""
     orders = range(v.shape[0])
     units = [jnp.zeros_like(v).at[j].set(1.0) for j in orders]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -119,7 +119,9 @@ class Timing(eqx.Module):
 
 
 # The derivatives of u(t) and of its rate w(t) = √a(u(t)) follow from u̇ = w and ẇ = a'(u)/2. Each rule calls both
-# functions again, so derivatives of every order are correct, even at rest, where √a is not differentiable in u.
+# functions again, so derivatives of every order are correct, even at rest, where √a is not differentiable in u. The
+# effect of a change of the timing is the sum of the change at a fixed place in a cell and of a shift in time. So at an
+# end at rest, where the rate is zero, the parameter changes with the knot.
 
 
 @eqx.filter_custom_jvp
@@ -131,8 +133,9 @@ def _parameter(timing: Timing, t: Scalar) -> Scalar:
 @_parameter.def_jvp
 def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     timing, t = primals
-    u = _parameter(timing, t)
-    return u, _rate(timing, t) * _advance(timing, u, tangents)
+    u, of_time = _parameter(timing, t), tangents[1]
+    at = _changes(timing, u, tangents[0])
+    return u, at.parameter + _rate(timing, t) * (at.advance if of_time is None else of_time + at.advance)
 
 
 @eqx.filter_custom_jvp
@@ -144,24 +147,35 @@ def _rate(timing: Timing, t: Scalar) -> Scalar:
 @_rate.def_jvp
 def _rate_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     timing, t = primals
-    u = _parameter(timing, t)
-    change = 0.5 * timing.taylor(u)[1] * _advance(timing, u, tangents)
-    if _varies(tangents[0]):
-        change += eqx.filter_jvp(lambda x: _root(x.squared_speed(u)), (timing,), (tangents[0],))[1]
-    return _rate(timing, t), change
+    u, of_time = _parameter(timing, t), tangents[1]
+    at = _changes(timing, u, tangents[0])
+    acceleration = 0.5 * timing.taylor(u)[1]
+    return _rate(timing, t), at.rate + acceleration * (at.advance if of_time is None else of_time + at.advance)
 
 
-def _advance(timing: Timing, u: Scalar, tangents: Any) -> Scalar:
-    """Return the tangent of t minus the tangent of the time at which the parameter is `u`."""
-    of_timing, of_time = tangents
-    advance = jnp.zeros_like(u) if of_time is None else of_time
-    if _varies(of_timing):
-        advance -= eqx.filter_jvp(lambda x: x.time(u), (timing,), (of_timing,))[1]
-    return advance
+class _Changes(NamedTuple):
+    """The changes at a fixed place of a cell: of the parameter, of its rate, and of the time, with opposite sign."""
+
+    parameter: Scalar
+    rate: Scalar
+    advance: Scalar
 
 
-def _varies(tangents: Any) -> bool:
-    return bool(jax.tree.leaves(tangents))
+def _changes(timing: Timing, u: Scalar, change: Any) -> _Changes:
+    """Return the changes due to a change of the timing at the place where the parameter is `u`."""
+    if not jax.tree.leaves(change):
+        return _Changes(*[jnp.zeros_like(u)] * 3)
+    cell, place = timing._locate(u)
+    starts, ends = timing._kinds(cell)
+    z = _unstretched(place, starts, ends)
+
+    def at_place(x: Timing) -> _Changes:
+        form, length = x._form(cell), x._length(cell)
+        time = x.times[cell] + _elapsed(form, length, starts, ends, z)
+        return _Changes(x.knots[cell] + length * place, _root(_horner(form, place)), -time)
+
+    found = eqx.filter_jvp(at_place, (timing,), (change,))[1]
+    return _Changes(*(jnp.zeros_like(u) if x is None else x for x in found))
 
 
 # Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
