@@ -65,7 +65,7 @@ def satisfied(path, a, **limits):
     usage = search._between_nodes(places, tables.within, state.coefficients)
     ones = jnp.ones((program.constraints.per_node, CELLS))
     last = search._Round(state, ones, ones, usage, jnp.asarray(3))
-    powers, after, error = search._satisfied(last, tables, places, tuple(bounds))
+    powers, after, error = search._satisfied(last, state.coefficients, tables, places, tuple(bounds))
     speed = ROWS.index("speed")
     return float(powers[0, 0] / a), usage, after.at[speed].set(after[speed] ** 2), float(error)
 
