@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +24,37 @@ def tuned(x):
     return qt.tune(START, END, limits, motion="hermite", duration=4.0, starts=2)
 
 
+@jax.custom_vjp
+def squared(duration):
+    """A part of an objective that has derivatives in reverse mode only."""
+    return duration**2
+
+
+squared.defvjp(lambda duration: (duration**2, duration), lambda duration, weight: (2 * duration * weight,))
+
+
+def cost(weight, path):
+    return weight * squared(path.duration) + jnp.sum((path.velocity(0.0) - START.velocity) ** 2)
+
+
+def weighted(objective, **options):
+    limits = qt.Limits(curvature=0.06, speed=9.0)
+    best = qt.tune(START, END, limits, objective, motion="hermite", duration=4.0, starts=1, method="sqp", **options)
+    return best.path.duration
+
+
+def several(x):
+    """A batch in which a bound is active in the first element, and the corridor in both."""
+    position, velocity = (jnp.stack([getattr(s, name) for s in (START, END)]) for name in ("position", "velocity"))
+    faster = velocity[:, None] * jnp.asarray([[[1.0], [1.15]]])
+    start, end = (jax.vmap(lambda v, k=k: qt.BoundaryState(position[k], v))(faster[k]) for k in (0, 1))
+    bounds, limits = {"duration": (None, 4.5 * x)}, qt.Limits(curvature=0.06, speed=9.0)
+    best = qt.tune(
+        start, end, limits, motion="hermite", duration=4.0, starts=2, corridor=1.3 * jnp.sqrt(x), bounds=bounds
+    )
+    return jnp.sum(best.path.duration) + jnp.sum(best.start.velocity)
+
+
 @functools.cache
 def timing():
     return qt.retime(path(1.0), qt.Limits(speed=12.0, acceleration=3.0), 3.0, 3.0).path.timing
@@ -38,6 +70,8 @@ FUNCTIONS = {
     "batch": lambda x: jnp.sum(qt.certify(jax.vmap(path)(x * jnp.ones(3)), qt.Limits(speed=20.0)).values),
     "retimed": largest,
     "tune": lambda x: tuned(x).path.duration,
+    "objective": lambda x: weighted(jax.tree_util.Partial(cost, 0.3 * x)),
+    "several": several,
     "table": lambda x: jnp.sum(qt.evaluate(path(x), TIMES, ("curvature",)).values["curvature"]),
     "maximum": lambda x: qt.evaluate(path(x), TIMES, ("curvature",), reduce="max").values["curvature"],
 }
@@ -53,6 +87,27 @@ def test_a_second_gradient_compiles_nothing(name, compiled):
     difference = (float(function(1.0 + step)) - float(function(1.0 - step))) / (2 * step)
     assert float(slope) == pytest.approx(difference, rel=1e-4)
     assert float(value) == pytest.approx(float(function(1.0)), rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrap", [lambda f: f, jax.jit])
+def test_an_objective_may_use_differentiated_numbers_of_its_scope(wrap):
+    expected = jax.grad(FUNCTIONS["objective"])(1.0)
+    found = wrap(jax.grad(lambda x: weighted(lambda path: cost(0.3 * x, path))))(1.0)
+    assert float(found) == pytest.approx(float(expected), rel=1e-9)
+
+
+def test_other_numbers_in_an_objective_compile_nothing(compiled):
+    class Cost(eqx.Module):
+        weight: jax.Array
+
+        def __call__(self, path):
+            return cost(self.weight, path)
+
+    first = float(weighted(Cost(jnp.asarray(0.3))))
+    compiled.clear()
+    assert float(weighted(Cost(jnp.asarray(0.6)))) < first
+    assert not compiled
 
 
 def test_the_second_derivative_of_a_solution():

@@ -147,6 +147,20 @@ def test_the_timing_is_differentiable_in_the_path_and_in_batches():
     assert np.all(np.isfinite(batch))
 
 
+def test_the_duration_of_a_drive_with_a_stop_is_differentiable():
+    """The search tightens limits beside the stop, so differences of the whole computation are only close."""
+    position = [[-12.0, -0.6, -0.2], [0, 0, 0], [0, 0, 0], [12, 1, 1]]
+    velocity = [[6.0, 0.3, 0.1], [0, 0, 0], [0, 0, 0], [6, 0.8, 0.2]]
+    route = qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
+
+    def shortest_time(x):
+        return qt.retime(route, qt.Limits(speed=7.0, acceleration=2.0 * x), knots=CELLS).duration
+
+    slope, step = float(jax.grad(shortest_time)(1.0)), 1e-3
+    difference = (float(shortest_time(1 + step)) - float(shortest_time(1 - step))) / (2 * step)
+    assert slope == pytest.approx(difference, rel=2e-3)
+
+
 def test_the_ends_at_rest_do_not_depend_on_the_unit_of_time():
     """The state at both ends at rest, whatever the duration of the original path."""
 

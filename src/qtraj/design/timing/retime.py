@@ -55,8 +55,8 @@ def retime(
     limits: Limits,
     start_speed: ArrayInput | None = None,
     end_speed: ArrayInput | None = None,
+    knots: int | None = None,
     *,
-    knots: int = KNOTS,
     stop_speed: float | None = None,
     stop_distance: float = STOP_DISTANCE,
     throw: bool = False,
@@ -71,7 +71,8 @@ def retime(
     between the ends.
 
     Let u be the path parameter. The function u̇²(u) is a cubic spline with continuous second derivative and `knots`
-    cells; `knots` is a power of two. With more cells the duration is closer to the minimum over all timings.
+    cells; `knots` is a power of two, by default 512. With more cells the duration is closer to the minimum over all
+    timings.
 
     A route is divided at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to
     rest, and the stops keep their durations. An interval is also treated as a stop if the speed is at most `stop_speed`
@@ -99,6 +100,7 @@ def retime(
     """
     require_float64(path)
     names = require_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
+    knots = KNOTS if knots is None else knots
     require_knots(knots)
     given = limits.given()
     if isinstance(path, Route):

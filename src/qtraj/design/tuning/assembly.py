@@ -40,14 +40,11 @@ def make_outcome(
     z = result.z
     if is_traced(tasks):
         z = _solutions(tasks, jax.lax.stop_gradient(result), limit_names(limits, corridor))
-    # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
-    # executable.
-    compute_paths = _paths_jit if tasks.problem.objective.is_smooth else _paths
     unbatched = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
-    path, objective, first, last = jax.tree.map(unbatched, compute_paths(tasks.problem, z, start, end))
+    path, objective, first, last = jax.tree.map(unbatched, _paths(tasks.problem, z, start, end))
     reference = None
     if corridor is not None:
-        reference = jax.tree.map(unbatched, compute_paths(tasks.problem, jnp.zeros_like(z), start, end)[0])
+        reference = jax.tree.map(unbatched, _paths(tasks.problem, jnp.zeros_like(z), start, end)[0])
     if placement is None:
         path = eqx.tree_at(lambda path: path.placement, path, None)
         reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
@@ -87,6 +84,7 @@ def _code(stationary: Any, violation: Any, findings_met: Any) -> Any:
     return xp.where(~feasible & ~all_met, INFEASIBLE, code).astype(np.int32)
 
 
+@eqx.filter_jit
 def _paths(
     problems: Problem, z: Float[Array, "batch n"], start: BoundaryState, end: BoundaryState
 ) -> tuple[SpiralHelix, Array, BoundaryState, BoundaryState]:
@@ -99,6 +97,3 @@ def _paths(
         return path, problem.objective.value(problem, z), first, last
 
     return jax.vmap(one)(problems, z, start, end)
-
-
-_paths_jit = eqx.filter_jit(_paths)

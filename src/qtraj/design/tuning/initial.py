@@ -41,10 +41,7 @@ def initial_path(
         any_limit = Limits(speed=1.0)  # the checks require a limit, but the initial path does not depend on limits
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
-        # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
-        # executable.
-        make = _pose_jit if objective.is_smooth else pose
-        problem = make(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
+        problem = _pose(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
         require_well_posed(problem, turn, any_limit, None, placement is not None)
         path = _path_at_zero(problem.without_objective())
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
@@ -58,7 +55,7 @@ def initial_path(
     return SpiralHelix.hermite(start, end, as_float(duration), n_turns, placement)
 
 
-_pose_jit = eqx.filter_jit(pose)
+_pose = eqx.filter_jit(pose)
 
 
 @eqx.filter_jit

@@ -22,6 +22,7 @@ from qtraj.design.tuning.methods import Method, get_method
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import get_motion
 from qtraj.design.tuning.multistart import take
+from qtraj.design.tuning.objectives.custom import Custom
 from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import Problem, pose
@@ -93,17 +94,19 @@ def tune(
     `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
     at most `inner_steps` steps of the optimiser in each outer iteration. The augmented Lagrangian method needs only
     first derivatives and is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp",
-    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
+    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object and the same objective
+    function to avoid recompilation. If a callable objective is a pytree, such as a `jax.tree_util.Partial` or an
+    `equinox.Module`, other values of its arrays need no recompilation.
 
     **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
     the same batch dimension. Limits, duration, turn and placement are shared or have the same dimension. An ill-posed
     element has the status "ill-posed", a path of NaN, and the reason in `result`.
 
     **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
-    path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
-    theorem), also of higher order; they have no meaning if the search did not converge. Outside `jit` and `vmap`,
-    `grad` runs the same compiled search as a call without derivatives. Under all of these transformations, infeasible
-    problems get no advice.
+    path with respect to the boundary data, the limits and the arrays in a callable objective are the derivatives of the
+    solution (implicit function theorem), also of higher order; they have no meaning if the search did not converge.
+    Outside `jit` and `vmap`, `grad` runs the same compiled search as a call without derivatives. Under all of these
+    transformations, infeasible problems get no advice.
 
     **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
     a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
@@ -124,14 +127,15 @@ def tune(
     shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds), road)
     _require_batch((*shared, limits.given(), corridor), batch)
     limits.require_batch(batch, "the states")
-    traced = is_traced(start, end, shared, limits, corridor)
+    traced = is_traced(start, end, shared, limits, corridor, objective)
     count = start.position.shape[0]
     size = count if traced or not batch else _padded_size(count)
     data, axes = _pad((start, end, *shared), batch, size)
-    # A callable objective may close over arrays. In compiled code, these arrays would become constants of the
-    # executable.
-    make_problems = _make_problems_jit if objective.is_smooth else _make_problems
-    problem, low, high = make_problems(data, axes, objective, motion, whole_turns(turns), tuple(fixed), weight_array)
+    choices = motion, whole_turns(turns), tuple(fixed), weight_array
+    problem, low, high = _make_problems(data, axes, objective, *choices)
+    if isinstance(objective, Custom) and is_traced(problem):
+        objective = objective.with_closure(constants(take(problem, 0)))
+        problem, low, high = _make_problems(data, axes, objective, *choices)
     xp: Any = jnp if traced else np
     targets = slot_limits(limits, corridor, count)
     targets = xp.concatenate([targets, xp.repeat(targets[-1:], size - count, axis=0)])
@@ -165,6 +169,7 @@ def tune(
     return outcome.check() if throw else outcome
 
 
+@eqx.filter_jit
 def _make_problems(
     data: tuple[Any, ...],
     axes: tuple[Any, ...],
@@ -183,9 +188,6 @@ def _make_problems(
         return problem, *box(problem, fixed, bounds)
 
     return eqx.filter_vmap(one, in_axes=axes)(*data)
-
-
-_make_problems_jit = eqx.filter_jit(_make_problems)
 
 
 def _padded_size(count: int) -> int:
