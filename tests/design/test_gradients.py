@@ -70,7 +70,7 @@ FUNCTIONS = {
     "batch": lambda x: jnp.sum(qt.certify(jax.vmap(path)(x * jnp.ones(3)), qt.Limits(speed=20.0)).values),
     "retimed": largest,
     "tune": lambda x: tuned(x).path.duration,
-    "objective": lambda x: weighted(jax.tree_util.Partial(cost, 0.3 * x)),
+    "objective": lambda x: weighted(jax.tree_util.Partial(cost, jnp.asarray(0.3 * x))),
     "several": several,
     "table": lambda x: jnp.sum(qt.evaluate(path(x), TIMES, ("curvature",)).values["curvature"]),
     "maximum": lambda x: qt.evaluate(path(x), TIMES, ("curvature",), reduce="max").values["curvature"],

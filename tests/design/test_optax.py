@@ -119,7 +119,6 @@ class ClimbRate(eqx.Module):
         return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - self.target) ** 2 + 1e-3 * path.duration
 
 
-@pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
 def test_a_callable_may_contain_arrays_and_be_traced():
     best = qt.tune(START, END, LIMITS, ClimbRate(jnp.asarray(0.5)), starts=1)
     assert best.converged, best.result

@@ -161,6 +161,47 @@ def test_the_duration_of_a_drive_with_a_stop_is_differentiable():
     assert slope == pytest.approx(difference, rel=2e-3)
 
 
+def timing(factor, rest):
+    """The timing u̇² = k(1 − u), which ends at rest, or u̇² = ku, which starts at rest; 0 ≤ u ≤ 1."""
+    coefficients = {"end": [factor, -factor], "start": [0 * factor, factor]}[rest]
+    powers = jnp.stack([*coefficients, 0 * factor, 0 * factor])
+    return qt.Timing(powers[None], jnp.array([0.0, 1.0]), (rest == "start", rest == "end"))
+
+
+CLOSED = {
+    "end": lambda k, t: (jnp.sqrt(k) * t - k * t**2 / 4, jnp.sqrt(k) - k * t / 2),
+    "start": lambda k, t: (k * t**2 / 4, k * t / 2),
+}
+
+
+@pytest.mark.parametrize("rest", CLOSED)
+@pytest.mark.parametrize("place", [0.0, 0.6, 1.0])
+def test_three_derivatives_of_the_motion_near_rest(rest, place):
+    """The parameter and its rate at a fixed time, which may be the very end, against closed forms."""
+    time = place * timing(jnp.asarray(1.0), rest).duration
+
+    def motion(k, t):
+        return jnp.stack(timing(k, rest).motion(t))
+
+    exact = jax.jit(lambda k, t: jnp.stack(CLOSED[rest](k, t)))
+    found, at = jax.jit(motion), (jnp.asarray(1.0), time)
+    for _ in range(4):
+        np.testing.assert_allclose(jnp.stack(found(*at)), jnp.stack(exact(*at)), atol=1e-12)
+        found, exact = (jax.jit(jax.jacfwd(f, (0, 1))) for f in (found, exact))
+        found, exact = (lambda k, t, f=f: jnp.stack(f(k, t)) for f in (found, exact))
+
+
+@pytest.mark.parametrize("rest", CLOSED)
+def test_velocity_and_acceleration_agree_at_rest(rest):
+    path = qt.RetimedPath(PATH, timing(jnp.asarray(1.0), rest))
+    time = 0.0 if rest == "start" else float(path.duration)
+    for order in (1, 2):
+        expected = path.derivatives(time, order + 1)[order + 1]
+        found = jax.jacfwd(lambda t, order=order: path.derivatives(t, order)[order])(time)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.linalg.norm(path.acceleration(time)) > 0.1
+
+
 def test_the_ends_at_rest_do_not_depend_on_the_unit_of_time():
     """The state at both ends at rest, whatever the duration of the original path."""
 

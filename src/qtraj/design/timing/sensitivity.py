@@ -11,8 +11,9 @@ coefficients change by dc with
 
 The matrix is a band matrix, like the matrix of a step, but with all second derivatives of the constraints, not only
 with those that are convex. Then ds = −(ġ + ∇g·dc) and dλ = −(λ/s) ds. By the envelope theorem, the duration changes by
-ḟ + Σ λ ġ. Each rule calls the differentiated function again, so derivatives of every order are correct. The tightening
-of the limits is constant.
+ḟ + Σ λ ġ. Each rule calls the differentiated function again, so second derivatives are correct, too. For an active
+constraint, the terms of ds almost cancel, and each further derivative multiplies the error by λ/s. So third derivatives
+of the duration are inaccurate. The tightening of the limits is constant.
 """
 
 from typing import NamedTuple

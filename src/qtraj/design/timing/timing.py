@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
@@ -84,20 +84,16 @@ class Timing(eqx.Module):
 
     def parameter(self, t: ScalarLike) -> Scalar:
         """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
+        return self.motion(t)[0]
+
+    def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
+        """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
         t = _clipped(one_instant(t), 0.0, self.duration)
-        return _parameter(self, t)
-
-    def _inverted(self, t: Scalar) -> Scalar:
         cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
-        since, span = t - self.times[cell], self.times[cell + 1] - self.times[cell]
-        form, length, (starts, ends) = self._form(cell), self._length(cell), self._kinds(cell)
-
-        def newton(_: Any, z: Scalar) -> Scalar:
-            late = _elapsed(form, length, starts, ends, z) - since
-            return jnp.clip(z - late / _pace(form, length, starts, ends, z), 0.0, 1.0)
-
-        z = jax.lax.fori_loop(0, NEWTON_STEPS, newton, since / span)
-        return self.knots[cell] + length * _stretched(z, starts, ends)
+        length, kinds = self._length(cell), self._kinds(cell)
+        z = _position(self, t, cell)
+        rate = length * _stretching(z, *kinds) / _pace(self._form(cell), length, *kinds, z)
+        return self.knots[cell] + length * _stretched(z, *kinds), rate
 
     @property
     def _cells(self) -> int:
@@ -118,68 +114,38 @@ class Timing(eqx.Module):
         return cell, _clipped((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
 
 
-# The derivatives of u(t) and of its rate w(t) = √a(u(t)) follow from u̇ = w and ẇ = a'(u)/2. Each rule calls both
-# functions again, so derivatives of every order are correct, even at rest, where √a is not differentiable in u. The
-# effect of a change of the timing is the sum of the change at a fixed place in a cell and of a shift in time. So at an
-# end at rest, where the rate is zero, the parameter changes with the knot.
-
-
-@eqx.filter_custom_jvp
-def _parameter(timing: Timing, t: Scalar) -> Scalar:
-    """Return the parameter at a time within [0, duration]."""
-    return timing._inverted(t)
-
-
-@_parameter.def_jvp
-def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
-    timing, t = primals
-    u, of_time = _parameter(timing, t), tangents[1]
-    at = _changes(timing, u, tangents[0])
-    return u, at.parameter + _rate(timing, t) * (at.advance if of_time is None else of_time + at.advance)
-
-
-@eqx.filter_custom_jvp
-def _rate(timing: Timing, t: Scalar) -> Scalar:
-    """Return the rate u̇ of the parameter at a time within [0, duration]."""
-    return _root(timing.squared_speed(timing._inverted(t)))
-
-
-@_rate.def_jvp
-def _rate_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
-    timing, t = primals
-    u, of_time = _parameter(timing, t), tangents[1]
-    at = _changes(timing, u, tangents[0])
-    acceleration = 0.5 * timing.taylor(u)[1]
-    return _rate(timing, t), at.rate + acceleration * (at.advance if of_time is None else of_time + at.advance)
-
-
-class _Changes(NamedTuple):
-    """The changes at a fixed place of a cell: of the parameter, of its rate, and of the time, with opposite sign."""
-
-    parameter: Scalar
-    rate: Scalar
-    advance: Scalar
-
-
-def _changes(timing: Timing, u: Scalar, change: Any) -> _Changes:
-    """Return the changes due to a change of the timing at the place where the parameter is `u`."""
-    if not jax.tree.leaves(change):
-        return _Changes(*[jnp.zeros_like(u)] * 3)
-    cell, place = timing._locate(u)
-    starts, ends = timing._kinds(cell)
-    z = _unstretched(place, starts, ends)
-
-    def at_place(x: Timing) -> _Changes:
-        form, length = x._form(cell), x._length(cell)
-        time = x.times[cell] + _elapsed(form, length, starts, ends, z)
-        return _Changes(x.knots[cell] + length * place, _root(_horner(form, place)), -time)
-
-    found = eqx.filter_jvp(at_place, (timing,), (change,))[1]
-    return _Changes(*(jnp.zeros_like(u) if x is None else x for x in found))
-
-
 # Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
-# rest the position x is z² or 1 − (1 − z)², and time is a smooth function of z.
+# rest the place x is z² or 1 − (1 − z)², and time is a smooth function of z. The parameter u and its rate u̇ are smooth
+# functions of z, too, so their derivatives are correct also at rest, where √a is not differentiable in u.
+
+
+@eqx.filter_custom_jvp
+def _position(timing: Timing, t: Scalar, cell: Int[Array, ""]) -> Scalar:
+    """Return z at a time within a cell."""
+    since, span = t - timing.times[cell], timing.times[cell + 1] - timing.times[cell]
+    given = timing._form(cell), timing._length(cell), *timing._kinds(cell)
+
+    def newton(_: Any, z: Scalar) -> Scalar:
+        return jnp.clip(z - (_elapsed(*given, z) - since) / _pace(*given, z), 0.0, 1.0)
+
+    return jax.lax.fori_loop(0, NEWTON_STEPS, newton, since / span)
+
+
+@_position.def_jvp
+def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
+    """The change of z is the change of the time, less that of the time at which z is reached, divided by dt/dz."""
+    timing, t, cell = primals
+    z, late = _position(timing, t, cell), tangents[1]
+    kinds = timing._kinds(cell)
+
+    def reached(x: Timing) -> Scalar:
+        return x.times[cell] + _elapsed(x._form(cell), x._length(cell), *kinds, z)
+
+    late = jnp.zeros_like(z) if late is None else late
+    if jax.tree.leaves(tangents[0]):
+        shift = eqx.filter_jvp(reached, (timing,), (tangents[0],))[1]
+        late = late if shift is None else late - shift
+    return z, late / _pace(timing._form(cell), timing._length(cell), *kinds, z)
 
 
 @eqx.filter_jit
@@ -204,6 +170,11 @@ def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> A
 
 def _stretched(z: Array, starts: Array, ends: Array) -> Array:
     return jnp.where(starts, z**2, jnp.where(ends, z * (2 - z), z))
+
+
+def _stretching(z: Array, starts: Array, ends: Array) -> Array:
+    """Return the derivative of `_stretched`."""
+    return jnp.where(starts, 2 * z, jnp.where(ends, 2 * (1 - z), 1.0))
 
 
 def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
@@ -251,19 +222,19 @@ class RetimedPath(AbstractHodograph):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
-        u = self.timing.parameter(t)
-        change = _increments(self.timing.taylor(u), order)
+        u, rate = self.timing.motion(t)
+        change = _increments(rate, self.timing.taylor(u), order)
         factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
         return _composed(self.path.derivatives(u, order) / factorials, change) * factorials
 
 
-def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
-    """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = √a and ü = a'(u)/2.
+def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]:
+    """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = `rate` and ü = a'(u)/2.
 
     The argument `a` contains the Taylor coefficients of the function a(u) at u₀.
     """
     zero = jnp.zeros_like(a[0])
-    change = [zero, _root(a[0])]
+    change = [zero, rate]
     for k in range(order - 1):
         square = sum((change[i] * change[k - i] for i in range(k + 1)), zero)
         slope = (a[1] if k == 0 else zero) + 2 * a[2] * change[k] + 3 * a[3] * square

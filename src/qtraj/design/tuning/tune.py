@@ -94,9 +94,12 @@ def tune(
     `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
     at most `inner_steps` steps of the optimiser in each outer iteration. The augmented Lagrangian method needs only
     first derivatives and is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp",
-    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object and the same objective
-    function to avoid recompilation. If a callable objective is a pytree, such as a `jax.tree_util.Partial` or an
-    `equinox.Module`, other values of its arrays need no recompilation.
+    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
+
+    A callable objective must be a pure function. The search is compiled for each new function, and any value that the
+    function reads from its scope is constant from then on. If the function is a pytree, such as a
+    `jax.tree_util.Partial` or an `equinox.Module`, its arrays are arguments of the compiled search, so new values need
+    no recompilation. Each search of a batch stores its own copy of these arrays.
 
     **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
     the same batch dimension. Limits, duration, turn and placement are shared or have the same dimension. An ill-posed
@@ -134,8 +137,9 @@ def tune(
     choices = motion, whole_turns(turns), tuple(fixed), weight_array
     problem, low, high = _make_problems(data, axes, objective, *choices)
     if isinstance(objective, Custom) and is_traced(problem):
-        objective = objective.with_closure(constants(take(problem, 0)))
-        problem, low, high = _make_problems(data, axes, objective, *choices)
+        explicit = objective.with_closure(constants(take(problem, 0)))
+        if explicit is not objective:
+            problem, low, high = _make_problems(data, axes, explicit, *choices)
     xp: Any = jnp if traced else np
     targets = slot_limits(limits, corridor, count)
     targets = xp.concatenate([targets, xp.repeat(targets[-1:], size - count, axis=0)])

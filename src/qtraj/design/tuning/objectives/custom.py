@@ -6,19 +6,19 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.foundation.arrays import as_float, is_traced
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
 
 
 class Custom(AbstractObjective):
     """A user-defined objective, which is a differentiable function of a path.
 
-    If the function is a pytree, such as a `jax.tree_util.Partial` or an `equinox.Module`, then its arrays and floats
-    are `parameters`: they can be differentiated, and other values of them use the same compiled code.
+    If the function is a pytree, such as a `jax.tree_util.Partial` or an `equinox.Module`, then its arrays are
+    `parameters`: they can be differentiated, and other values of them use the same compiled code. As in
+    `equinox.filter_jit`, all other leaves are static.
     """
 
     name: ClassVar[str] = "custom"
@@ -29,8 +29,8 @@ class Custom(AbstractObjective):
 
     def __init__(self, function: Callable[..., Any]):
         leaves, self.structure = jax.tree.flatten(function)
-        self.parameters = tuple(_number(x) if _is_number(x) else None for x in leaves)
-        self.others = tuple(None if _is_number(x) else x for x in leaves)
+        self.parameters = tuple(x if eqx.is_array(x) else None for x in leaves)
+        self.others = tuple(None if eqx.is_array(x) else x for x in leaves)
 
     @property
     def function(self) -> Callable[..., Any]:
@@ -63,12 +63,4 @@ class Custom(AbstractObjective):
 
     def _with(self, parameters: tuple[Array | None, ...]) -> Callable[..., Any]:
         pairs = zip(parameters, self.others, strict=True)
-        return jax.tree.unflatten(self.structure, [other if number is None else number for number, other in pairs])
-
-
-def _is_number(x: Any) -> bool:
-    return eqx.is_array(x) or isinstance(x, np.ndarray | float)
-
-
-def _number(x: Any) -> Array:
-    return x if eqx.is_array(x) else as_float(x)
+        return jax.tree.unflatten(self.structure, [other if array is None else array for array, other in pairs])
