@@ -212,6 +212,7 @@ def _satisfied(r: _Round, best: Array, t: Tables, between: Parts, names: tuple[s
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
     `best` are the coefficients of the last search, with their derivatives.
+
     A violation that a slower timing does not reduce remains, and the certificate reports it.
     """
     rows, on_road = listed(names, between.road is not None), slice(-len(ROAD), None)
