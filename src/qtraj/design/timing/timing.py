@@ -136,16 +136,16 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     """The change of z is the change of the time, less that of the time at which z is reached, divided by dt/dz."""
     timing, t, cell = primals
     z, late = _position(timing, t, cell), tangents[1]
-    kinds = timing._kinds(cell)
+    starts, ends = timing._kinds(cell)
 
     def reached(x: Timing) -> Scalar:
-        return x.times[cell] + _elapsed(x._form(cell), x._length(cell), *kinds, z)
+        return x.times[cell] + _elapsed(x._form(cell), x._length(cell), starts, ends, z)
 
     late = jnp.zeros_like(z) if late is None else late
     if jax.tree.leaves(tangents[0]):
         shift = eqx.filter_jvp(reached, (timing,), (tangents[0],))[1]
         late = late if shift is None else late - shift
-    return z, late / _pace(timing._form(cell), timing._length(cell), *kinds, z)
+    return z, late / _pace(timing._form(cell), timing._length(cell), starts, ends, z)
 
 
 @eqx.filter_jit
