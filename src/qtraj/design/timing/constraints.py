@@ -20,11 +20,10 @@ import functools
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.design.timing import road
-from qtraj.design.timing.banded import total
+from qtraj.design.timing.namespace import namespace, total
 from qtraj.design.timing.road import ROAD, Road
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
@@ -101,8 +100,9 @@ class Parts(NamedTuple):
 
     def constraints(self, largest: Float[Array, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
-        upper = functools.reduce(jnp.maximum, self.upper, 1 / largest)
-        upper = upper if self.road is None else jnp.maximum(upper, self.road.upper)
+        xp = namespace(self.upper, largest)
+        upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
+        upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
         return Constraints(upper, self.forms, self.jerk, self.road)
 
 
@@ -114,31 +114,31 @@ def parts(
     The first axes of `r` are the order of the derivative and the component. Derivatives of a are with respect to
     u/`unit`. Limits on friction and power are included only with a `vehicle`.
     """
-    r1, r2, r3 = (tuple(x) for x in r)
+    xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
     square = dot(r1, r1)
-    moving = square > STANDING**2 * jnp.max(square)
+    moving = square > STANDING**2 * xp.max(square)
     # Where r' = 0, use the direction of r'', in which the motion starts.
-    ahead = tuple(jnp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
+    ahead = tuple(xp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
     inv_speed, inv_level, inv_ahead = (
-        _inverse_root(x) for x in (jnp.where(moving, i.S, 0.0), jnp.where(moving, i.H, 0.0), dot(ahead, ahead))
+        _inverse_root(x) for x in (xp.where(moving, i.S, 0.0), xp.where(moving, i.H, 0.0), dot(ahead, ahead))
     )
     rate, growth = yaw(i, inv_speed, inv_level)
     half = 0.5 / unit
-    along = dot(ahead, r2) * inv_ahead, half * jnp.sqrt(i.S)
+    along = dot(ahead, r2) * inv_ahead, half * xp.sqrt(i.S)
     turning = growth, half * rate
     forms = dict(zip(FORMS, (_square(*along), _square(*turning), (i.A, half * i.B, half * half * i.S)), strict=True))
-    scaled = tuple(jnp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds)
+    scaled = tuple(xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds)
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
-        jerk = jnp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S]) / bounds["jerk"] ** 2
+        jerk = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S]) / bounds["jerk"] ** 2
     upper = [_upper(name, i, bounds[name], moving) for name in UPPER if name in bounds]
-    found = Parts(jnp.stack(upper) if upper else jnp.zeros((0, *square.shape), square.dtype), scaled, jerk)
+    found = Parts(xp.stack(upper) if upper else xp.zeros((0, *square.shape), square.dtype), scaled, jerk)
     if vehicle is None:
         return found
-    direction = jnp.stack(ahead) * inv_ahead[None]
-    on_road = road.coefficients(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
+    direction = xp.stack(ahead) * inv_ahead[None]
+    on_road = road.coefficients(direction, r2, xp.sqrt(i.S), half, vehicle, bounds)
     # Where r' vanishes, r'' may be opposite to the direction of motion, so omit friction and power there.
     return found._replace(road=road.without(on_road, ~moving))
 
@@ -146,14 +146,20 @@ def parts(
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
-    square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
+    xp, square = namespace(moving, bound, i.S), entry.numerator(i)
+    if entry.denominator is not None:
+        # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
+        divisor = entry.denominator(i)
+        square = xp.where(divisor > 0, square / xp.where(divisor > 0, divisor, 1.0), 0.0)
+    square = xp.where(moving, square, 0.0) / bound**2
     if entry.per_time == 1:
         return square
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
 
 
 def _inverse_root(x: Array) -> Array:
-    return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** -0.5, 0.0)
+    xp = namespace(x)
+    return xp.where(x > 0, xp.where(x > 0, x, 1.0) ** -0.5, 0.0)
 
 
 def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
@@ -176,22 +182,23 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
     """
     squares = [_form(form, v) for form in p.forms] + ([] if p.jerk is None else [v[0] * _quadratic(p.jerk, v)])
     on_road = [] if p.road is None else road.used(p.road, v)
-    upper = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
-    return jnp.stack([*upper, *(jnp.sqrt(jnp.maximum(x, 0.0)) for x in squares), *on_road])
+    xp = namespace(v, p.upper)
+    upper = [x * xp.maximum(v[0], 0.0) for x in p.upper]
+    return xp.stack([*upper, *(xp.sqrt(xp.maximum(x, 0.0)) for x in squares), *on_road])
 
 
 def ratios(found: Float[Array, "limits *nodes"], rows: tuple[str, ...]) -> Float[Array, "limits *nodes"]:
     """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
     linear = [name in UPPER and POWERS[name] < 1 for name in rows]
-    return jnp.stack([jnp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
+    xp = namespace(found)
+    return xp.stack([xp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
 
 
 def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
     squares = [_form(form, v) for form in c.forms] + ([] if c.jerk is None else [v[0] * _quadratic(c.jerk, v)])
-    return jnp.stack(
-        [*(x - 1 for x in (c.upper * v[0], *squares)), *([] if c.road is None else road.values(c.road, v))]
-    )
+    on_road = [] if c.road is None else road.values(c.road, v)
+    return namespace(v, c.upper).stack([*(x - 1 for x in (c.upper * v[0], *squares)), *on_road])
 
 
 def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
@@ -218,7 +225,7 @@ def second_derivatives(
     The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
     w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
-    found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
+    found: list[list[Any]] = [[0.0 * a] * (i + 1) for i in range(c.orders)]
     for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):
         found[0][0], found[1][0], found[1][1] = found[0][0] + z * aa, found[1][0] + z * ab, found[1][1] + z * bb
     if c.jerk is not None:
@@ -240,7 +247,7 @@ def second_derivatives(
 
 def changes(slope: Gradients, dv: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the changes of the linearised constraint values for the changes `dv` of a and its derivatives."""
-    return jnp.stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
+    return namespace(dv, *slope[0]).stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
 
 
 def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> list[Float[Array, "*nodes"]]:

@@ -20,14 +20,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
-from qtraj.design.timing import banded
-from qtraj.design.timing.banded import total
 from qtraj.design.timing.constraints import Gradients, changes, gradients, values, weighted
 from qtraj.design.timing.interior_point import Program, duration, factored, solved
-from qtraj.design.timing.spline import gathered
+from qtraj.design.timing.namespace import total
+from qtraj.design.timing.on_host import on_host
+from qtraj.design.timing.spline import Nodes, gathered, products
 from qtraj.foundation.types import Scalar
 
 
@@ -80,7 +81,7 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
     slopes = gradients(program.constraints, v)
     at_nodes = jax.jvp(slope, (program,), (change,))[1] + _combined(slopes, ratio * rise, v)
     matrix = _second_derivatives(program, at, v, ratio)
-    band = factored(banded, *stop_gradient((program, matrix)))
+    fixed = stop_gradient(jnp.stack([x for row in matrix for x in row]))
 
     def product(dc: Array) -> Array:
         dv = program.at_nodes(dc * free)
@@ -88,9 +89,22 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
         return gathered(program.nodes, rows) * free
 
     right = -gathered(program.nodes, [*at_nodes]) * free
-    dc = jax.lax.custom_linear_solve(product, right, lambda _, x: solved(banded, band, x), symmetric=True)
+    nodes = program.nodes
+    dc = jax.lax.custom_linear_solve(product, right, lambda _, x: _solved(nodes, fixed, x), symmetric=True)
     ds = -(rise + changes(slopes, program.at_nodes(dc)))
     return Optimum(dc, ds, -ratio * ds)
+
+
+def _solved(nodes: Nodes, lower: Float[Array, "entries 2 cells+1"], right: Float[Array, " cells+3"]) -> Array:
+    """Solve the linear system with the lower triangle `lower` of second derivatives at the nodes, on the host."""
+    orders = {3: 2, 6: 3}[lower.shape[0]]
+
+    def solve(basis: np.ndarray, free: np.ndarray, lower: np.ndarray, right: np.ndarray) -> np.ndarray:
+        table = products(basis[:orders, :, 0])
+        return solved(factored(free[0, 0], table, [list(lower)]), right[:, 0])
+
+    shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
+    return on_host(solve, shape, nodes.basis, nodes.free[None], lower, right[None])
 
 
 def _lagrangian(p: Program, v: Array, multipliers: Array) -> Scalar:

@@ -4,18 +4,17 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays. The compiler turns such a sum into one loop over the nodes.
-Reductions of stacked arrays are about 20 times slower.
+The functions of coefficients accept NumPy and JAX arrays. A batch of splines on the same cells has its axes before the
+axes of the nodes.
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.timing.banded import total
+from qtraj.design.timing.namespace import namespace
 
 DEGREE = 3
 
@@ -126,39 +125,73 @@ def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[np.ndarray, "3 
     return np.einsum("dpn,pkn->dkn", powers, form) / length ** np.arange(ORDERS)[:, None, None]
 
 
-def local(coefficients: Float[Array, " cells+3"]) -> Float[Array, "4 cells"]:
+def local(coefficients: Float[Array, "*batch cells+3"]) -> Float[Array, "4 *batch cells"]:
     """Return the four coefficients of each cell."""
-    cells = coefficients.shape[0] - DEGREE
-    return jnp.stack([coefficients[k : k + cells] for k in range(DEGREE + 1)])
+    cells = coefficients.shape[-1] - DEGREE
+    return namespace(coefficients).stack([coefficients[..., k : k + cells] for k in range(DEGREE + 1)])
 
 
 def at_nodes(
-    n: Nodes, coefficients: Float[Array, " cells+3"], orders: int = ORDERS
-) -> Float[Array, "orders 2 cells+1"]:
+    n: Nodes, coefficients: Float[Array, "*batch cells+3"], orders: int = ORDERS
+) -> Float[Array, "orders *batch 2 cells+1"]:
     """Return value and derivatives at the nodes."""
-    own = local(jnp.pad(coefficients, (0, 1)))
-    return total(n.basis[:orders, k] * own[k][None, None] for k in range(DEGREE + 1))
+    xp = namespace(coefficients)
+    own = local(xp.concatenate([coefficients, xp.zeros_like(coefficients[..., :1])], axis=-1))
+    return xp.einsum("okmn,k...n->o...mn", n.basis[:orders], own)
 
 
-def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Array, " cells+3"]:
+def within_cells(
+    table: Float[np.ndarray, "count 3 4 cells"], coefficients: Float[Array, "*batch cells+3"], orders: int
+) -> Float[Array, "orders *batch count cells"]:
+    """Return value and derivatives at the points of a table of `within`."""
+    return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
+
+
+def gathered(n: Nodes, parts: Sequence[Float[Array, "*batch 2 cells+1"]]) -> Float[Array, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
-    own = [total(n.basis[order, k] * part for order, part in enumerate(parts)) for k in range(DEGREE + 1)]
-    return total(jnp.pad(x[0] + x[1], (k, DEGREE - k)) for k, x in enumerate(own))[:-1]
+    xp = namespace(*parts)
+    return _overlapped(list(xp.einsum("okmn,o...mn->k...n", n.basis[: len(parts)], xp.stack(parts))))
 
 
-def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
+PAIRS = tuple((k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1))
+"""Pairs of coefficients of a cell, diagonal by diagonal."""
+
+
+def products(basis: Float[np.ndarray, "orders 4 2 cells+1"]) -> Float[np.ndarray, "entries pairs 2 cells+1"]:
+    """Return the table of `gathered_band`: products of two values of the basis, for each pair of coefficients.
+
+    The entries are those of the lower triangle of a matrix at the nodes, row by row.
+    """
+    first, second = (basis[:, [pair[side] for pair in PAIRS]] for side in range(2))
+    entries = [(i, j) for i in range(len(basis)) for j in range(i + 1)]
+    rows = [first[i] * second[j] + (first[j] * second[i] if i != j else 0.0) for i, j in entries]
+    return np.stack(rows)
+
+
+def gathered_band(
+    table: Float[np.ndarray, "entries pairs 2 cells+1"], parts: Lower
+) -> tuple[Float[Array, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes. Array d of the result contains the entries
-    (i, i − d) of the matrix for the coefficients.
+    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes, and `table` is the result of `products`. Array d of
+    the result contains the entries (i, i − d) of the matrix for the coefficients.
     """
-    orders = range(len(parts))
-    half = [
-        [total(parts[max(d, e)][min(d, e)] * n.basis[e, k] for e in orders) for d in orders] for k in range(DEGREE + 1)
-    ]
+    entries = [x for row in parts for x in row]
+    xp = namespace(*entries)
+    found = xp.einsum("eqmn,e...mn->q...n", table, xp.stack(entries))
+    rows, first = [], 0
+    for d in range(DEGREE + 1):
+        last = first + DEGREE + 1 - d
+        rows.append(_overlapped(list(found[first:last]), d))
+        first = last
+    return tuple(rows)
 
-    def entry(k: int, m: int) -> Array:
-        both = total(half[m][d] * n.basis[d, k] for d in orders)
-        return jnp.pad(both[0] + both[1], (k, DEGREE - k))
 
-    return tuple(total(entry(k, k - d) for k in range(d, DEGREE + 1))[:-1] for d in range(DEGREE + 1))
+def _overlapped(rows: list[Float[Array, "*batch cells+1"]], first: int = 0) -> Float[Array, "*batch cells+3"]:
+    """Return the sum of the rows, of which row k starts at coefficient `first` + k."""
+    xp, total = namespace(*rows), None
+    for k, row in enumerate(rows, first):
+        sides = (xp.zeros((*row.shape[:-1], n), row.dtype) for n in (k, DEGREE - k))
+        padded = xp.concatenate([next(sides), row, next(sides)], axis=-1)
+        total = padded if total is None else total + padded
+    return total[..., :-1]
