@@ -90,7 +90,7 @@ def unbounded(
 
 def _in_order(x: Float[np.ndarray, "*rows 2 cells+1"]) -> Float[np.ndarray, "*rows nodes"]:
     """Return the values at all nodes in the order of the path, without the padding."""
-    return np.swapaxes(x, -1, -2).reshape(*x.shape[:-2], -1)[..., :-1]
+    return np.swapaxes(x, -1, -2).reshape(*x.shape[:-2], x.shape[-2] * x.shape[-1])[..., :-1]
 
 
 Nodes = Float[np.ndarray, "batch nodes"]
@@ -99,7 +99,7 @@ Nodes = Float[np.ndarray, "batch nodes"]
 def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
     """Return bounds on a' = da/du at each node for a large `a` = u̇²; low > high if no a' is possible."""
     low, high = np.full_like(c.upper, -np.inf), np.full_like(c.upper, np.inf)
-    for aa, ab, bb in c.forms:
+    for (aa, ab), (_, bb) in c.forms:
         limited = bb * a**2 > 1
         size = np.where(limited, bb, 1.0)
         rest = aa - np.where(limited, ab * ab / size, 0.0)
@@ -142,7 +142,7 @@ def _reached(possible: np.ndarray, entered: np.ndarray) -> np.ndarray:
 
 
 def _linear(
-    jerk: Float[np.ndarray, "6 batch nodes"],
+    jerk: Float[np.ndarray, "3 3 batch nodes"],
     place: Float[np.ndarray, " nodes"],
     a: Nodes,
     possible: np.ndarray,
@@ -153,7 +153,7 @@ def _linear(
 
     The squared speed of such a motion is constant, or proportional to the distance from one end.
     """
-    _, _, bend, _, mixed, square = jerk  # proportional to 9|r''|², 3r'·r'' and |r'|²
+    bend, mixed, square = jerk[1, 1], jerk[1, 2], jerk[2, 2]  # proportional to 9|r''|², 3r'·r'' and |r'|²
     moving = np.where(square > 0, square, 1.0)
     across = bend - np.where(square > 0, mixed**2 / moving, 0.0)
     straight = np.all(across <= STRAIGHT * bend + STRAIGHT**2 * square, axis=-1)

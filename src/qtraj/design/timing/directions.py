@@ -8,14 +8,11 @@ can be computed from q.
 from fractions import Fraction
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.foundation.types import Scalar
+from qtraj.design.timing.grid import path_derivatives
+from qtraj.design.timing.namespace import namespace
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
 
@@ -101,12 +98,9 @@ def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
     return quotient
 
 
-@eqx.filter_jit
 def straight(path: AbstractHodograph, knots: Float[Array, " cells+1"]) -> Bool[Array, " cells"]:
     """Return whether the curvature of the path is zero to within rounding in the middle of each cell."""
-
-    def along(u: Scalar) -> Array:
-        _, r1, r2 = path.derivatives(u, 2)
-        return jnp.linalg.norm(jnp.cross(r1, r2)) * path.duration <= STRAIGHT * jnp.sum(r1 * r1)
-
-    return jax.vmap(along)(stop_gradient(0.5 * (knots[1:] + knots[:-1])))
+    r1, r2, _ = path_derivatives(path, 0.5 * (knots[1:] + knots[:-1]))
+    xp = namespace(r1)
+    across = xp.linalg.norm(xp.cross(r1, r2, axis=0), axis=0)
+    return across * xp.asarray(path.duration) <= STRAIGHT * xp.sum(r1 * r1, axis=0)

@@ -104,6 +104,10 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Arra
     """Return r', r'' and r''' of a path in world axes at the parameters `u`, as a NumPy array unless it is traced."""
     traced = is_traced(path, u)
     xp, polynomials = jnp if traced else np, path.polynomials()
+    if isinstance(path, Route):
+        starts, c = (xp.asarray(x) for x in (path.starts, path.coefficients))
+        i = xp.maximum(xp.searchsorted(starts, u, side="right") - 1, 0)
+        return xp.moveaxis(xp.stack(pieces.values(c[i], u - starts[i], ORDER)[1:]), 1, 2)
     if polynomials is None:
         rows = _of_any_path(path, u)
         return xp.moveaxis(xp.asarray(rows), 0, 2)

@@ -1,7 +1,5 @@
 """Compute the initial iterate of the search for the fastest timing."""
 
-import functools
-
 import numpy as np
 from jaxtyping import Float
 
@@ -27,17 +25,17 @@ def initial(p: Program) -> Float[np.ndarray, "batch cells+3"]:
     count = knots.size
     highest, largest = 1 / c.upper[:, 0], p.largest[:, 0]
     if c.jerk is not None:
-        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[5] ≤ 1.
-        steepest = c.jerk[5].max(axis=(1, 2))[:, None]
+        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[2, 2] ≤ 1.
+        steepest = c.jerk[2, 2].max(axis=(1, 2))[:, None]
         typical = np.where(steepest > 0, np.cbrt(float(count) ** 4 / np.where(steepest > 0, steepest, 1.0)), np.inf)
         free = np.all(highest > 0.5 * largest, axis=1)[:, None]
         highest = np.where(free, np.minimum(highest, typical), highest)
-        highest = 1 / np.maximum(1 / highest, np.cbrt(c.jerk[0, :, 0]))
+        highest = 1 / np.maximum(1 / highest, np.cbrt(c.jerk[0, 0, :, 0]))
     if c.road is not None:
         highest = np.minimum(highest, steady(c.road)[:, 0])
     most = np.minimum(RANGE * highest.min(axis=1), largest.min(axis=1))  # finite at stops, too
     highest = np.minimum(highest, most[:, None])
-    pace = np.sqrt(functools.reduce(np.maximum, (form[2, :, 0] for form in c.forms), np.zeros_like(highest)))
+    pace = np.sqrt(np.max(c.forms[:, 1, 1, :, 0], axis=0, initial=0.0))
     pace = pace if c.road is None else np.maximum(pace, np.abs(c.road.along[2, :, 0]))
     # The least value matters where the acceleration is unlimited.
     pace = np.maximum(pace, 2 * count / RAMP / highest.max(axis=1, keepdims=True))

@@ -9,7 +9,7 @@ The search runs in NumPy for a batch of problems with the same nodes; finished p
 precedes the axes of the nodes.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -146,8 +146,8 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
     pace = p.weights * np.sqrt(inverse)
     cost_slope = -0.5 * pace * inverse
     ratio = z * inv_slacks
-    curvature = second_derivatives(p.constraints, v, z, ratio, a)
-    curvature[0][0] = curvature[0][0] + 0.75 * pace * inverse * inverse
+    curvature = second_derivatives(p.constraints, slope, v, z, ratio, a)
+    curvature[0, 0] += 0.75 * pace * inverse * inverse
     band = factored(p.nodes.free, table, curvature)
     count = z[:, 0].size
     mean, time = _sum(s.slacks * z) / count, _sum(pace)
@@ -186,10 +186,13 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
     )
 
 
-def _gradient(p: Program, cost_slope: Array, slope: Gradients, multipliers: Array) -> Float[Array, "*batch cells+3"]:
+def _gradient(
+    p: Program, cost_slope: np.ndarray, slope: Gradients, multipliers: np.ndarray
+) -> Float[np.ndarray, "batch cells+3"]:
     """Return the gradient of the Lagrangian with respect to the free coefficients."""
     at = weighted(slope, multipliers)
-    return gathered(p.nodes, (at[0] + cost_slope, *at[1:])) * p.nodes.free
+    at[0] += cost_slope
+    return gathered(p.nodes, at) * p.nodes.free
 
 
 class _Scaled(NamedTuple):
@@ -199,8 +202,10 @@ class _Scaled(NamedTuple):
     scale: Float[np.ndarray, "batch cells+3"]
 
 
-def factored(free: Float[np.ndarray, " cells+3"], table: np.ndarray, curvature: list[list[Any]]) -> _Scaled:
-    """Factorise the band matrices with the lower triangle `curvature` of second derivatives at the nodes."""
+def factored(
+    free: Float[np.ndarray, " cells+3"], table: np.ndarray, curvature: Float[np.ndarray, "orders orders batch 2 cells+1"]
+) -> _Scaled:
+    """Factorise the band matrices of the second derivatives `curvature` at the nodes."""
     own, *below = gathered_band(table, curvature)
     scale = free / np.sqrt(np.where(free > 0, own, 1.0))
     band = np.empty((*own.shape, 1 + len(below)))

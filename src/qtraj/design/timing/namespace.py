@@ -9,7 +9,10 @@ import numpy as np
 
 def namespace(*arrays: Any) -> Any:
     """Return `jax.numpy` if one of the arrays is a JAX array, otherwise `numpy`."""
-    return jnp if any(isinstance(x, jax.Array) for x in arrays) else np
+    for x in arrays:
+        if type(x) is not np.ndarray and isinstance(x, jax.Array):
+            return jnp
+    return np
 
 
 def total(terms: Any) -> Any:

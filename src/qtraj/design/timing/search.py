@@ -190,7 +190,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
         upper = xp.where(end, xp.maximum(upper, 1 / bound), upper)
     padding = np.zeros(upper.shape, bool)  # this node does not exist
     padding[1, cells] = True
-    forms = tuple(xp.where(xp.broadcast_to(padding, x.shape), 0.0, x) for x in c.forms)
+    forms = xp.where(xp.broadcast_to(padding, c.forms.shape), 0.0, c.forms)
     jerk = c.jerk
     if jerk is not None:
         jerk = xp.where(xp.broadcast_to(t.nodes.standing > 0, jerk.shape), 0.0, jerk)

@@ -8,13 +8,12 @@ The functions of coefficients accept NumPy and JAX arrays. A batch of splines on
 axes of the nodes.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.timing.namespace import namespace
+from qtraj.design.timing.namespace import namespace, total
 
 DEGREE = 3
 
@@ -28,9 +27,6 @@ The integral is approximately the weight times the value of f(z)/√z at the nod
 """
 
 Numbers = Float[np.ndarray, "..."]
-
-Lower = Sequence[Sequence[Any]]
-"""Rows of the lower triangle of a symmetric matrix; each entry is an array over the nodes."""
 
 
 class Nodes(NamedTuple):
@@ -147,13 +143,13 @@ def within_cells(
     return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
 
 
-def gathered(n: Nodes, parts: Sequence[Float[Array, "*batch 2 cells+1"]]) -> Float[Array, "*batch cells+3"]:
+def gathered(n: Nodes, parts: Float[Array, "orders *batch 2 cells+1"]) -> Float[Array, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
-    xp = namespace(*parts)
-    return _overlapped(list(xp.einsum("okmn,o...mn->k...n", n.basis[: len(parts)], xp.stack(parts))))
+    found = namespace(parts).einsum("okmn,o...mn->k...n", n.basis[: parts.shape[0]], parts)
+    return _overlapped(_padded(found), range(DEGREE + 1))
 
 
-PAIRS = tuple((k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1))
+PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1)])
 """Pairs of coefficients of a cell, diagonal by diagonal."""
 
 
@@ -162,36 +158,31 @@ def products(basis: Float[np.ndarray, "orders 4 2 cells+1"]) -> Float[np.ndarray
 
     The entries are those of the lower triangle of a matrix at the nodes, row by row.
     """
-    first, second = (basis[:, [pair[side] for pair in PAIRS]] for side in range(2))
-    entries = [(i, j) for i in range(len(basis)) for j in range(i + 1)]
-    rows = [first[i] * second[j] + (first[j] * second[i] if i != j else 0.0) for i, j in entries]
-    return np.stack(rows)
+    first, second = (basis[:, PAIRS[:, side]] for side in range(2))
+    entries = zip(*np.tril_indices(len(basis)), strict=True)
+    return np.stack([first[i] * second[j] + (first[j] * second[i] if i != j else 0.0) for i, j in entries])
 
 
 def gathered_band(
-    table: Float[np.ndarray, "entries pairs 2 cells+1"], parts: Lower
-) -> tuple[Float[Array, "*batch cells+3"], ...]:
+    table: Float[np.ndarray, "entries pairs 2 cells+1"], matrix: Float[np.ndarray, "orders orders *batch 2 cells+1"]
+) -> tuple[Float[np.ndarray, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes, and `table` is the result of `products`. Array d of
-    the result contains the entries (i, i − d) of the matrix for the coefficients.
+    `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Array d of the result
+    contains the entries (i, i − d) of the matrix for the coefficients.
     """
-    entries = [x for row in parts for x in row]
-    xp = namespace(*entries)
-    found = xp.einsum("eqmn,e...mn->q...n", table, xp.stack(entries))
-    rows, first = [], 0
-    for d in range(DEGREE + 1):
-        last = first + DEGREE + 1 - d
-        rows.append(_overlapped(list(found[first:last]), d))
-        first = last
-    return tuple(rows)
+    found = _padded(np.einsum("eqmn,e...mn->q...n", table, matrix[np.tril_indices(len(matrix))]))
+    firsts = np.cumsum([0, *range(DEGREE + 1, 0, -1)])
+    return tuple(_overlapped(found[firsts[d] : firsts[d + 1]], range(d, DEGREE + 1)) for d in range(DEGREE + 1))
 
 
-def _overlapped(rows: list[Float[Array, "*batch cells+1"]], first: int = 0) -> Float[Array, "*batch cells+3"]:
-    """Return the sum of the rows, of which row k starts at coefficient `first` + k."""
-    xp, total = namespace(*rows), None
-    for k, row in enumerate(rows, first):
-        sides = (xp.zeros((*row.shape[:-1], n), row.dtype) for n in (k, DEGREE - k))
-        padded = xp.concatenate([next(sides), row, next(sides)], axis=-1)
-        total = padded if total is None else total + padded
-    return total[..., :-1]
+def _padded(rows: Float[Array, "rows *batch cells+1"]) -> Float[Array, "rows *batch cells+7"]:
+    xp = namespace(rows)
+    zeros = xp.zeros((*rows.shape[:-1], DEGREE), rows.dtype)
+    return xp.concatenate([zeros, rows, zeros], axis=-1)
+
+
+def _overlapped(padded: Float[Array, "rows *batch cells+7"], firsts: range) -> Float[Array, "*batch cells+3"]:
+    """Return the sum of the rows; each starts at the coefficient in `firsts`."""
+    count = padded.shape[-1] - DEGREE - 1
+    return total(x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
