@@ -20,7 +20,7 @@ def on_host(function: Callable[..., Any], shapes: Any, *arguments: Any) -> Any:
         batch = _batch(arguments, given)
         size = int(np.prod(batch))
         found = function(*jax.tree.map(lambda x: _last(np.asarray(x), batch, size), given))
-        return jax.tree.map(lambda x, own: np.asarray(x.reshape(*batch, *own.shape), own.dtype), found, shapes)
+        return jax.tree.map(lambda x, own: np.asarray(x.reshape((*batch, *own.shape)), own.dtype), found, shapes)
 
     if not is_traced(arguments):
         return of_batch(*arguments)
