@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import QUANTITIES

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.timing import road
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD, Road
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.timing.directions import straight
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials

@@ -25,7 +25,7 @@ from qtraj.design.timing.constraints import (
     values,
     weighted,
 )
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band, products
 from qtraj.foundation.types import Scalar
 

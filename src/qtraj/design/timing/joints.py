@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.parts import CONTINUOUS
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.timing import RetimedPath

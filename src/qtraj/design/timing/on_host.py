@@ -1,5 +1,6 @@
 """Run a function of NumPy arrays as one operation of JAX."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,30 +11,19 @@ from qtraj.foundation.arrays import is_traced
 
 
 def on_host(function: Callable[..., Any], shapes: Any, *arguments: Any) -> Any:
-    """Return the result of a function of batches: arrays whose batch axis precedes their last two axes.
+    """Return the result of a function of batches of arrays, whose batch axis is the first axis, for one problem.
 
-    `shapes` are the shapes and types of the result for one problem; its arrays have the batch axis first. The result
-    has no derivatives. A function of concrete arguments is called at once.
+    `shapes` are the shapes and types of the result for one problem. The result has no derivatives. A function of
+    concrete arguments is called at once.
     """
 
     def of_batch(*given: Any) -> Any:
-        batch = _batch(arguments, given)
-        size = int(np.prod(batch))
-        found = function(*jax.tree.map(lambda x: _last(np.asarray(x), batch, size), given))
-        return jax.tree.map(lambda x, own: np.asarray(x.reshape((*batch, *own.shape)), own.dtype), found, shapes)
+        one, own = (jax.tree.leaves(x)[0] for x in (arguments, given))
+        batch = own.shape[: own.ndim - np.ndim(one)]
+        size = math.prod(batch)
+        found = function(*jax.tree.map(lambda x: np.asarray(x).reshape(size, *x.shape[len(batch) :]), given))
+        return jax.tree.map(lambda x, shape: np.asarray(x.reshape((*batch, *shape.shape)), shape.dtype), found, shapes)
 
     if not is_traced(arguments):
-        return of_batch(*arguments)
+        return of_batch(*jax.tree.map(np.asarray, arguments))
     return jax.pure_callback(of_batch, shapes, *arguments, vmap_method="broadcast_all")
-
-
-def _batch(arguments: Any, given: Any) -> tuple[int, ...]:
-    """Return the batch axes of the given arrays, of which `arguments` are those of one problem."""
-    one, own = jax.tree.leaves(arguments)[0], jax.tree.leaves(given)[0]
-    return own.shape[: own.ndim - one.ndim]
-
-
-def _last(x: np.ndarray, batch: tuple[int, ...], size: int) -> np.ndarray:
-    """Move the batch axes in front of the last two axes."""
-    return np.ascontiguousarray(np.moveaxis(x.reshape(size, *x.shape[len(batch) :]), 0, -3))
-

@@ -39,7 +39,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath, Timing
-from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -149,7 +149,7 @@ def _retimed(
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
     timed, traced = [], is_traced(path, bounds, vehicle, speeds)
-    polynomials = stop_gradient(source(path)) if traced else source(path)
+    polynomials = constants(source(path))
     for k, part in enumerate(parts):
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
@@ -210,10 +210,9 @@ def _timed(
     found = fastest(problem, tables(grid, rest, "jerk" in bounds))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
-        given, fixed = {name: bounds[name] for name in names}, (found.powers, vehicle)
-        if is_traced(given, fixed):
-            given, fixed = stop_gradient((given, fixed))
-        codes = prove(polynomials, grid, (fixed[0], np.array(rest)), given, fixed[1]).codes
+        given = {name: bounds[name] for name in names}
+        found_powers, given, road = constants((found.powers, given, vehicle))
+        codes = prove(polynomials, grid, (found_powers, np.array(rest)), given, road).codes
     return _Timed(found.powers, found.usage, codes, start + grid.knots * ((end - start) / grid.cells), found)
 
 

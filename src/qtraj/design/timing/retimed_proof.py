@@ -24,7 +24,7 @@ from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
@@ -94,16 +94,18 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
-    # Call `source` before `stop_gradient`, because `stop_gradient` makes the values of the arrays of a route unknown.
-    polynomials: Any = source(path.path)
-    limited = Limited(path, cells, bounds, vehicle)
-    if traced:
-        limited, polynomials = stop_gradient((limited, polynomials))
-    coefficients = xp.asarray(limited.path.timing.coefficients)[cells.columns]
-    codes = prove(polynomials, cells.grid, (coefficients, np.array(path.timing.rest)), limited.bounds, limited.vehicle)
+    polynomials: Any = constants(source(path.path))
+    limited = constants(Limited(path, cells, bounds, vehicle))
+    known = not is_traced(limited)
+    coefficients = limited.path.timing.coefficients
+    coefficients = (np.asarray(coefficients) if known else coefficients)[cells.columns]
+    timing = coefficients, np.array(path.timing.rest)
+    codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes
+    if known:
+        limited = limited._replace(bounds={name: np.asarray(x) for name, x in limited.bounds.items()})
+    found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names)
     if not traced:
-        return _certificate(limited, np.asarray(codes.codes), names)
-    found = eqx.filter_jit(_certificate)(limited, codes.codes, names)
+        return found
     road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
     values = differentiable(names, static, (arrays, road), found.times, found.values)
     return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.given().values()]))

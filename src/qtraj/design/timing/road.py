@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.vehicle import RoadParameters
 

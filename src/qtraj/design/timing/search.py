@@ -26,7 +26,7 @@ from qtraj.design.timing.constraints import (
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
-from qtraj.design.timing.namespace import namespace
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.spline import ORDERS, Nodes, local, nodes, power_form, within, within_cells
@@ -137,15 +137,14 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
     The search runs in NumPy. For a traced problem, it is one operation of JAX.
     """
-    names = tuple(problem.bounds)
+    names, search = tuple(problem.bounds), functools.partial(_searched, t, problem.stops)
     if not is_traced(problem):
-        program, places = _imposed(problem, t)
-        found = _on_host(t, problem.stops, *_in_batch((program[1:], places)))
-        r = Result(*(x[0] for x in found))
-        powers, usage, error = _satisfied(r, r.coefficients, t, places, names)
+        with np.errstate(all="ignore"):  # a failed search ends with NaN
+            program, places = _imposed(problem, t)
+            r = on_host(search, _shapes(program, places), program[1:], places)
+            powers, usage, error = _satisfied(r, r.coefficients, t, places, names)
         return Found(powers, usage, np.zeros(()), r.steps, error, r.unbounded)
     program, places = eqx.filter_jit(_imposed)(problem, t)
-    search = functools.partial(_on_host, t, problem.stops)
     r = on_host(search, _shapes(program, places), *constants((program[1:], places)))
     best, sensitivity = _differentiable(program, r)
     powers, usage, error = eqx.filter_jit(_satisfied)(r, best, t, stop_gradient(places), names)
@@ -198,11 +197,6 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     return Program(t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, jerk, on_road), most), between
 
 
-def _in_batch(tree: Any) -> Any:
-    """Return arrays of one problem as those of a batch: the batch axis precedes the last two axes."""
-    return jax.tree.map(lambda x: x[..., None, :, :], tree)
-
-
 def _shapes(program: Program, places: Parts) -> Result:
     """Return the shapes and types of the result of a search for one problem."""
     (cells, count), dtype = (program.largest.shape[-1] - 1, program.constraints.per_node), program.weights.dtype
@@ -213,11 +207,12 @@ def _shapes(program: Program, places: Parts) -> Result:
     )
 
 
-def _on_host(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
+def _searched(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
-    `of_nodes` contains the fields of `Program` after the nodes.
+    `of_nodes` contains the fields of `Program` after the nodes. The batch axis of the arguments is the first axis.
     """
+    of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
     cells, count = within.shape[-1], program.constraints.per_node
     with np.errstate(all="ignore"):  # a failed search ends with NaN

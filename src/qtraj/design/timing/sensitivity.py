@@ -97,11 +97,11 @@ def _solved(nodes: Nodes, matrix: Float[Array, "orders orders 2 cells+1"], right
     """Solve the linear system with the second derivatives `matrix` at the nodes, on the host."""
 
     def solve(basis: np.ndarray, free: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-        table = products(basis[: len(matrix), :, 0])
-        return solved(factored(free[0, 0], table, matrix), right[:, 0])
+        table = products(basis[0, : matrix.shape[1]])
+        return solved(factored(free[0], table, np.moveaxis(matrix, 0, 2)), right)
 
     shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-    return on_host(solve, shape, nodes.basis, nodes.free[None], matrix, right[None])
+    return on_host(solve, shape, nodes.basis, nodes.free, matrix, right)
 
 
 def _lagrangian(p: Program, v: Array, multipliers: Array) -> Scalar:

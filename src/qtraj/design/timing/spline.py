@@ -8,12 +8,14 @@ The functions of coefficients accept NumPy and JAX arrays. A batch of splines on
 axes of the nodes.
 """
 
+import functools
+import operator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.timing.namespace import namespace, total
+from qtraj.foundation.namespace import namespace
 
 DEGREE = 3
 
@@ -185,4 +187,5 @@ def _padded(rows: Float[Array, "rows *batch cells+1"]) -> Float[Array, "rows *ba
 def _overlapped(padded: Float[Array, "rows *batch cells+7"], firsts: range) -> Float[Array, "*batch cells+3"]:
     """Return the sum of the rows; each starts at the coefficient in `firsts`."""
     count = padded.shape[-1] - DEGREE - 1
-    return total(x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
+    rows = (x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
+    return functools.reduce(operator.add, rows)

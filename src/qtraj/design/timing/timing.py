@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.timing.namespace import namespace, total
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.arrays import as_float, is_traced, one_instant, part
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
@@ -75,7 +75,7 @@ class Timing(eqx.Module):
         cells, u = self._with(one_instant(u))
         cell, place = cells.locate(u)
         c = cells.form(cell)
-        shifted = [total(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
+        shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
         return as_float(cells.xp.stack(shifted) / cells.length(cell) ** np.arange(4))
 
     def time(self, u: ScalarLike) -> Scalar:
@@ -302,7 +302,7 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
     result = [shape[-1], *[zero] * (orders - 1)]
     for row in shape[-2::-1]:
         product = [
-            total([zero, *(change[i] * result[k - i] for i in range(1, k + 1))]) for k in range(orders)
+            sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)
         ]
         result = [product[0] + row, *product[1:]]
     return xp.stack(result)
