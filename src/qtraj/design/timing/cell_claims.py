@@ -11,6 +11,7 @@ power is satisfied if P ≤ 0 or w² a P² ≤ limit².
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from qtraj.design.proof.limit_claims import RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.roots import Enclosed, Root, at_bounds
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
@@ -51,16 +53,22 @@ class CellClaims:
     """The claims about a motion, for a `vehicle` whose parameters are constant polynomials in the units of the motion."""
 
     def __init__(self, motion: Motion, vehicle: RoadParameters | None):
+        """Store the motion; `roots` may be set to enclosures of √S, √H and √a."""
         self.motion, self._vehicle = motion, vehicle
+        self.roots: Sequence[Root] | None = None
         self._real = Invariants([None, *motion.path])
         self._own = self._real if motion.ahead is motion.path else Invariants([None, *motion.ahead])
         self._on_road: Any = None
+
+    def squares(self) -> tuple[Any, Any, Any]:
+        """Return the squares S, H and a of the `roots`."""
+        return self._own.S, self._own.H, self.motion.a
 
     def forward(self) -> Claim:
         """Return a = u̇², without its zero at an end at rest; it must be positive."""
         return Claim(self.motion.rest)
 
-    def within(self, name: str, limit: Any) -> Claim | Combined:
+    def within(self, name: str, limit: Any) -> Claim | Combined | Enclosed:
         """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""
         if name in ROAD:
             return self._road(name, limit)
@@ -97,7 +105,7 @@ class CellClaims:
     def _times_factor(self, p: Any) -> Any:
         return p if self._real is self._own else self.motion.factor * p
 
-    def _road(self, name: str, limit: Any) -> Combined:
+    def _road(self, name: str, limit: Any) -> Combined | Enclosed:
         own: Any = self._vehicle
         pace = self._times_factor(self._times_factor(self.motion.a))
         if self._on_road is None:
@@ -105,8 +113,19 @@ class CellClaims:
             self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
         i, entry = self._on_road, QUANTITIES[name]
         if name == "friction":
-            slack = (limit * limit) * entry.denominator(i) - entry.numerator(i)
-            return Combined(Claim(slack), Claim(i.contact.onto), either=False)
+            slack, load = (limit * limit) * entry.denominator(i) - entry.numerator(i), i.contact.onto
+            if self.roots is None:
+                return Combined(Claim(slack), Claim(load), either=False)
+            own = self.roots[:2]
+            return Enclosed([*at_bounds(slack, own), *at_bounds(load, own)], self.roots[:1])
         power = power_numerator(i)
+        if self.roots is not None:
+            S, H, a = self.roots
+            values = [
+                2 * limit * h - self._times_factor(root) * p
+                for h, root in itertools.product((H.low, H.high), (a.low, a.high))
+                for p in at_bounds(power, (S, H._replace(low=h, high=h)))
+            ]
+            return Enclosed(values, self.roots)
         slack = 4 * (limit * limit) * i.H - power * power * pace
         return Combined(Claim(-power), Claim(slack), either=True)

@@ -22,6 +22,7 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import QUANTITIES
@@ -128,6 +129,7 @@ class _Task:
         self._order = 3 if set(THIRD) & set(limits) else 2
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
+        self._roots: list[Enclosure] = []
         self._integers: dict[int, CellClaims] = {}
 
     def decided(self, wanted: Bool[np.ndarray, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
@@ -146,6 +148,10 @@ class _Task:
                 road = self._road._replace(gravity=self._road.gravity * self._unit**2)
                 vehicle = _constants(road, lambda x: BoundedPolynomial.constant(x, k=3))
             self._floats = CellClaims(self._motions.bounded(self._order), vehicle)
+            if self._road is not None:
+                squares = self._floats.squares()
+                self._roots = [enclosure(p.c) for p in squares]
+                self._floats.roots = [root.bounded(p) for root, p in zip(self._roots, squares, strict=True)]
         return self._floats
 
     def _in_integers(self, k: int) -> CellClaims:
@@ -154,7 +160,9 @@ class _Task:
             if self._road is not None:
                 vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
                 vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self._unit[k], 2))
-            self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
+            own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
+            if self._roots and all(root.good[k] for root in self._roots):
+                own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
         return self._integers[k]
 
     def _float_limit(self, name: str) -> BoundedPolynomial:
