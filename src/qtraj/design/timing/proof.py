@@ -25,6 +25,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
+from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
@@ -112,11 +113,14 @@ def _codes(
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
-    rows = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES)
+    rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
     for name, limit in limits.items():
-        wanted = finite & np.isfinite(limit)
+        wanted, divisor = finite & np.isfinite(limit), QUANTITIES[name].divisor
         found = task.decided(wanted, lambda claims, bound, name=name: claims.within(name, bound(name)))
-        proved = forward & (found.proved | (limit == np.inf))
+        if divisor not in positive:
+            own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
+            positive[divisor] = forward & own.proved
+        proved = (positive[divisor] & found.proved) | (forward & (limit == np.inf))
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
