@@ -32,6 +32,9 @@ from qtraj.path.vehicle import RoadParameters
 BLOCK_SIZE = 512
 """Number of cells that are judged together; their data fits into the processor's cache."""
 
+MAX_WORK = 400_000
+"""Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
+
 PerCell = Float[np.ndarray, " n"]
 
 
@@ -143,6 +146,7 @@ class _Task:
             lambda: claim(self._in_floats(), self._float_limit),
             lambda k: claim(self._in_integers(k), lambda name: self._exact_limit(name, k)),
             strict,
+            MAX_WORK,
         )
 
     def _in_floats(self) -> CellClaims:
