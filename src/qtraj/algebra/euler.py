@@ -31,7 +31,9 @@ def from_euler(seq: str, angles: Vec3) -> Quat:
     **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
-    first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True))
+    first, second, third = (
+        _turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
+    )
     if intrinsic:
         return product(first, product(second, third))
     return product(third, product(second, first))

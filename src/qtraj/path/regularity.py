@@ -9,7 +9,7 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
 from qtraj.foundation.namespace import xp
-from qtraj.path.components import dot
+from qtraj.algebra.sparse import is_one
 from qtraj.path.frenet import Invariants
 
 Numbers = Float[Array, "..."]
@@ -61,9 +61,12 @@ def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
     """Return the values to which S = |r'|² and N = |r' × r''|² are compared, to decide whether they are zero."""
-    square = i.A
-    speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
-    return speed_scale, i.S * (square + i.S / duration**2)
+    return i.S + duration**2 * i.A + duration**4 * i.J, cross_norm_reference(i, duration)
+
+
+def cross_norm_reference(i: Invariants, duration: Any) -> Any:
+    """Return the value to which N = |r' × r''|² is compared; numbers or, for the duration 1, polynomials."""
+    return i.S * (i.A + (i.S if is_one(duration) else i.S / duration**2))
 
 
 def is_significant(square: Any, reference: Any) -> Flags:

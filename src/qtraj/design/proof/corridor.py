@@ -146,9 +146,7 @@ def judge_corridor(path: Coefficients, reference: Coefficients, widths: np.ndarr
         lambda: within(BoundedPolynomial.constant(widths), floats()),
         lambda k: within(ExactPolynomial.of(widths[k]), integers(k)),
     )
-    same_sign = decided(
-        every, lambda: _radii(floats()), lambda k: _radii(integers(k)), strict=True
-    ).proved
+    same_sign = decided(every, lambda: _radii(floats()), lambda k: _radii(integers(k)), strict=True).proved
 
     def squared_distance(u: np.ndarray) -> np.ndarray:
         def at(p: Coefficients) -> list[np.ndarray]:

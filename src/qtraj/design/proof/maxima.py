@@ -33,12 +33,12 @@ def find_maxima(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return the instants and the values of the maxima of n functions, whose `samples` on the `grid` are given.
 
-    `hints` are additional instants from which the maximum is refined. A value is NaN if a sample is NaN.
+    `hints` are additional instants from which the maximum is refined. NaN counts as infinite.
     """
     count, spacing = samples.shape[1], 1 / (len(grid) - 1)
     samples = xp.where(xp.isnan(samples), np.inf, samples)
-    best_at, best = _highest(grid[:, None] + 0.0 * samples, samples)
     with np.errstate(invalid="ignore", over="ignore"):
+        best_at, best = _highest(np.broadcast_to(grid[:, None], samples.shape), samples)
         centres = _peaks(samples, grid)
         if hints is not None:
             centres = xp.concatenate([centres, hints[None]])
@@ -66,11 +66,11 @@ def _peaks(samples: Float[np.ndarray, "k n"], grid: Float[np.ndarray, " k"]) -> 
     end = xp.full_like(samples[:1], -np.inf)
     left, right = xp.concatenate([end, samples[:-1]]), xp.concatenate([samples[1:], end])
     heights = xp.where((samples >= left) & (samples >= right), samples, -np.inf)
-    order = xp.argsort(-heights, axis=0)[:PEAKS]
+    order = xp.argpartition(-heights, PEAKS, axis=0)[:PEAKS]
     inner = xp.clip(order, 1, len(grid) - 2)
     take = lambda k: xp.take_along_axis(samples, k, axis=0)  # noqa: E731
     values = xp.stack([take(inner - 1), take(inner), take(inner + 1)], axis=1)
-    nodes = xp.take_along_axis(grid[:, None] + 0.0 * samples, order, axis=0)
+    nodes = xp.take_along_axis(np.broadcast_to(grid[:, None], samples.shape), order, axis=0)
     return xp.where(order == inner, nodes + (grid[1] - grid[0]) * _shift(values), nodes)
 
 
