@@ -1,0 +1,132 @@
+"""The answers that an earlier commit gave to random problems, repeated; see `benchmarks/stored_answers`.
+
+A status may change only from "undecided" to another status. Times of maxima are not compared, because a quantity can
+attain its maximum at several instants; nor are tuned paths, because another path can be as good.
+"""
+
+import numpy as np
+import pytest
+from benchmarks.stored_answers import GROUPS, stored
+
+import qtraj as qt
+from qtraj.design.proof.certificate import STATUSES
+
+COMMIT, STORED = stored()
+UNDECIDED = STATUSES.index("undecided")
+SUCCESSFUL = int(qt.ResultCode.successful)
+
+VALUE = 1e-9
+"""Relative tolerance of largest values; values below the limit are compared relative to the limit."""
+
+OBJECTIVE, SMALL = 1e-9, 1e-10
+"""Relative and absolute tolerance by which an objective of `tune` may be larger than before."""
+
+ROUTE_OBJECTIVE = 1e-6
+"""Relative tolerance by which an objective of `tune_route` may be larger than before; its tightening stops at 1e-6."""
+
+DURATION = 1e-6
+"""Relative tolerance by which a duration of `retime` may be longer than before."""
+
+RESIDUAL, FIT = 1e-6, 1e-5
+"""Relative tolerances of residuals of fits, and of numbers that are not stationary at the best fit."""
+
+QUICK = (
+    "certificates.uniform_1",
+    "certificates.hermite_1",
+    "certificates.quintic_1",
+    "certificates.degenerate",
+    "certificates.hermite_road_1",
+    "tunings.uniform_curved",
+    "tunings.hermite_curved",
+    "retimings.free",
+    "routes.stopping",
+)
+"""Groups of which a few problems are repeated in every run; the marker `slow` selects all problems of all groups."""
+
+SUBSET = 8
+"""Number of problems of a group in every run."""
+
+
+def same_statuses(found, before, given):
+    changed = (found != before) & (before != UNDECIDED)
+    assert not changed.any(), [(tuple(k), before[tuple(k)], found[tuple(k)]) for k in np.argwhere(changed)]
+    assert not np.any((found == UNDECIDED) & (before != UNDECIDED))
+
+
+def same_codes(found, before, given):
+    np.testing.assert_array_equal(found, before)
+
+
+def same_values(found, before, given):
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(before))
+    scale = np.maximum(np.abs(before), given["limits"])
+    assert np.nanmax(np.abs(found - before) / scale, initial=0.0) <= VALUE
+
+
+def as_good(relative, absolute=0.0):
+    """Return a rule by which a number must not be larger than before."""
+
+    def rule(found, before, given):
+        assert np.all(found <= before + relative * np.abs(before) + absolute), np.max(found / before - 1)
+
+    return rule
+
+
+def close(relative):
+    return lambda found, before, given: np.testing.assert_allclose(found, before, rtol=relative)
+
+
+RULES = {
+    "certificates": {"statuses": same_statuses, "values": same_values},
+    "tunings": {"codes": same_codes, "objectives": as_good(OBJECTIVE, SMALL)},
+    "retimings": {"codes": same_codes, "durations": as_good(DURATION), "statuses": same_statuses},
+    "routes": {
+        "codes": same_codes,
+        "statuses": same_statuses,
+        "segment_statuses": same_statuses,
+        "values": same_values,
+        "objectives": as_good(ROUTE_OBJECTIVE),
+        "residuals": close(RESIDUAL),
+        "fits": close(FIT),
+    },
+}
+"""How the fields of an answer are compared, by the kind of the problems; other fields are not compared."""
+
+
+def repeated(name, count=None):
+    """Return the inputs, the stored answer and the present answer to the first `count` problems of a group."""
+    given, before = ({key: x[:count] for key, x in part.items()} for part in STORED[name].values())
+    return given, before, GROUPS[name].answer(given)
+
+
+def compare(name, count=None):
+    given, before, found = repeated(name, count)
+    for field, rule in RULES[name.split(".")[0]].items():
+        if field in before:
+            good = np.ones(len(before[field]), bool)
+            if field in ("objectives", "durations"):
+                good = before["codes"] == SUCCESSFUL
+            rule(found[field][good], before[field][good], {key: x[good] for key, x in given.items()})
+    decided = (before["statuses"] == UNDECIDED) & (found["statuses"] != UNDECIDED) if "statuses" in before else False
+    if np.any(decided):
+        print(f"{name}: {np.sum(decided)} limits that were undecided at {COMMIT} are decided")
+
+
+def test_every_group_is_stored():
+    assert STORED.keys() == GROUPS.keys()
+    counts = dict.fromkeys(RULES, 0)
+    for name, parts in STORED.items():
+        counts[name.split(".")[0]] += len(next(iter(parts["given"].values())))
+    assert counts["certificates"] >= 1000
+    assert counts["tunings"] + counts["retimings"] + counts["routes"] >= 300
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_few_answers_are_as_before(name):
+    compare(name, SUBSET)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GROUPS)
+def test_all_answers_are_as_before(name):
+    compare(name)
