@@ -70,7 +70,7 @@ def turns(family: str, rng: np.random.Generator) -> Fields:
     if kind == "uniform":
         path = jax.vmap(qt.SpiralHelix.from_boundary)(start, end)
     else:
-        path = jax.vmap(partial(qt.SpiralHelix.hermite))(start, end, jnp.asarray(given["duration"]))
+        path = jax.vmap(qt.SpiralHelix.hermite)(start, end, jnp.asarray(given["duration"]))
     found = coefficients(path)
     if placements(given) is None:
         return found
@@ -134,4 +134,6 @@ FAMILIES = {
 }
 """The names of the limits by the family of paths."""
 
-GROUPS = {family: Group(partial(make, family, names), partial(answer, names)) for family, names in FAMILIES.items()}
+GROUPS = {
+    family: Group(partial(make, family, names), partial(answer, names), names) for family, names in FAMILIES.items()
+}

@@ -23,10 +23,14 @@ FLOOR = 1e-6
 
 
 class Group(NamedTuple):
-    """Problems of one kind: a function that creates them from a random generator, and a function that solves them."""
+    """Problems of one kind: a function that creates them from a random generator, and a function that solves them.
+
+    `names` are the names of the limits, in the order of the last axis of the field "limits".
+    """
 
     make: Callable[[np.random.Generator], Fields]
     answer: Callable[[Fields], Fields]
+    names: tuple[str, ...] = ()
 
 
 def random_states(rng: np.random.Generator, count: int, uniform: bool) -> Fields:
@@ -99,11 +103,11 @@ def random_vehicles(rng: np.random.Generator, count: int, banked: bool) -> np.nd
 
     The moments about n and b are equal with a bank, so that n and b are principal axes of inertia.
     """
-    mass, (x, y, z) = rng.uniform(900, 15_000, count), rng.uniform(0.3, 3.0, (3, count))
+    mass, (x, y, z) = rng.uniform(900, 15_000, count), rng.uniform(0.3, 2.0, (3, count))
     z = y if banked else z
     drag, rolling = rng.uniform(0.3, 7.0, count), rng.uniform(0.005, 0.03, count)
     grip, bank = rng.uniform(0.5, 1.2, (2, count)), rng.uniform(-0.15, 0.15, count) * banked
-    return np.stack([mass, mass * x, mass * y, mass * z, drag, rolling, *grip, bank], axis=1)
+    return np.stack([mass, mass * (y + z), mass * (x + z), mass * (x + y), drag, rolling, *grip, bank], axis=1)
 
 
 def largest(names: tuple[str, ...], given: Fields) -> np.ndarray:

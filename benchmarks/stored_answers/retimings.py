@@ -90,4 +90,4 @@ def _retimed(task: Task, given: Fields, k: int) -> qt.Retimed:
     return qt.retime(path, drives.one(task.names, given, k), start, end, knots=KNOTS)
 
 
-GROUPS = {name: Group(partial(make, task), partial(answer, task)) for name, task in TASKS.items()}
+GROUPS = {name: Group(partial(make, task), partial(answer, task), task.names) for name, task in TASKS.items()}

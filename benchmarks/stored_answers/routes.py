@@ -99,7 +99,7 @@ def fits(given: Fields) -> Fields:
 
 
 def _certified(kind: str, count: int, names: tuple[str, ...] = ON_ROUTES, **options: Any) -> Group:
-    return Group(lambda rng: certified(kind, count, names, rng, **options), partial(certificates, names))
+    return Group(lambda rng: certified(kind, count, names, rng, **options), partial(certificates, names), names)
 
 
 GROUPS = {
@@ -109,7 +109,9 @@ GROUPS = {
     "splines": _certified("splines", 6),
     "fitted": _certified("fitted", 6),
     "road": _certified("stopping", 8, ROAD),
-    **{f"tuned_{x}": Group(partial(problems, 6), partial(tuned, x)) for x in ("nearest", "fastest", "smoothest")},
+    **{
+        f"tuned_{x}": Group(partial(problems, 6), partial(tuned, x), TUNED) for x in ("nearest", "fastest", "smoothest")
+    },
     **{f"turns_{x}": Group(partial(windows, 6), partial(turns, x)) for x in ("uniform", "hermite")},
     "fits": Group(partial(windows, 4), fits),
 }

@@ -97,4 +97,4 @@ def answer(task: Task, given: Fields) -> Fields:
     }
 
 
-GROUPS = {name: Group(partial(make, task), partial(answer, task)) for name, task in TASKS.items()}
+GROUPS = {name: Group(partial(make, task), partial(answer, task), task.names) for name, task in TASKS.items()}
