@@ -16,8 +16,8 @@ JOINTS = 9
 ORDERS = ("position", "velocity", "acceleration")
 
 
-def winding(rng: np.random.Generator, count: int) -> Fields:
-    """Return the joints of winding drives over hills, at changing speeds of about 4 to 8 m/s."""
+def winding(rng: np.random.Generator, count: int, noise: float = 0.01) -> Fields:
+    """Return the joints of winding drives over hills, at changing speeds of about 4 to 8 m/s, with random errors."""
     times = np.pad(np.cumsum(rng.uniform(0.8, 1.2, (count, JOINTS - 1)), axis=1), [(0, 0), (1, 0)])
     t = times + rng.uniform(0, 10, (count, 1))
     a, w = rng.uniform(2, 5, (count, 1)), rng.uniform(0.35, 0.55, (count, 1))
@@ -27,7 +27,7 @@ def winding(rng: np.random.Generator, count: int) -> Fields:
         [speed + 0.6 * np.cos(0.3 * t), a * w * np.cos(w * t), -0.1 * np.sin(0.2 * t)],
         [z - 0.18 * np.sin(0.3 * t), -a * w**2 * np.sin(w * t), -0.02 * np.cos(0.2 * t)],
     ]
-    noisy = (np.stack(row, axis=-1) + rng.normal(0, 0.01, (count, JOINTS, 3)) for row in rows)
+    noisy = (np.stack(row, axis=-1) + rng.normal(0, noise, (count, JOINTS, 3)) for row in rows)
     return {"times": times, **dict(zip(ORDERS, noisy, strict=True))}
 
 

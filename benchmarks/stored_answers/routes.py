@@ -14,11 +14,12 @@ from .group import FLOOR, LOOSE, Fields, Group, random_vehicles
 ON_ROUTES = tuple(name for name in PLAIN if name not in ("torsion", "angular_rate", "angular_acceleration"))
 TUNED = ("curvature", "speed", "lateral_acceleration")
 
-WINDOWS = {
-    "right": (68.8, 74.8),
-    "left": (80.0, 87.6),
-}
-"""Parts of the recording with one bend each [s]; the windows of fits start and end at random inside them."""
+DRIVE = drives.DATA.parents[1] / "examples" / "drive_8km.csv.gz"
+BENDS = (23.3, 31.9, 46.6, 587.7, 596.8, 605.9, 618.7, 1061.9, 1091.8)
+"""Times [s] at which bends of the recorded drive start; each takes about `BEND` [s]."""
+
+BEND, STRETCH = 6.0, 20.0
+"""Lengths [s] of the windows for fits of turns and of routes."""
 
 
 def certified(kind: str, count: int, names: tuple[str, ...], rng: np.random.Generator, **options: Any) -> Fields:
@@ -47,12 +48,22 @@ def _certificate(names: tuple[str, ...], given: Fields, k: int) -> qt.RouteCerti
 
 
 def problems(count: int, rng: np.random.Generator) -> Fields:
-    """Return random winding drives with limits that they violate, and the half-widths of tubes."""
-    given = drives.winding(rng, count)
-    route = [drives.route(given, k) for k in range(count)]
+    """Return random winding drives with limits that they violate but not at their ends, and half-widths of tubes."""
+    given = drives.winding(rng, count, noise=0.0)
+    routes = [drives.route(given, k) for k in range(count)]
     loose = qt.Limits(**dict.fromkeys(TUNED, LOOSE))
-    values = np.stack([np.asarray(qt.certify(x, loose).whole.values) for x in route])
-    return given | {"limits": values * rng.uniform(0.9, 1.0, values.shape), "tube": rng.uniform(0.4, 0.8, count)}
+    largest = np.stack([np.asarray(qt.certify(x, loose).whole.values) for x in routes])
+    ends = np.stack([_at_ends(x) for x in routes])
+    limits = np.maximum(largest * rng.uniform(0.93, 0.99, largest.shape), 1.03 * ends)
+    return given | {"limits": limits, "tube": rng.uniform(0.4, 0.8, count)}
+
+
+def _at_ends(route: qt.Route) -> np.ndarray:
+    """Return the larger value of each quantity in `TUNED` at the two ends of a route."""
+    velocity, acceleration = np.moveaxis(np.asarray(route.joints())[[0, -1], 1:], 1, 0)
+    speed = np.linalg.norm(velocity, axis=1)
+    lateral = np.linalg.norm(np.cross(velocity, acceleration), axis=1) / speed
+    return np.stack([lateral / speed**2, speed, lateral]).max(axis=1)
 
 
 def tuned(objective: str, given: Fields) -> Fields:
@@ -69,15 +80,15 @@ def tuned(objective: str, given: Fields) -> Fields:
     }
 
 
-def windows(count: int, rng: np.random.Generator) -> Fields:
-    """Return random windows of a recording, each with one bend."""
-    ends = np.array(list(WINDOWS.values()))[rng.integers(0, len(WINDOWS), count)]
-    return {"windows": ends + rng.uniform(0.0, 0.8, (count, 2)) * [1, -1]}
+def windows(length: float, count: int, rng: np.random.Generator) -> Fields:
+    """Return random windows (start, end) [s] of the recorded drive; each starts close to the start of a bend."""
+    begin = rng.choice(BENDS, count, replace=False) + rng.uniform(-0.3, 0.3, count)
+    return {"windows": np.stack([begin, begin + length], axis=1)}
 
 
 def turns(motion: str, given: Fields) -> Fields:
     """Return result codes, residuals, and coefficients of fitted turns."""
-    track = qt.read_track(drives.BENDS)
+    track = qt.read_track(DRIVE)
     found = [qt.fit(track.window(*window), motion=motion) for window in given["windows"].tolist()]
     return {
         "codes": np.array([int(x.code) for x in found], np.int8),
@@ -89,7 +100,7 @@ def turns(motion: str, given: Fields) -> Fields:
 
 def fits(given: Fields) -> Fields:
     """Return result codes, residuals, prediction errors and smoothing of fitted routes."""
-    track = qt.read_track(drives.BENDS)
+    track = qt.read_track(DRIVE)
     found = [qt.fit_route(track.window(*window)) for window in given["windows"].tolist()]
     return {
         "codes": np.array([int(x.code) for x in found], np.int8),
@@ -112,6 +123,6 @@ GROUPS = {
     **{
         f"tuned_{x}": Group(partial(problems, 6), partial(tuned, x), TUNED) for x in ("nearest", "fastest", "smoothest")
     },
-    **{f"turns_{x}": Group(partial(windows, 6), partial(turns, x)) for x in ("uniform", "hermite")},
-    "fits": Group(partial(windows, 4), fits),
+    **{f"turns_{x}": Group(partial(windows, BEND, 6), partial(turns, x)) for x in ("uniform", "hermite")},
+    "fits": Group(partial(windows, STRETCH, 4), fits),
 }
