@@ -48,7 +48,7 @@ def _head():
 def _save(commit, groups):
     ordered = {name: groups[name] for name in GROUPS if name in groups}
     arrays = {
-        f"{name}.{part}.{field}": values
+        f"{name}.{part}.{field}": values.astype(np.float32) if field == "times" and part == "answer" else values
         for name, parts in ordered.items()
         for part, fields in parts.items()
         for field, values in fields.items()

@@ -116,7 +116,7 @@ def answer(names: tuple[str, ...], given: Fields) -> Fields:
     found = qt.certify(paths(given), limits_of(names, given))
     return {
         "statuses": np.asarray(found.codes).astype(np.int8),
-        "times": np.asarray(found.times).astype(np.float32),
+        "times": np.asarray(found.times),
         "values": np.asarray(found.values),
     }
 

@@ -18,8 +18,11 @@ DIGITS, SAMPLES = 60, 257
 NEAR, STEPS = 1e-3, 60
 """Part of the duration in which the largest excess near a reported time is sought, and steps of this search."""
 
-ROUNDED = mpmath.mpf(10) ** -14
-"""Relative size of a divisor below which a quantity counts as undefined."""
+DIVISORS = {"speed": "S", "level": "H", "cross_norm": "N"}
+"""Names of divisors in `Invariants`."""
+
+ROUNDED = 1e-12
+"""A divisor, relative to its largest value along the path, below which a quantity may be undefined."""
 
 
 def contradiction(given: Fields, k: int, name: str, limit: float, status: str, time: float) -> str:
@@ -29,14 +32,16 @@ def contradiction(given: Fields, k: int, name: str, limit: float, status: str, t
     violated near `time`; the divisor of an "undefined" quantity must be negligible at `time`.
     """
     with mpmath.workdps(DIGITS):
-        excess = _excess(given, k, name, limit)
+        invariants, entry, duration = _invariants(given, k), quantity(name), float(given["duration"][k])
+        instants = np.linspace(0.0, duration, SAMPLES).tolist()
         if status == "undefined":
-            divisor, size = excess(time)[1:]
-            return "" if divisor <= ROUNDED * size else f"the relative divisor is {mpmath.nstr(divisor / size, 5)}"
-        duration = float(given["duration"][k])
-        largest = _largest(lambda t: excess(t)[0], time, duration)
+            divisors = [getattr(invariants(t), DIVISORS.get(entry.divisor or "", "S")) for t in (time, *instants)]
+            share = divisors[0] / (max(divisors) or 1)
+            return "" if share <= ROUNDED else f"the divisor is {mpmath.nstr(share, 5)} times its largest value"
+        excess = _excess(entry, invariants, limit)
+        largest = _largest(excess, time, duration)
         if status == "proved":
-            largest = max(largest, *(excess(t)[0] for t in np.linspace(0.0, duration, SAMPLES).tolist()))
+            largest = max(largest, *map(excess, instants))
         right = {"proved": largest <= 0, "broken": largest > 0}
         return "" if right.get(status, True) else f"the largest excess is {mpmath.nstr(largest, 5)}"
 
@@ -55,22 +60,24 @@ def _largest(excess, time: float, duration: float):
     return best
 
 
-def _excess(given: Fields, k: int, name: str, limit: float):
-    """Return a function of time: numerator − limit²·denominator, the divisor, and the size of the divisor."""
-    entry = quantity(name)
+def _invariants(given: Fields, k: int):
+    """Return a function of time that returns the invariants of path k."""
     rows = [_exact(given[key][k]) for key in ("radius", "angle", "height")]
     vehicle = None
     if "vehicle" in given:
-        fields = car(given["vehicle"][k]).parameters()
-        vehicle = SimpleNamespace(**{key: mpmath.mpf(float(x)) for key, x in fields._asdict().items()})
-    bound = mpmath.mpf(float(limit)) / (1 if entry.factor is None else entry.factor(vehicle))
+        parameters = car(given["vehicle"][k]).parameters()._asdict()
+        vehicle = SimpleNamespace(**{key: mpmath.mpf(float(x)) for key, x in parameters.items()})
+    return lambda t: Invariants(_derivatives(rows, mpmath.mpf(t)), vehicle=vehicle, root=mpmath.sqrt)
+
+
+def _excess(entry, invariants, limit: float):
+    """Return a function of time: numerator − limit²·denominator, or numerator − limit·denominator if it has a sign."""
 
     def excess(t):
-        i = Invariants(_derivatives(rows, mpmath.mpf(t)), vehicle=vehicle, root=mpmath.sqrt)
+        i = invariants(t)
+        bound = mpmath.mpf(float(limit)) / (1 if entry.factor is None else entry.factor(i.vehicle))
         denominator = 1 if entry.denominator is None else entry.denominator(i)
-        size = {"cross_norm": i.S * i.A, "level": i.S, "speed": mpmath.mpf(1)}.get(entry.divisor or "", mpmath.mpf(1))
-        divisor = {"cross_norm": i.N, "level": i.H, "speed": i.S}.get(entry.divisor or "", mpmath.mpf(1))
-        return entry.numerator(i) - (bound if entry.signed else bound**2) * denominator, divisor, size
+        return entry.numerator(i) - (bound if entry.signed else bound**2) * denominator
 
     return excess
 
