@@ -89,10 +89,11 @@ def surd(rng, kinds):
 
 
 def evaluated(number, u):
+    def at(p):
+        exact = Fraction(0) if isinstance(p, int) else value(p, u)
+        return mpmath.mpf(exact.numerator) / exact.denominator
+
     with mpmath.workdps(DIGITS):
-        at = lambda p: (
-            mpmath.mpf(0) if isinstance(p, int) else mpmath.mpf(value(p, u).numerator) / value(p, u).denominator
-        )  # noqa: E731
         S, H = (mpmath.sqrt(at(p)) for p in number.squares)
         a, b, c, d = map(at, number.terms)
         return a + b * S + c * H + d * S * H

@@ -1,7 +1,6 @@
 """Limits proved on every segment of a route: dense samples, planted violations, stops and straights, splines."""
 
 import jax
-import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest

@@ -8,8 +8,8 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
-from qtraj.foundation.namespace import xp
 from qtraj.algebra.sparse import is_one
+from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 
 Numbers = Float[Array, "..."]

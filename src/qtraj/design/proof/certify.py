@@ -95,8 +95,9 @@ def certify(
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
     contributes to the distance as an arc length.
 
-    **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a reference, or with a reference about a different
-    axis. RuntimeError with `throw` if a limit is violated, undecided or undefined.
+    **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a
+    reference, or with a reference about a different axis. RuntimeError with `throw` if a limit is violated, undecided
+    or undefined.
     """
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")

@@ -1,6 +1,6 @@
-"""Find the maxima of functions on [0, 1] for a batch of paths, from function values only.
+"""Find the maxima of functions on [0, 1] for a batch of paths, from function values only, in NumPy or JAX.
 
-The functions are sampled on a grid, in NumPy or JAX. The highest local maxima are refined by parabolas on narrower and narrower windows.
+The functions are sampled on a grid. The highest local maxima are refined by parabolas on narrower and narrower windows.
 A narrow peak that is well below the largest sample can be missed.
 """
 
