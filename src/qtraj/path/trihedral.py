@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -164,6 +165,15 @@ def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Inv
     zero = xp.zeros_like(rows[0][0])
     i = basis.invariants([filled(row, zero) for row in rows])
     return i, basis, frame.components_at(t, i, basis, as_float(path.duration).astype(i.S.dtype))
+
+
+def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
+    """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`."""
+    _, basis, found = frames(path, times, frame)
+    if found is None:
+        return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
+    rows = [xp.stack(xp.broadcast_arrays(*basis.world(v)), axis=-1) for v in found.axes]
+    return xp.stack(rows, axis=-2)
 
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
