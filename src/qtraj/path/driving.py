@@ -116,10 +116,10 @@ class Driving(AbstractFrame):
         return upright.components(Invariants([i.r[0], *directions, i.r[4]]), basis, duration)
 
     def _held(self, t: Array, start: Array, angles: Float[Array, "*times 2 6"]) -> tuple[Triple, Triple, Triple]:
-        """Return the first three derivatives of a fictitious motion at unit speed, with the heading and pitch of a stop.
+        """Return the first three derivatives of a fictitious motion at unit speed with the heading and pitch of a stop.
 
-        The rows of `angles` are the ascending coefficients of heading and pitch in the time since `start`. Let h and p
-        be heading and pitch, and e(h) the horizontal unit vector at h. The velocity is cos p·e(h) + sin p·up.
+        The rows of `angles` are the ascending coefficients of heading and pitch in the time since `start`. Let h be the
+        heading, p the pitch, and e(h) the horizontal unit vector at h. The velocity is cos p·e(h) + sin p·up.
         """
         up = Upright(self.up).unit_up(t.dtype)
         reference = level(up)

@@ -7,7 +7,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
-from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
+from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
