@@ -95,7 +95,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         x, y, z, angle = self.polynomials().series(t, order)
         cos, sin, zero = xp.cos(angle[0]), xp.sin(angle[0]), xp.zeros_like(angle[0])
         rows = [rotated_z(filled(row, zero), cos, sin) for row in in_moving_basis(x, y, z, angle)]
-        world = [xp.stack(xp.broadcast_arrays(*row), axis=-1) for row in rows]
+        world = [xp.stack(row, axis=-1) for row in rows]
         if self.placement is None:
             return world
         world = [self.placement.to_world(row) for row in world]

@@ -172,7 +172,7 @@ def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFram
     _, basis, found = frames(path, times, frame)
     if found is None:
         return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
-    rows = [xp.stack(xp.broadcast_arrays(*basis.world(v)), axis=-1) for v in found.axes]
+    rows = [xp.stack(basis.world(v), axis=-1) for v in found.axes]
     return xp.stack(rows, axis=-2)
 
 
