@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, concrete, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, is_host, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -272,7 +273,7 @@ class Route(AbstractHodograph, AbstractResult):
 
 @in_numpy
 def _derivatives(route: Route, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
-    return xp.stack(route.sampled(t, order))
+    return xp.stack(method(route, "sampled")(t, order))
 
 
 @of_arrays

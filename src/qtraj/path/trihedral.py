@@ -17,8 +17,9 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.algebra.cpu import in_one_loop, root
 from qtraj.algebra.vector import unit
-from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
+from qtraj.foundation.arrays import concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, matmul, xp
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -132,7 +133,7 @@ class AbstractFrame(eqx.Module):
 
     def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
         """Return `components` at the times `t` [s]; only frames that depend on time override this method."""
-        return self.components(i, basis, duration)
+        return method(self, "components")(i, basis, duration)
 
 
 def trihedral(
@@ -156,15 +157,17 @@ def trihedral(
 
 def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Invariants, Basis, FrameComponents | None]:
     """Return the frame at the times `t` [s], of any shape, with the invariants of the path and its moving basis."""
-    polynomials = path.polynomials()
+    polynomials = method(path, "polynomials")()
     if polynomials is None:
-        basis, rows = Basis(), [triple(row) for row in (path.sampled if xp.ndim(t) else path.derivatives)(t, 4)]
+        rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, 4)
+        basis, rows = Basis(), [triple(row) for row in rows]
     else:
-        x, y, z, angle = polynomials.series(t, 4)
+        x, y, z, angle = method(polynomials, "series")(t, 4)
         basis, rows = Basis(angle[0], polynomials.placement), in_moving_basis(x, y, z, angle)
     zero = xp.zeros_like(rows[0][0])
     i = basis.invariants([filled(row, zero) for row in rows])
-    return i, basis, frame.components_at(t, i, basis, as_float(path.duration).astype(i.S.dtype))
+    duration = xp.asarray(path.duration).astype(i.S.dtype)
+    return i, basis, method(frame, "components_at")(t, i, basis, duration)
 
 
 def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
@@ -178,10 +181,9 @@ def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFram
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
     i, basis, found = frames(path, t, frame)
-    duration = as_float(path.duration)
-    if found is None:
-        return frame.at(t, path.derivatives(t, 4), duration).in_axes(axes)
-    return _assembled(i, basis, found, duration).in_axes(axes)
+    duration = xp.asarray(path.duration)
+    at = frame.at(t, path.derivatives(t, 4), duration) if found is None else _assembled(i, basis, found, duration)
+    return at if axes == BODY else at.in_axes(axes)
 
 
 _compiled_trihedral = eqx.filter_jit(_jax_trihedral)
