@@ -50,7 +50,7 @@ def require_defined(path: AbstractHodograph, frame: AbstractFrame) -> None:
 
 
 def _jax_defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
-    found = frames(path, times, frame)[2]
+    found = frames(path, times, frame)[3]
     if found is None:
         return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)
     return xp.broadcast_to(found.defined, times.shape)

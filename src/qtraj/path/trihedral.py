@@ -155,8 +155,8 @@ def trihedral(
     return compute(path, one_instant(t), frame, axes)
 
 
-def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Invariants, Basis, FrameComponents | None]:
-    """Return the frame at the times `t` [s], of any shape, with the invariants of the path and its moving basis."""
+def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Any, Basis, Any, FrameComponents | None]:
+    """Return invariants, moving basis, duration and frame at the times `t` [s], of any shape."""
     polynomials = method(path, "polynomials")()
     if polynomials is None:
         rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, 4)
@@ -167,12 +167,12 @@ def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Inv
     zero = xp.zeros_like(rows[0][0])
     i = basis.invariants([filled(row, zero) for row in rows])
     duration = xp.asarray(path.duration).astype(i.S.dtype)
-    return i, basis, method(frame, "components_at")(t, i, basis, duration)
+    return i, basis, duration, method(frame, "components_at")(t, i, basis, duration)
 
 
 def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
     """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`."""
-    _, basis, found = frames(path, times, frame)
+    _, basis, _, found = frames(path, times, frame)
     if found is None:
         return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
     rows = [xp.stack(basis.world(v), axis=-1) for v in found.axes]
@@ -180,8 +180,7 @@ def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFram
 
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
-    i, basis, found = frames(path, t, frame)
-    duration = xp.asarray(path.duration)
+    i, basis, duration, found = frames(path, t, frame)
     at = frame.at(t, path.derivatives(t, 4), duration) if found is None else _assembled(i, basis, found, duration)
     return at if axes == BODY else at.in_axes(axes)
 
@@ -192,7 +191,6 @@ _trihedral = in_numpy(_jax_trihedral, _compiled_trihedral)
 
 def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Scalar) -> Trihedral:
     """Return the trihedral of a frame in components; all numbers are computed in one loop."""
-    duration = duration.astype(i.S.dtype)
     axes = [basis.world(v) for v in found.axes]
     numbers = in_one_loop(
         [
@@ -213,7 +211,8 @@ def from_rows(frame: AbstractFrame, t: Scalar | None, r: Float[Array, "5 3"], du
     """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
     basis = Basis()
     i = basis.invariants([triple(row) for row in r])
-    found: Any = frame.components_at(t, i, basis, duration.astype(r.dtype))
+    duration = duration.astype(r.dtype)
+    found: Any = frame.components_at(t, i, basis, duration)
     return _assembled(i, basis, found, duration)
 
 
