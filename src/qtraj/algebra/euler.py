@@ -13,7 +13,6 @@ quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has
 import math
 from typing import Any
 
-
 from qtraj.algebra.quaternion import canonical, components, product
 from qtraj.algebra.vector import balanced, norm
 from qtraj.foundation.namespace import of_arrays, xp

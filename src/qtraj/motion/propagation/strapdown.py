@@ -85,7 +85,7 @@ def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "
             f"rates must have shape ({times.shape[0]}, 3), one row for each time, but shape {rates.shape} was given"
         )
     if kind != "instantaneous":
-        rates = rates.at[0].set(0.0)
+        rates = jnp.asarray(rates).at[0].set(0.0)
     values = concrete(rates)
     if values is not None and not np.all(np.isfinite(values)):
         i = int(np.argmin(np.all(np.isfinite(values), axis=1)))
