@@ -25,7 +25,7 @@ from qtraj.path.frame_components import UP, Basis, FrameComponents, Quaternion, 
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
-from qtraj.path.path_quantity import Division, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.rate_axes import BODY
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
@@ -35,10 +35,6 @@ Times = Float[Array, "rows instants"]
 
 ORDER = 4
 """Order of the highest derivative of a path that any output needs."""
-
-DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
-"""Functions for quotients and inverse roots with positive divisors, used by the formulas of path quantities."""
-
 
 class Instants:
     """All outputs of a batch of paths at the times `t` (paths or 1, instants) [s].
@@ -77,7 +73,7 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """Return the values of a path quantity."""
-        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants, DIVISION)
+        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants)
 
     @cached_property
     def invariants(self) -> Invariants:

@@ -7,11 +7,11 @@ over the instants. Where a frame does not exist, `defined` is false, but all val
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
 from qtraj.algebra import hamilton, quaternion, rotation
 from qtraj.algebra.cpu import cos_sin, inverse_root, root
+from qtraj.foundation.namespace import xp
 from qtraj.path.components import Triple, cross, dot, rotated_z, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.placement import Placement
@@ -53,10 +53,10 @@ class Basis:
         if placement is not None:
             dtype = placement.origin.dtype if angle is None else angle.dtype
             self.origin = triple(placement.origin.astype(dtype))
-            unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(dtype))
-            self.orientation = tuple(unit[..., k] for k in range(4))
+            unit = quaternion.unit(placement.orientation.astype(dtype))
+            self.orientation = quaternion.components(unit)
             # The rows of the direction cosine matrix are the axes of the placement in world components.
-            dcm = jnp.vectorize(rotation.to_dcm, signature="(q)->(i,j)")(unit)
+            dcm = rotation.to_dcm(unit)
             self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
 
     def world(self, v: Triple) -> Triple:
@@ -90,7 +90,7 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
     rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
-    zero = jnp.zeros_like(i.S)
+    zero = xp.zeros_like(i.S)
     axes = _axes(basis, i.r[1], scaled(i.c, inv_cross_norm), exists)
     return FrameComponents(axes, (rate[0], zero, rate[1]), (acceleration[0], zero, acceleration[1]), exists)
 
@@ -143,4 +143,4 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple
 
 
 def _vanishes(square: Array) -> Array:
-    return square < float(jnp.finfo(square.dtype).tiny)
+    return square < float(xp.finfo(square.dtype).tiny)

@@ -6,9 +6,9 @@ The functions accept numbers or triples of arrays, as in `frenet`.
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from qtraj.foundation.namespace import xp
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants
 
@@ -68,11 +68,11 @@ def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
 
 def is_significant(square: Any, reference: Any) -> Flags:
     """Return whether `square` exceeds both `reference` times the squared tolerance and the smallest normal number."""
-    limits = jnp.finfo(square.dtype)
+    limits = xp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
-    return jnp.maximum(reference * tolerance, float(limits.tiny)) < square
+    return xp.maximum(reference * tolerance, float(limits.tiny)) < square
 
 
 def _ratio(square: Any, reference: Any) -> Any:
     positive = reference > 0
-    return jnp.where(positive, square / jnp.where(positive, reference, 1.0), 0.0)
+    return xp.where(positive, square / xp.where(positive, reference, 1.0), 0.0)
