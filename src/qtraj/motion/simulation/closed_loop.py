@@ -19,8 +19,9 @@ def run(
 ) -> tuple[States, Int[Array, ""]]:
     """Integrate the closed loop, and return the motion at the times of `task` and the result code.
 
-    `references` are the attitudes of the program at these times, with fields (n, …). With `renewals` [s], the command is held between these instants if the sensor or the actuator is sampled, and the
-    command is continuous if only the law updates its sign. Without `renewals`, the command is continuous.
+    `references` are the attitudes of the program at these times, with fields (n, …). With `renewals` [s], the command
+    is held between these instants if the sensor or the actuator is sampled, and the command is continuous if only the
+    law updates its sign. Without `renewals`, the command is continuous.
     """
     plant = Plant(loop, Scale(task))
     if renewals is None or not loop.holds:

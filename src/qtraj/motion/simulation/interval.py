@@ -61,6 +61,7 @@ class IntervalField(eqx.Module):
     nudge: Scalar
 
     def __call__(self, u: Scalar, state: State) -> State:
+        """Return dy/du at `u` and the state y."""
         t = self.before + u * self.interval
         inside = jnp.clip(t, self.before + self.nudge, self.before + self.interval - self.nudge)
         t = t + jax.lax.stop_gradient(inside - t)

@@ -94,9 +94,7 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign:
     first = jax.tree.map(lambda x: x[0], references)
     task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
     states, code = run(loop, task, renewals, references)
-    errors, angles = jax.lax.map(
-        lambda x: (loop.law.deviation(*x), error_angle(*x)), (references, states.quaternion)
-    )
+    errors, angles = jax.lax.map(lambda x: (loop.law.deviation(*x), error_angle(*x)), (references, states.quaternion))
     code = _refined_code(loop.law, code, references, states.quaternion)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
     body_motion = _body_motion(loop, task, states, references)
