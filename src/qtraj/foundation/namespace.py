@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -111,18 +112,20 @@ def needs_jax(leaves: Iterable[Any]) -> bool:
     return any(not _in_numpy[type(x)] and (isinstance(x, Tracer) or not _on_cpu(x)) for x in leaves)
 
 
-def in_numpy(function: Function) -> Function:
+def in_numpy(function: Function, otherwise: Callable[..., Any] | None = None) -> Function:
     """Compute a function in NumPy unless an argument contains a tracer or an array on an accelerator.
 
     The arguments are trees of arrays. Floats of any precision are computed in float64. If an argument contains JAX
-    arrays, the results are JAX arrays, in the widest of their float dtypes.
+    arrays, the results are JAX arrays, in the widest of their float dtypes. `otherwise` is the function for tracers and
+    accelerators, by default the same function.
     """
+    other = function if otherwise is None else otherwise
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         if needs_jax(leaves):
-            return function(*args, **kwargs)
+            return other(*args, **kwargs)
         dtypes = [x.dtype for x in leaves if not _in_numpy[type(x)]]
         with np.errstate(all="ignore"):  # as in JAX, invalid operations result in NaN and infinity
             if not dtypes:
@@ -131,6 +134,11 @@ def in_numpy(function: Function) -> Function:
             return to_jax(function(*args, **kwargs), float_dtype(dtypes))
 
     return call  # type: ignore[return-value]
+
+
+def in_numpy_or_jit(function: Function) -> Function:
+    """Compute a function in NumPy as `in_numpy` does; for tracers and on accelerators, compile it as a whole."""
+    return in_numpy(function, eqx.filter_jit(function))
 
 
 def of_arrays(function: Function) -> Function:
