@@ -48,9 +48,7 @@ def directions(s: Segments, standing: Bool[np.ndarray, "segments 2"]) -> dict[in
 
 
 def _direction(c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray) -> Direction:
-    q: Vector = tuple(
-        ExactPolynomial.from_floats(c[:, axis]).substituted(duration).derivative() for axis in range(3)
-    )
+    q: Vector = tuple(ExactPolynomial.from_floats(c[:, axis]).substituted(duration).derivative() for axis in range(3))
     size, factor = _size(q), ExactPolynomial([1])
     for side, own in zip(standing, (ExactPolynomial([0, 1]), ExactPolynomial([1, -1])), strict=True):
         while side and max(abs(p.floats()[0]) for p in q) <= STANDS * size:

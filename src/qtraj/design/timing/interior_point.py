@@ -163,7 +163,9 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
         ds = -off - rise
         dz = target * inv_slacks - z - ratio * ds
         if not last:
-            primal, dual = (_of_problems(np.minimum(_length(*x), 1.0)) for x in ((inv_slacks, ds), (inv_multipliers, dz)))
+            primal, dual = (
+                _of_problems(np.minimum(_length(*x), 1.0)) for x in ((inv_slacks, ds), (inv_multipliers, dz))
+            )
             predicted = _sum((s.slacks + primal * ds) * (z + dual * dz)) / count
             centring = np.clip((predicted / mean) ** 3, 1e-6, 1.0)
             target = _of_problems(np.maximum(centring * mean, np.minimum(least, mean))) - primal * dual * ds * dz
@@ -203,7 +205,9 @@ class _Scaled(NamedTuple):
 
 
 def factored(
-    free: Float[np.ndarray, " cells+3"], table: np.ndarray, curvature: Float[np.ndarray, "orders orders batch 2 cells+1"]
+    free: Float[np.ndarray, " cells+3"],
+    table: np.ndarray,
+    curvature: Float[np.ndarray, "orders orders batch 2 cells+1"],
 ) -> _Scaled:
     """Factorise the band matrices of the second derivatives `curvature` at the nodes."""
     own, *below = gathered_band(table, curvature)

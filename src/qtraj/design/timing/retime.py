@@ -255,7 +255,12 @@ def _judged(
 
 
 def _code(
-    xp: Any, code: Array, searches: list[Found], enough: Array, speeds: tuple[Array, Array], finite: tuple[Array, Scalar]
+    xp: Any,
+    code: Array,
+    searches: list[Found],
+    enough: Array,
+    speeds: tuple[Array, Array],
+    finite: tuple[Array, Scalar],
 ) -> Array:
     """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
 

@@ -243,9 +243,7 @@ def _searched(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...
     return Result(state.coefficients, next(nodes), next(nodes), *state[3:], *nodes, free)
 
 
-def _satisfied(
-    r: Result, best: Array, t: Tables, between: Parts, names: tuple[str, ...]
-) -> tuple[Array, Array, Array]:
+def _satisfied(r: Result, best: Array, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
     `best` are the coefficients of the last search, with their derivatives.

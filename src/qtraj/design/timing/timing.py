@@ -211,7 +211,9 @@ _traced_times = eqx.filter_jit(_knot_times)
 def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
     """Return the time [s] from the start of a cell to the position `_stretched(z)`."""
     xp = namespace(c, length, z)
-    at, weights = (xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2))
+    at, weights = (
+        xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2)
+    )
     c, length, starts, ends = (xp.asarray(x)[..., None] for x in (c, length, starts, ends))
     return z * xp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
 
@@ -301,9 +303,7 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
     zero = xp.zeros_like(shape[0])
     result = [shape[-1], *[zero] * (orders - 1)]
     for row in shape[-2::-1]:
-        product = [
-            sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)
-        ]
+        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)]
         result = [product[0] + row, *product[1:]]
     return xp.stack(result)
 
