@@ -16,11 +16,14 @@ from qtraj.foundation.namespace import xp
 PEAKS = 3
 """Number of local maxima of the samples that are refined."""
 
-OFFSETS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-"""The instants of a window, in units of their spacing."""
+OFFSETS = np.linspace(-1.0, 1.0, 7)
+"""The instants of a window, in units of its half-width."""
 
-NARROWING = (4.0, 32.0, 256.0)
-"""Factors by which the instants of the windows are closer together than the samples, one for each refinement."""
+WIDE, NARROW = (1.0, 1 / 4), (1 / 8, 1 / 32, 1 / 256, 1 / 2048)
+"""Half-widths of the windows about all local maxima, and then about the highest one, in units of the samples' spacing.
+
+A window contains the instants next to the largest value in the previous window.
+"""
 
 Function = Callable[[Float[np.ndarray, "k n"]], Float[np.ndarray, "k n"]]
 
@@ -42,14 +45,17 @@ def find_maxima(
         centres = _peaks(samples, grid)
         if hints is not None:
             centres = xp.concatenate([centres, hints[None]])
-        for narrowing in NARROWING:
-            u = xp.clip(centres[:, None] + (spacing / narrowing) * OFFSETS[None, :, None], 0.0, 1.0)
+        for width in (*WIDE, *NARROW):
+            u = xp.clip(centres[:, None] + (spacing * width) * OFFSETS[None, :, None], 0.0, 1.0)
             values = function(u.reshape(-1, count)).reshape(u.shape)
             values = xp.where(xp.isnan(values), np.inf, values)
             at, highest = _highest(u.reshape(-1, count), values.reshape(-1, count))
             best_at, best = xp.where(highest > best, at, best_at), xp.maximum(highest, best)
             centres = _vertices(u, values)
-        at, highest = _highest(centres, function(centres))
+            if width == WIDE[-1]:
+                place = xp.argmax(xp.max(values, axis=1), axis=0)[None]
+                centres = xp.take_along_axis(centres, place, axis=0)
+        at, highest = centres[0], function(centres)[0]
         # Among equal values, prefer the vertex of a parabola: it is the best estimate of the instant of the maximum.
         chosen = highest >= best - 4 * np.finfo(float).eps * abs(best)
     return xp.where(chosen, at, best_at), xp.where(chosen, xp.fmax(highest, best), best)
@@ -74,7 +80,7 @@ def _peaks(samples: Float[np.ndarray, "k n"], grid: Float[np.ndarray, " k"]) -> 
     return xp.where(order == inner, nodes + (grid[1] - grid[0]) * _shift(values), nodes)
 
 
-def _vertices(u: Float[np.ndarray, "p 5 n"], values: Float[np.ndarray, "p 5 n"]) -> Float[np.ndarray, "p n"]:
+def _vertices(u: Float[np.ndarray, "p 7 n"], values: Float[np.ndarray, "p 7 n"]) -> Float[np.ndarray, "p n"]:
     """Return the vertex of the parabola through the highest value in each window and its neighbours."""
     inner = xp.clip(xp.argmax(values, axis=1), 1, len(OFFSETS) - 2)[:, None]
     take = lambda a, k: xp.take_along_axis(a, k, axis=1)[:, 0]  # noqa: E731
