@@ -28,6 +28,7 @@ def decided(
     in_floats: Callable[[], Claim | None],
     in_integers: Callable[[int], Claim],
     strict: bool = False,
+    max_work: int = subdivision.MAX_WORK,
 ) -> Decided:
     """Decide the `wanted` claims: whether each is nonnegative on [0, 1], or positive if `strict`.
 
@@ -44,7 +45,7 @@ def decided(
                 result.at[:] = found.at
     for k in np.flatnonzero(wanted & ~(result.proved | result.refuted)):
         try:
-            decision = subdivision.decide(in_integers(int(k)), strict)
+            decision = subdivision.decide(in_integers(int(k)), strict, max_work)
         except (OverflowError, ValueError):  # a coefficient is infinite or NaN
             continue
         result.proved[k], result.refuted[k], result.at[k] = decision.proved, decision.refuted, decision.at

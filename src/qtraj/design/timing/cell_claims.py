@@ -17,7 +17,7 @@ from typing import Any
 
 from qtraj.algebra.signs import Signs
 from qtraj.algebra.surd import Claim
-from qtraj.design.proof.limit_claims import RoadInvariants
+from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.road import ROAD
@@ -67,6 +67,10 @@ class CellClaims:
     def forward(self) -> Claim:
         """Return a = u̇², without its zero at an end at rest; it must be positive."""
         return Claim(self.motion.rest)
+
+    def divisor(self, name: str) -> Claim:
+        """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
+        return Claim(getattr(self._own, DIVISORS[name]))
 
     def within(self, name: str, limit: Any) -> Claim | Combined | Enclosed:
         """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""

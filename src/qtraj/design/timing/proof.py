@@ -25,11 +25,15 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
+from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 512
 """Number of cells that are judged together; their data fits into the processor's cache."""
+
+MAX_WORK = 400_000
+"""Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
 
 PerCell = Float[np.ndarray, " n"]
 
@@ -112,11 +116,14 @@ def _codes(
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
-    rows = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES)
+    rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
     for name, limit in limits.items():
-        wanted = finite & np.isfinite(limit)
+        wanted, divisor = finite & np.isfinite(limit), QUANTITIES[name].divisor
         found = task.decided(wanted, lambda claims, bound, name=name: claims.within(name, bound(name)))
-        proved = forward & (found.proved | (limit == np.inf))
+        if divisor not in positive:
+            own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
+            positive[divisor] = forward & own.proved
+        proved = (positive[divisor] & found.proved) | (forward & (limit == np.inf))
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
@@ -139,6 +146,7 @@ class _Task:
             lambda: claim(self._in_floats(), self._float_limit),
             lambda k: claim(self._in_integers(k), lambda name: self._exact_limit(name, k)),
             strict,
+            MAX_WORK,
         )
 
     def _in_floats(self) -> CellClaims:

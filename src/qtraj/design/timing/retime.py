@@ -40,6 +40,7 @@ from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -210,7 +211,9 @@ def _timed(
     found = fastest(problem, tables(grid, rest, "jerk" in bounds))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
-        given = {name: bounds[name] for name in names}
+        # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
+        xp = namespace(found.unbounded, found.powers)
+        given = {name: xp.where(found.unbounded, np.nan, bounds[name]) for name in names}
         found_powers, given, road = constants((found.powers, given, vehicle))
         codes = prove(polynomials, grid, (found_powers, np.array(rest)), given, road).codes
     return _Timed(found.powers, found.usage, codes, start + grid.knots * ((end - start) / grid.cells), found)

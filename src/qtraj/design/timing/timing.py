@@ -76,7 +76,7 @@ class Timing(eqx.Module):
         cell, place = cells.locate(u)
         c = cells.form(cell)
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
-        return as_float(cells.xp.stack(shifted) / cells.length(cell) ** np.arange(4))
+        return as_float(cells.xp.stack([x / cells.length(cell) ** k for k, x in enumerate(shifted)]))
 
     def time(self, u: ScalarLike) -> Scalar:
         """Return the time [s] at which the parameter is `u`; outside the knots, return the time of the nearer end."""
