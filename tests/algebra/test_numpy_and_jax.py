@@ -45,13 +45,15 @@ def test_one_and_many(case, compiled):
     function, *arguments = case
     found = function(*arguments)
     batch = function(*(np.stack([x, 2 * x]) for x in arguments))
-    assert isinstance(found, np.ndarray) and not compiled
+    assert isinstance(found, np.ndarray)
+    assert not compiled
     np.testing.assert_allclose(found, jax.jit(function)(*arguments), rtol=1e-13, atol=1e-15)
     np.testing.assert_allclose(batch[0], found, rtol=1e-14, atol=1e-15)
     on_device = [jax.device_put(x) for x in arguments]
     compiled.clear()
     again = function(*on_device)
-    assert isinstance(again, jax.Array) and not compiled
+    assert isinstance(again, jax.Array)
+    assert not compiled
     np.testing.assert_array_equal(again, found)
 
 

@@ -22,13 +22,15 @@ def test_the_namespace_is_found_from_the_arguments():
     assert namespace(1.0, np.zeros(3), [np.ones(2), 1]) is np
     assert namespace(1.0, [jnp.zeros(3)]) is jnp
     jax.jit(lambda x: [x][not is_host(x) - 1])(1.0)
-    assert xp.float64 is np.float64 and xp.pi == np.pi
+    assert xp.float64 is np.float64
+    assert xp.pi == np.pi
 
 
 @pytest.mark.parametrize("convert", [list, np.asarray, lambda x: np.asarray(x, np.float32)])
 def test_numbers_and_numpy_arrays_are_computed_in_float64(convert, compiled):
     found = distance(convert([1, 2, 3]), convert([1, 2, 5]))
-    assert isinstance(found, np.float64) and found == 2
+    assert isinstance(found, np.float64)
+    assert found == 2
     assert not compiled
 
 
@@ -36,9 +38,12 @@ def test_numbers_and_numpy_arrays_are_computed_in_float64(convert, compiled):
 def test_jax_arrays_come_back_as_jax_arrays_in_the_widest_dtype(first, second, expected, compiled):
     a, b = (jax.device_put(np.arange(3.0).astype(f"f{size}")) for size in (first, second))
     found = distance(a, b)
-    assert isinstance(found, jax.Array) and found.dtype.itemsize == expected
+    assert isinstance(found, jax.Array)
+    assert found.dtype.itemsize == expected
     found = total({"x": a, "y": 2.0})
-    assert isinstance(found, jax.Array) and found.dtype == a.dtype and found == 5
+    assert isinstance(found, jax.Array)
+    assert found.dtype == a.dtype
+    assert found == 5
     assert not compiled
 
 

@@ -29,7 +29,8 @@ TIMES = np.linspace(0.0, 10.0, 5)
 def assert_equal(found, expected, tolerance=1e-9):
     leaves = zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True)
     for x, y in leaves:
-        assert isinstance(x, np.ndarray | np.generic) and isinstance(y, jax.Array)
+        assert isinstance(x, np.ndarray | np.generic)
+        assert isinstance(y, jax.Array)
         np.testing.assert_allclose(x, y, rtol=tolerance, atol=tolerance)
 
 
@@ -128,7 +129,8 @@ def test_jax_arrays_stay_jax_arrays(compiled):
     compiled.clear()
     found = qt.trihedral(path, 3.0), path.length(), qt.evaluate(path, TIMES), qt.FrameProgram(path)(3.0)
     assert all(isinstance(x, jax.Array) for x in jax.tree.leaves(found[:2]))
-    assert isinstance(found[2].curvature, jax.Array) and isinstance(found[3].rate, jax.Array)
+    assert isinstance(found[2].curvature, jax.Array)
+    assert isinstance(found[3].rate, jax.Array)
     assert not compiled
 
 
