@@ -43,8 +43,8 @@ def test_jax_arrays_come_back_as_jax_arrays_in_the_widest_dtype(first, second, e
     found = total({"x": a, "y": 2.0})
     assert isinstance(found, jax.Array)
     assert found.dtype == a.dtype
-    assert found == 5
     assert not compiled
+    assert found == 5
 
 
 def test_integers_of_jax_become_the_default_float():
