@@ -190,7 +190,7 @@ def to_jax(tree: Any, dtype: Any) -> Any:
 def float_dtype(dtypes: Iterable[Any]) -> Any:
     """Return the widest float dtype of `dtypes`, or JAX's default float if there is none."""
     floats = [x for x in dtypes if jnp.issubdtype(x, jnp.floating)]
-    return functools.reduce(jnp.promote_types, floats) if floats else jnp.result_type(float)
+    return max(floats, key=lambda x: x.itemsize) if floats else jnp.result_type(float)
 
 
 def _on_cpu(x: jax.Array) -> bool:

@@ -73,7 +73,7 @@ class Route(AbstractHodograph, AbstractResult):
     ):
         orders = [position, velocity, acceleration, *([] if jerk is None else [jerk])]
         self.starts, self.coefficients, self.duration, self.origin = route_input.from_states(times, orders)
-        warn_if_coarse(self.origin, "the position of a route")
+        warn_if_coarse(position, "the position of a route")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return position and derivatives up to `order` at one instant `t` [s]; row k in [m s^-k]."""
