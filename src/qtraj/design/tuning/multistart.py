@@ -106,8 +106,8 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
         model = build(own, z, find_peaks(own, Curves(own, z))[0])
         penalty, multipliers = np.where(unmet, 1.0, 1e4), np.zeros(model.value.shape)
         for _ in range(2):  # the Hessian of the second subproblem contains the multipliers of the first
-            radius = np.full(own.count, MULTIPLIER_RADIUS)
-            multipliers = compute_step(own, z, model, multipliers, penalty, radius).multipliers
+            radius, size = np.full(own.count, MULTIPLIER_RADIUS), np.zeros(own.count)
+            multipliers = compute_step(own, z, model, multipliers, penalty, radius, size, size == 0).multipliers
         multipliers = np.where(model.value > ABSENT, multipliers, 0.0)
     rows = len(z) + 1
     order = np.argsort(-multipliers, axis=0, kind="stable")[:rows]

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-MAX_STEPS, TOLERANCE = 30, 1e-13
-"""Maximum number of steps, and the mean product of slacks and multipliers at which a program is solved."""
+MAX_STEPS = 30
 
 TO_BOUNDARY = 0.995
 """Fraction of the longest step that keeps slacks and multipliers positive."""
@@ -31,6 +30,7 @@ class QP(NamedTuple):
     penalty: Float[np.ndarray, " batch"]
     stiffness: Float[np.ndarray, " batch"]
     lowest: Float[np.ndarray, " batch"]
+    tolerance: Float[np.ndarray, " batch"]  # the mean product of slacks and multipliers at which a program is solved
 
     def take(self, index: np.ndarray) -> "QP":
         """Return some of the programs."""
@@ -53,7 +53,7 @@ def minimise(qp: QP) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for step in range(MAX_STEPS):
         slack = _slacks(qp, state.x)
         mean = (slack * state.multipliers).mean(axis=0)
-        done = ~(mean > TOLERANCE * (1 + qp.penalty)) | (step == MAX_STEPS - 1)
+        done = ~(mean > qp.tolerance) | (step == MAX_STEPS - 1)
         if done.any():
             x[:, rest[done]], multipliers[:, rest[done]] = state.x[:, done], state.multipliers[:k, done]
             if done.all():
@@ -93,11 +93,11 @@ def _step(qp: QP, state: _State, slack: np.ndarray, mean: np.ndarray) -> _State:
     matrix[range(n), range(n)] += weight[k : k + n] + weight[k + n : k + 2 * n]
     matrix[n, :n] = matrix[:n, n] = -weighted.sum(axis=0)
     matrix[n, n] = qp.stiffness + weight[:k].sum(axis=0) + weight[-1]
-    factor = cholesky(matrix)[0]
+    inverse = inverse_factor(matrix)
     base = np.empty_like(x)
     base[:n] = -np.einsum("ijb,jb->ib", qp.hessian, x[:n]) - qp.gradient
     base[n] = -qp.penalty - qp.stiffness * x[n]
-    step = solve(factor, base)
+    step = solve(inverse, base)
     moved = _along(qp, step)
     # The slacks change by −moved; the products of slacks and multipliers go to zero.
     change = -multipliers + weight * moved
@@ -105,7 +105,7 @@ def _step(qp: QP, state: _State, slack: np.ndarray, mean: np.ndarray) -> _State:
     after = ((slack - length * moved) * (multipliers + length * change)).mean(axis=0)
     target = (after / mean) ** 3 * mean
     corrected = (target + moved * change) / slack  # the product of the two changes is −moved·change
-    step = solve(factor, base - _back(qp, corrected))
+    step = solve(inverse, base - _back(qp, corrected))
     moved = _along(qp, step)
     change = -multipliers + corrected + weight * moved
     length = TO_BOUNDARY * _longest(slack, -moved, multipliers, change)
@@ -148,16 +148,19 @@ def cholesky(matrix: Float[np.ndarray, "n n batch"]) -> tuple[np.ndarray, np.nda
     return a, least
 
 
-def solve(factor: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the solutions of the linear systems with the factors from `cholesky`."""
-    x = np.array(known)
-    n = len(x)
+def inverse_factor(matrix: Float[np.ndarray, "n n batch"]) -> np.ndarray:
+    """Return the inverses of the factors L of L Lᵀ."""
+    factor = cholesky(matrix)[0]
+    n = len(factor)
+    inverse = np.zeros_like(factor)
     for k in range(n):
-        x[k] *= factor[k, k]
+        inverse[k, k] = 1.0
+        inverse[k, : k + 1] *= factor[k, k]
         if k + 1 < n:
-            x[k + 1 :] -= factor[k + 1 :, k] * x[k]
-    for k in reversed(range(n)):
-        if k + 1 < n:
-            x[k] -= (factor[k + 1 :, k] * x[k + 1 :]).sum(axis=0)
-        x[k] *= factor[k, k]
-    return x
+            inverse[k + 1 :, : k + 1] -= factor[k + 1 :, k, None] * inverse[k, : k + 1]
+    return inverse
+
+
+def solve(inverse: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the solutions of the linear systems with the result of `inverse_factor`."""
+    return np.einsum("jib,jb->ib", inverse, np.einsum("ijb,jb->ib", inverse, known))

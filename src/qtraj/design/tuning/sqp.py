@@ -65,6 +65,7 @@ class State:
     radius: Float[np.ndarray, " batch"]
     penalty: Float[np.ndarray, " batch"]
     size: Float[np.ndarray, " batch"]  # of the last accepted step
+    rejected: Bool[np.ndarray, " batch"]  # the last step was rejected
     lowered: Bool[np.ndarray, " batch"]  # the penalty has been lowered
     raised_again: Bool[np.ndarray, " batch"]  # it was raised after it had been lowered, and must not be lowered again
     steps: Int[np.ndarray, " batch"]
@@ -137,6 +138,7 @@ def _first(searches: Searches, z: np.ndarray, largest: np.ndarray) -> State:
         radius=np.full(count, INITIAL_RADIUS),
         penalty=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         size=np.ones(count),
+        rejected=no.copy(),
         lowered=no.copy(),
         raised_again=no.copy(),
         steps=np.zeros(count, int),
@@ -149,7 +151,7 @@ def _advance(
     searches: Searches, s: State, model: Model, multipliers: np.ndarray
 ) -> tuple[State, Model, np.ndarray]:
     """Return the states, models and multipliers of all searches after one step."""
-    step = compute_step(searches, s.z, model, multipliers, s.penalty, s.radius)
+    step = compute_step(searches, s.z, model, multipliers, s.penalty, s.radius, s.size, ~s.rejected)
     trial = _try(searches, s, step)
     failed = np.flatnonzero(~trial.accepted & ~trial.converged)
     state, here, there = _next(searches, s, trial), model, multipliers
@@ -159,7 +161,7 @@ def _advance(
         few, own, old = searches.take(failed), s.take(failed), model.take(failed)
         at = corresponding(old, _of(trial.peaks, failed, s.done.size))
         shifted = at - np.einsum("kib,ib->kb", old.slopes, step.d[:, failed])
-        second = compute_step(few, own.z, old, multipliers[:, failed], own.penalty, own.radius, shifted)
+        second = compute_step(few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted)
         predicted = step.predicted_decrease[failed]
         corrected = _try(few, own, second._replace(predicted_decrease=predicted, residual=step.residual[failed]))
         better = corrected.accepted
@@ -218,7 +220,7 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     done = stationary | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     return State(
-        z, cost, largest, radius, penalty, np.where(accepted, size, s.size), lowered, raised_again, s.steps + 1, done,
+        z, cost, largest, radius, penalty, np.where(accepted, size, s.size), ~accepted, lowered, raised_again, s.steps + 1, done,
         stationary,
     )  # fmt: skip
 

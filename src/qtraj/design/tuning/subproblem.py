@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from qtraj.design.tuning import qp
 from qtraj.design.tuning.constraints import ABSENT
@@ -20,7 +20,13 @@ MAX_STIFFNESS = 1e-4  # upper limit of ε in the term ½εt² that makes the QP 
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """Regularizations of the Hessian in the order of trial: weights of the squared active constraints and of the identity.
+
+The squares change the model away from the constraints, so a step with them may not reduce the merit function. After a
+rejected step, only the identity is added.
 """
+
+COARSE, FINE = 1e-7, 1e-13
+"""Tolerances of a QP for the first steps and for the last steps of a search."""
 
 SAME = 0.1
 """Peaks of two paths correspond to each other if their times differ by less than this fraction of the duration."""
@@ -46,11 +52,14 @@ def compute_step(
     multipliers: Float[np.ndarray, "k batch"],
     penalty: Float[np.ndarray, " batch"],
     radius: Float[np.ndarray, " batch"],
+    size: Float[np.ndarray, " batch"],
+    squared: Bool[np.ndarray, " batch"],
     values: Float[np.ndarray, "k batch"] | None = None,
 ) -> Step:
     """Compute the steps of a batch of searches.
 
-    `values` are the constant terms of the linearised constraints, by default the constraint values at `z`.
+    `size` is the size of the last step, from which the accuracy of the QP follows, because steps become smaller
+    quadratically. `squared` is true if squares of active constraints may be added. `values` are the constant terms of the linearised constraints, by default the constraint values at `z`.
     """
     n = len(z)
     free = searches.high > searches.low
@@ -59,7 +68,7 @@ def compute_step(
     slope = searches.weight * model.slope * free
     lagrangian = searches.weight * model.curvature + np.einsum("kb,kijb->ijb", multipliers, model.curvatures)
     lagrangian = np.where(free[:, None] & free, lagrangian, 0.0)
-    convex, centred, offset, square_weight = _convex(lagrangian, free, slopes, values, multipliers, penalty)
+    convex, centred, offset, square_weight = _convex(lagrangian, free, slopes, values, np.where(squared, multipliers, 0.0), penalty)
     scale = np.maximum(penalty, 1.0)
     low, high = (np.where(free, x / radius, y) for x, y in ((np.maximum(searches.low - z, -radius), -1.0), (np.minimum(searches.high - z, radius), 1.0)))
     hessian = convex * (radius / scale)
@@ -75,6 +84,7 @@ def compute_step(
         penalty=penalty / scale,
         stiffness=np.minimum(np.trace(hessian) / n, MAX_STIFFNESS),
         lowest=np.where(minimising, np.maximum(-1 / radius, -FAR), 0.0),
+        tolerance=COARSE * np.minimum(size, 1.0) ** 2 + FINE,
     )
     d, t, own = qp.minimise(program)
     d = np.where(free, np.clip(d, low, high) * radius, 0.0)
