@@ -13,7 +13,6 @@ quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has
 import math
 from typing import Any
 
-
 from qtraj.algebra.quaternion import canonical, components, product
 from qtraj.algebra.vector import balanced, norm
 from qtraj.foundation.namespace import of_arrays, xp
@@ -31,7 +30,9 @@ def from_euler(seq: str, angles: Vec3) -> Quat:
     **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
-    first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True))
+    first, second, third = (
+        _turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
+    )
     if intrinsic:
         return product(first, product(second, third))
     return product(third, product(second, first))

@@ -15,7 +15,8 @@
 | scale                   | λ and cλ, c ≠ 0, represent the same attitude in every function; λ = 0 has no attitude    |
 | SciPy                   | `Rotation.from_quat(λ, scalar_first=True)`; its `as_matrix()` is R(λ) = αᵀ               |
 
-The functions accept single quaternions and arrays of quaternions (..., 4), components last. Paper S writes α_k for λ_k; paper C writes λ.
+The functions accept single quaternions and arrays of quaternions (..., 4), components last. Paper
+S writes α_k for λ_k; paper C writes λ.
 """
 
 import math

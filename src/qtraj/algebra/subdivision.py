@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from qtraj.algebra.exact import ExactPolynomial
@@ -100,5 +101,5 @@ def _halved(b: list[int]) -> tuple[list[int], list[int]]:
     for k in range(degree + 1):
         left[k] = row[0] << (degree - k)
         right[degree - k] = row[-1] << (degree - k)
-        row = [x + y for x, y in zip(row, row[1:], strict=False)]
+        row = [x + y for x, y in pairwise(row)]
     return left, right

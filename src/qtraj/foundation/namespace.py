@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -111,18 +112,22 @@ def needs_jax(leaves: Iterable[Any]) -> bool:
     return any(not _in_numpy[type(x)] and (isinstance(x, Tracer) or not _on_cpu(x)) for x in leaves)
 
 
-def in_numpy(function: Function) -> Function:
+def in_numpy(function: Function, otherwise: Callable[..., Any] | None = None) -> Function:
     """Compute a function in NumPy unless an argument contains a tracer or an array on an accelerator.
 
     The arguments are trees of arrays. Floats of any precision are computed in float64. If an argument contains JAX
-    arrays, the results are JAX arrays, in the widest of their float dtypes.
+    arrays, the results are JAX arrays, in the widest of their float dtypes. `otherwise` is the function for tracers and
+    accelerators, by default the same function.
     """
+    other = function if otherwise is None else otherwise
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         if needs_jax(leaves):
-            return function(*args, **kwargs)
+            if other is function:  # NumPy arrays cannot be indexed by tracers
+                args, kwargs = structure.unflatten(jnp.asarray(x) if type(x) is np.ndarray else x for x in leaves)
+            return other(*args, **kwargs)
         dtypes = [x.dtype for x in leaves if not _in_numpy[type(x)]]
         with np.errstate(all="ignore"):  # as in JAX, invalid operations result in NaN and infinity
             if not dtypes:
@@ -131,6 +136,11 @@ def in_numpy(function: Function) -> Function:
             return to_jax(function(*args, **kwargs), float_dtype(dtypes))
 
     return call  # type: ignore[return-value]
+
+
+def in_numpy_or_jit(function: Function) -> Function:
+    """Compute a function in NumPy as `in_numpy` does; for tracers and on accelerators, compile it as a whole."""
+    return in_numpy(function, eqx.filter_jit(function))
 
 
 def of_arrays(function: Function) -> Function:
@@ -143,6 +153,7 @@ def of_arrays(function: Function) -> Function:
                 return function(*args)
         names, values = tuple(kwargs), [_as_float(x) for x in (*args, *kwargs.values())]
         if needs_jax(values):
+            values = [jnp.asarray(x) if type(x) is np.ndarray else x for x in values]
             return function(*values[: len(args)], **dict(zip(names, values[len(args) :], strict=True)))
         dtypes = [x.dtype for x in values if not _in_numpy[type(x)]]
         hosts = [on_host(x) for x in values]
@@ -179,7 +190,7 @@ def to_jax(tree: Any, dtype: Any) -> Any:
 def float_dtype(dtypes: Iterable[Any]) -> Any:
     """Return the widest float dtype of `dtypes`, or JAX's default float if there is none."""
     floats = [x for x in dtypes if jnp.issubdtype(x, jnp.floating)]
-    return functools.reduce(jnp.promote_types, floats) if floats else jnp.result_type(float)
+    return max(floats, key=lambda x: x.itemsize) if floats else jnp.result_type(float)
 
 
 def _on_cpu(x: jax.Array) -> bool:

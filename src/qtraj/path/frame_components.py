@@ -101,7 +101,7 @@ def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameCo
     i = Invariants(i.r, up)
     exists = has_upright_frame(i, duration)
     rate, acceleration = upright_rates(i, inverse_root(i.S, exists), inverse_root(i.H, exists))
-    return FrameComponents(_axes(basis, i.r[1], up, ~_vanishes(i.H)), rate, acceleration, exists)
+    return FrameComponents(_axes(basis, i.r[1], up, ~vanishes(i.H)), rate, acceleration, exists)
 
 
 def curvature(i: Invariants, duration: Array) -> Array:
@@ -131,7 +131,7 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple
     perpendicular to τ; if τ is steep, b is the direction closest to world x.
     """
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
-    stopped = _vanishes(S)
+    stopped = vanishes(S)
     tangent = select(stopped, forward, scaled(r1, inverse_root(S, ~stopped)))
     reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
     x, y, z = scaled(tangent, dot(reference, tangent))
@@ -142,5 +142,6 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple
     return tangent, normal, cross(tangent, normal)
 
 
-def _vanishes(square: Array) -> Array:
+def vanishes(square: Array) -> Array:
+    """Return whether a squared norm is below the smallest normal number."""
     return square < float(xp.finfo(square.dtype).tiny)

@@ -16,7 +16,7 @@ FEWEST_FOR_FLOATS = 3
 
 
 class Decided(NamedTuple):
-    """Which claims are proved and refuted, and the fractions of the durations at which integers refuted them."""
+    """Which claims are proved and refuted, and the fractions of the durations `at` which they are refuted."""
 
     proved: Bool[np.ndarray, " n"]
     refuted: Bool[np.ndarray, " n"]
@@ -42,6 +42,7 @@ def decided(
             if claim is not None:
                 found = bounded.decide(claim, len(wanted), strict)
                 result.proved[:], result.refuted[:] = found.proved & wanted, found.refuted & wanted
+                result.at[:] = found.at
     for k in np.flatnonzero(wanted & ~(result.proved | result.refuted)):
         try:
             decision = subdivision.decide(in_integers(int(k)), strict, max_work)

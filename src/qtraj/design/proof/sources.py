@@ -117,9 +117,7 @@ class PolynomialSource(Source):
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of path k as exact polynomials in the stored coefficients and the duration."""
         h = float(self.duration[k])
-        x, y, z, angle = (
-            0 if c is None else ExactPolynomial.from_floats(c[:, k]).substituted(h) for c in self._given
-        )
+        x, y, z, angle = (0 if c is None else ExactPolynomial.from_floats(c[:, k]).substituted(h) for c in self._given)
         rows = moving_derivatives(x, y, z, angle, order)
         if self._signs()[k] < 0:
             rows = [None, *((r[0], -r[1], -r[2]) for r in rows[1:])]
