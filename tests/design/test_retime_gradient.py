@@ -11,23 +11,22 @@ from qtraj.design.timing.constraints import NAMES, tightened
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import begun, continued, duration, solve
-from qtraj.design.timing.spline import at_nodes
+from qtraj.design.timing.tables import tables
 
 OWN = ("speed", "lateral_acceleration", "longitudinal_acceleration", "jerk")
 CELLS, GAP, STEP = 64, 1e-10, 3e-5
 PATH = qt.SpiralHelix.hermite(
     qt.BoundaryState([30.0, 0, 0], [0, 10.0, 1]), qt.BoundaryState([0, 45.0, 8], [-12.0, 2, 0]), 6.0
 )
-TABLES = search.tables(uniform(CELLS), (True, False))
+TABLES = tables(uniform(CELLS), (True, False))
 
 
 def problem(values):
     """From rest to half the own speed of the path, with the limits `values` on `OWN`."""
-    bounds = {name: jnp.asarray(np.inf) for name in NAMES} | dict(zip(OWN, values, strict=True))
-    return search.Problem(PATH, jnp.asarray(0.0), PATH.duration, bounds, jnp.array([np.inf, 0.25]))
+    bounds = {name: np.asarray(np.inf) for name in NAMES} | dict(zip(OWN, values, strict=True))
+    return search.Problem(PATH, np.zeros(()), np.asarray(PATH.duration), bounds, np.array([np.inf, 0.25]))
 
 
-@jax.jit
 def shortest(values, factors):
     """The fastest timing with the limits at the nodes tightened by given factors, to a small duality gap.
 
@@ -35,9 +34,11 @@ def shortest(values, factors):
     """
     program = search._imposed(problem(values), TABLES)[0]
     program = program._replace(constraints=tightened(program.constraints, search._at_nodes(factors)))
-    first = solve(program, begun(program, initial(program)), jnp.asarray(search.GAPS[0]))
-    found = solve(program, continued(program, first), jnp.asarray(GAP))
-    return duration(program, at_nodes(program.nodes, found.coefficients)), found.coefficients
+    own = jax.tree.map(lambda x: x[..., None, :, :], program[1:])  # a batch of one problem
+    program = program.__class__(program.nodes, *own)
+    first = solve(program, begun(program, initial(program)), np.full(1, search.GAPS[0]))
+    found = solve(program, continued(program, first), np.full(1, GAP))
+    return duration(program, program.at_nodes(found.coefficients)), found.coefficients[0]
 
 
 @pytest.mark.parametrize("values", [(20.0, 3.0, 2.5, 2.0), (9.0, 3.0, 2.5, 2.0)])
@@ -47,8 +48,10 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     The step is small, because the derivatives change where a node becomes active.
     """
     at = np.array(values)
-    program, places = search._imposed(problem(at), TABLES)
-    found = search._searched(program, places, TABLES.within)
+    given = jax.tree.map(
+        lambda x: x[None], [x if k else x[1:] for k, x in enumerate(search._imposed(problem(at), TABLES))]
+    )
+    found = search.Result(*(x[0] for x in search._searched(TABLES, np.zeros(2, bool), *given)))
     exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
         jnp.asarray(at)
     )

@@ -10,6 +10,7 @@ from qtraj.design.timing import search
 from qtraj.design.timing.constraints import listed
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.road import coefficients
+from qtraj.design.timing.tables import tables
 
 CAR = qt.Vehicle(1500.0, friction=0.8, drag_area=0.7, rolling_resistance=0.012, bank=0.1)
 BOUNDS = {"friction": jnp.asarray(1.0), "power": jnp.asarray(1e5)}
@@ -58,13 +59,13 @@ def satisfied(path, a, **limits):
     bounds = {name: np.asarray(x) for name, x in given.given().items()}
     road = jax.tree.map(np.asarray, given.road(np.float64))
     problem = search.Problem(path, np.zeros(()), np.asarray(path.duration), bounds, np.full(2, np.inf), road)
-    tables = search.tables(uniform(CELLS), (False, False))
-    program, places = search._imposed(problem, tables)
+    own = tables(uniform(CELLS), (False, False))
+    program, places = search._imposed(problem, own)
     coefficients = np.full(CELLS + 3, a)
-    usage = search._between_nodes(places, tables.within, coefficients)
+    usage = search._between_nodes(places, own.within, coefficients)
     nodes, ones = np.ones_like(program.largest), np.ones((program.constraints.per_node, CELLS))
     last = search.Result(coefficients, nodes, nodes, np.zeros(()), np.asarray(1e-9), ones, usage, np.zeros((), bool))
-    powers, after, error = search._satisfied(last, coefficients, tables, places, tuple(bounds))
+    powers, after, error = search._satisfied(last, coefficients, own, places, tuple(bounds))
     after[ROWS.index("speed")] **= 2
     return float(powers[0, 0] / a), usage, after, float(error)
 

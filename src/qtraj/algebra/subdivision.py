@@ -37,7 +37,7 @@ class Decision(NamedTuple):
 def decide(claim: Claim, strict: bool = False, max_work: int = MAX_WORK) -> Decision:
     """Decide whether a claim with `ExactPolynomial`s is nonnegative on [0, 1], or positive if `strict`.
 
-    The claim is undecided after `max_work` additions. It is refuted if it is violated at an end of one of the intervals.
+    The claim is undecided after `max_work` additions. It is refuted if it is violated at an end of an interval.
     """
     stack = [([_bernstein(p) for p in claim.polynomials], 0, 0)]
     work, undecided = 0, None

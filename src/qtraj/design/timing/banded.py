@@ -34,7 +34,7 @@ def factor(band: Float[np.ndarray, "batch n width"]) -> Factored:
 
 
 def solve(f: Factored, right: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
-    """Return the solutions of the linear systems with the factored matrices; NaN if a matrix is not positive definite."""
+    """Return the solutions of the linear systems; NaN for a matrix that is not positive definite."""
     failed = f.failed | ~np.isfinite(right).all(axis=1)
     if failed.any():
         right = np.where(failed[:, None], 0.0, right)

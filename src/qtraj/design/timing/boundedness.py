@@ -15,16 +15,14 @@ A value of a counts as large if its ratio to a typical value is large. The typic
 length of the path and the speeds at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
-from typing import Any
-
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
-from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters

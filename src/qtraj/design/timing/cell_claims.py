@@ -1,4 +1,4 @@
-"""Limits on a timing as claims about polynomials in the cells: a slack, limit² · denominator − numerator, is at least 0.
+"""Express limits on a timing as claims about polynomials in the cells: limit² · denominator − numerator is at least 0.
 
 The motion has the velocity √a r', the acceleration a r'' + ½ a' r' and the jerk √a (a r''' + 3/2 a' r'' + ½ a'' r')
 (see `constraints`); the formulas contain their doubles. Quantities that depend on the direction of the path are
@@ -50,7 +50,7 @@ class Combined:
 
 
 class CellClaims:
-    """The claims about a motion, for a `vehicle` whose parameters are constant polynomials in the units of the motion."""
+    """The claims about a motion; the parameters of `vehicle` are constant polynomials in the units of the motion."""
 
     def __init__(self, motion: Motion, vehicle: RoadParameters | None):
         """Store the motion; `roots` may be set to enclosures of √S, √H and √a."""

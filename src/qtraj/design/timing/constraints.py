@@ -23,8 +23,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.timing import road
-from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD, Road
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw

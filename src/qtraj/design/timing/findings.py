@@ -9,8 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.timing.directions import straight
-from qtraj.foundation.namespace import namespace
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import namespace
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES

@@ -25,8 +25,8 @@ from qtraj.design.timing.constraints import (
     values,
     weighted,
 )
-from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band, products
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 
 BOUNDARY, POSITIVE = 0.99, 0.9
@@ -112,7 +112,7 @@ def continued(p: Program, s: State) -> State:
 
 
 def solve(program: Program, start: State, enough: Float[np.ndarray, " batch"]) -> State:
-    """Compute the optimal coefficients; a search ends if its optimality error is below `enough`, or after `MAX_STEPS`."""
+    """Compute the optimal coefficients; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
     table = products(program.nodes.basis[: program.constraints.orders])

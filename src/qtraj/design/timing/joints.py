@@ -5,11 +5,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
-from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.parts import CONTINUOUS
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import namespace
 
 
 def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array, "limits moving"]:
@@ -39,7 +39,7 @@ def _jump(x: Float[Array, "3 2 moving"], cells: Cells) -> Bool[Array, " moving"]
     """Return the cells at whose ends a vector differs from its value in the adjacent cell."""
     xp = namespace(x)
     change = xp.linalg.norm(x[:, 1, :-1] - x[:, 0, 1:], axis=0)
-    adjacent = (np.diff(cells.columns) == 1) & ~(cells.stops[1][:-1] | cells.stops[0][1:])
+    adjacent = (cells.columns[1:] - cells.columns[:-1] == 1) & ~(cells.stops[1][:-1] | cells.stops[0][1:])
     found = adjacent & (change > CONTINUOUS * xp.max(xp.linalg.norm(x, axis=0)))
     none = xp.zeros(1, bool)
     return xp.concatenate([found, none]) | xp.concatenate([none, found])

@@ -68,7 +68,9 @@ def prove(
 
     def judge(*given: Any) -> Int[np.ndarray, "batch limits cells"]:
         *position, durations, powers, limits, road = given
-        return _judged(path.directions, grid, rest, position, durations, powers, dict(zip(names, limits)), road)
+        return _judged(
+            path.directions, grid, rest, position, durations, powers, dict(zip(names, limits, strict=True)), road
+        )
 
     given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)

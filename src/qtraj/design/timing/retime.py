@@ -36,8 +36,9 @@ from qtraj.design.timing.requirements import (
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
+from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap
 from qtraj.design.timing.sources import Source, source
+from qtraj.design.timing.tables import tables
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace

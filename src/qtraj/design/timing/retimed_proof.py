@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
@@ -22,7 +21,7 @@ from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.sources import Source, source
+from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
@@ -103,7 +102,10 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes
     if known:
         limited = limited._replace(bounds={name: np.asarray(x) for name, x in limited.bounds.items()})
-    found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names)
+    # Cells without motion are proved, and their usage is negative.
+    place = np.full(path.timing.coefficients.shape[0], cells.columns.size)
+    place[cells.columns] = np.arange(cells.columns.size)
+    found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names, place)
     if not traced:
         return found
     road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
@@ -111,15 +113,16 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.given().values()]))
 
 
-def _certificate(limited: Limited, codes: Int[Array, "limits moving"], names: tuple[str, ...]) -> Certificate:
+def _certificate(
+    limited: Limited, codes: Int[Array, "limits moving"], names: tuple[str, ...], place: Int[Any, " cells"]
+) -> Certificate:
+    """Return the certificate; `place` is the index of each cell among those with motion, or their number."""
     (path, cells, bounds, _), xp = limited, limited.library
-    columns, knots = cells.columns, xp.asarray(path.timing.knots)
+    knots = xp.asarray(path.timing.knots)
     own = codes[np.array([NAMES.index(name) for name in names])]
     own = xp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
     if not isinstance(path.path, Route):
         own = xp.where(divides_equally(path, cells), own, SAMPLED)
-    place = np.full(knots.size - 1, columns.size)  # cells without motion are proved, and their usage is negative
-    place[columns] = np.arange(columns.size)
     still = np.ones((len(names), 1))
     all_codes = xp.concatenate([own, (PROVED * still).astype(own.dtype)], axis=1)[:, place]
     all_codes = findings.with_straight(path.path, knots, all_codes, names)

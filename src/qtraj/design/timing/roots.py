@@ -25,14 +25,14 @@ NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 SAMPLES = np.linspace(0.0, 1.0, 17)
 
 NARROWEST = 1e-9
-"""Lower bound on the relative width of an enclosure. In floats, its conditions could not be proved for narrower ones."""
+"""Lower bound on the relative width of an enclosure; the conditions on narrower ones could not be proved in floats."""
 
 WIDEST = 1e-6
 """Largest relative width of an enclosure; the claims in all other cells are decided by squares."""
 
 
 class Enclosure(NamedTuple):
-    """The polynomials `middle` ± `width` in n cells enclose a root; the numbers are NaN where they would be far apart."""
+    """The polynomials `middle` ± `width` in n cells enclose a root; `width` is NaN where it would be large."""
 
     middle: Float[np.ndarray, "terms n"]
     width: Float[np.ndarray, " n"]

@@ -11,7 +11,6 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.timing.boundedness import largest, unbounded
-from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.constraints import (
     POWERS,
     UPPER,
@@ -23,14 +22,16 @@ from qtraj.design.timing.constraints import (
     tightened,
     used,
 )
-from qtraj.design.timing.grid import Grid, Shape, derivatives
+from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
-from qtraj.foundation.namespace import namespace
+from qtraj.design.timing.interior_point import Program, begun, continued, solve
+from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
-from qtraj.design.timing.spline import ORDERS, Nodes, local, nodes, power_form, within, within_cells
+from qtraj.design.timing.spline import ORDERS, local, within_cells
+from qtraj.design.timing.tables import CHECKED, Tables
 from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.vehicle import RoadParameters
@@ -45,7 +46,7 @@ rounding errors in the jerk prevent an optimality error of 1e-8."""
 ROUNDS, ALLOWED = 10, 8e-6
 """Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
 
-OVER, CHECKED = 2.0, 17
+OVER = 2.0
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
 the fourth search on, this factor doubles after each search, because a peak far from the nodes decreases only if the
 limits at the nodes become much tighter."""
@@ -73,22 +74,6 @@ class Problem(NamedTuple):
     stops: Any = np.zeros(2, bool)
 
 
-class Tables(NamedTuple):
-    """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell.
-
-    For each node, and then for each point at which limits are checked, `cell` is the index of its cell and `place` its
-    position in the cell, between 0 and 1. `within` and `powers` are the results of the functions `within` and
-    `power_form` of the module `spline`.
-    """
-
-    grid: Grid
-    nodes: Nodes
-    cell: Int[np.ndarray, " all"]
-    place: Float[np.ndarray, " all"]
-    within: Float[np.ndarray, "places 3 4 cells"]
-    powers: Float[np.ndarray, "4 4 cells"]
-
-
 class Found(NamedTuple):
     """The fastest timing of a path on its cells.
 
@@ -109,27 +94,6 @@ class Found(NamedTuple):
 def last_gap(cells: int) -> float:
     """Return the relative optimality error at which the last search ends."""
     return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
-
-
-def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:
-    """Return the tables of a grid.
-
-    `rest` indicates whether the vehicle is at rest at the start and at the end, and `jerk` whether the jerk is limited.
-    The jerk may jump where one segment ends and the next one starts, so nodes are placed on both sides of this knot.
-    """
-    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, jerk)
-
-
-@functools.lru_cache(maxsize=32)
-def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool) -> Tables:
-    knots, segment, middle, half = (np.array(x) for x in fields)
-    jumps = np.append(np.diff(segment) != 0, False) if jerk else None
-    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest, jumps), np.diff(knots)
-    columns = np.append(np.arange(length.size), length.size - 1)
-    cell = np.concatenate([columns, columns, np.tile(np.arange(length.size), CHECKED)])
-    at_nodes = ((own.place - knots[columns]) / length[columns]).ravel()
-    place = np.concatenate([at_nodes, np.repeat(np.linspace(0.0, 1.0, CHECKED), length.size)])
-    return Tables(grid, own, cell, place, within(knots, CHECKED), power_form(knots))
 
 
 def fastest(problem: Problem, t: Tables) -> Found:

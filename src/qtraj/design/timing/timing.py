@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,17 +12,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.namespace import namespace
+from qtraj.design.timing.cell_times import (
+    Cells,
+    clipped,
+    elapsed,
+    horner,
+    newton,
+    pace,
+    stretched,
+    stretching,
+    unstretched,
+)
 from qtraj.foundation.arrays import as_float, is_traced, one_instant, part
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
-QUADRATURE = np.polynomial.legendre.leggauss(12)
-"""Nodes and weights on [−1, 1] for the time within a cell."""
 
-NEWTON_STEPS = 8
+ROUNDINGS = 8
+"""A time later than the end by at most this number of rounding errors is treated as the end."""
 
 
 @storable
@@ -68,7 +78,7 @@ class Timing(eqx.Module):
         """Return a(u) = u̇² at one parameter `u`."""
         cells, u = self._with(one_instant(u))
         cell, place = cells.locate(u)
-        return as_float(cells.xp.maximum(_horner(cells.form(cell), place), 0.0))
+        return as_float(cells.xp.maximum(horner(cells.form(cell), place), 0.0))
 
     def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
         """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
@@ -87,8 +97,8 @@ class Timing(eqx.Module):
         cells, u = self._with(u)
         cell, place = cells.locate(u)
         starts, ends = cells.kinds(cell)
-        z = _unstretched(place, starts, ends)
-        return cells.times[cell] + _elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
+        z = unstretched(place, starts, ends)
+        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
         """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
@@ -97,75 +107,25 @@ class Timing(eqx.Module):
     def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
         cells, t = self._with(one_instant(t))
-        t = _clipped(t, 0.0, cells.times[-1])
+        # An end that was computed elsewhere, with other roundings, is not outside; the derivatives depend on this.
+        t = clipped(t, 0.0, cells.times[-1] * (1 + ROUNDINGS * float(np.finfo(t.dtype).eps)))
         cell = cells.xp.clip(cells.xp.searchsorted(cells.times, t, side="right") - 1, 0, cells.count - 1)
         length, kinds = cells.length(cell), cells.kinds(cell)
-        z = _position(self, t, cell) if cells.xp is jnp else _newton(cells, t, cell)
-        rate = length * _stretching(z, *kinds) / _pace(cells.form(cell), length, *kinds, z)
-        return as_float(cells.knots[cell] + length * _stretched(z, *kinds)), as_float(rate)
+        z = _position(self, t, cell) if cells.xp is jnp else newton(cells, t, cell)
+        rate = length * stretching(z, *kinds) / pace(cells.form(cell), length, *kinds, z)
+        return as_float(cells.knots[cell] + length * stretched(z, *kinds)), as_float(rate)
 
-    def _with(self, x: Any) -> tuple["_Cells", Any]:
+    def _with(self, x: Any) -> tuple[Cells, Any]:
         """Return the cells, and the argument of a method: NumPy arrays unless one of them is traced."""
         xp = jnp if is_traced(self, x) else np
         arrays = (xp.asarray(y) for y in (self.coefficients, self.knots, self.times))
-        return _Cells(xp, *arrays, self.rest), xp.asarray(x).astype(self.knots.dtype)
-
-
-class _Cells(NamedTuple):
-    """The fields of a timing as arrays of the array library `xp`."""
-
-    xp: Any
-    coefficients: Float[Any, "cells 4"]
-    knots: Float[Any, " cells+1"]
-    times: Float[Any, " cells+1"]
-    rest: tuple[bool, bool]
-
-    @property
-    def count(self) -> int:
-        return self.coefficients.shape[-2]
-
-    def form(self, cell: Any) -> Any:
-        """Return the coefficients of a = u̇² on the first axis."""
-        return self.xp.moveaxis(self.coefficients[cell], -1, 0)
-
-    def length(self, cell: Any) -> Any:
-        return self.knots[cell + 1] - self.knots[cell]
-
-    def kinds(self, cell: Any) -> tuple[Any, Any]:
-        """Return whether a cell starts at rest, and whether it ends at rest."""
-        return (cell == 0) & self.rest[0], (cell == self.count - 1) & self.rest[1]
-
-    def locate(self, u: Any) -> tuple[Any, Any]:
-        """Return the cell that contains a parameter, and the position in the cell."""
-        cell = self.xp.clip(self.xp.searchsorted(self.knots, u, side="right") - 1, 0, self.count - 1)
-        return cell, _clipped((u - self.knots[cell]) / self.length(cell), 0.0, 1.0)
-
-
-# Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
-# rest the place x is z² or 1 − (1 − z)², and time is a smooth function of z. The parameter u and its rate u̇ are smooth
-# functions of z, too, so their derivatives are correct also at rest, where √a is not differentiable in u.
-
-
-def _newton(cells: _Cells, t: Any, cell: Any) -> Any:
-    """Return z at a time within a cell."""
-    since, span = t - cells.times[cell], cells.times[cell + 1] - cells.times[cell]
-    own = cells.form(cell), cells.length(cell), *cells.kinds(cell)
-
-    def step(_: Any, z: Any) -> Any:
-        return cells.xp.clip(z - (_elapsed(*own, z) - since) / _pace(*own, z), 0.0, 1.0)
-
-    if cells.xp is jnp:
-        return jax.lax.fori_loop(0, NEWTON_STEPS, step, since / span)
-    z = since / span
-    for k in range(NEWTON_STEPS):
-        z = step(k, z)
-    return z
+        return Cells(xp, *arrays, self.rest), xp.asarray(x).astype(self.knots.dtype)
 
 
 @eqx.filter_custom_jvp
 def _position(timing: Timing, t: Scalar, cell: Int[Array, ""]) -> Scalar:
     """Return z at a time within a cell."""
-    return _newton(timing._with(t)[0], t, cell)
+    return newton(timing._with(t)[0], t, cell)
 
 
 @_position.def_jvp
@@ -178,13 +138,13 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
 
     def reached(x: Timing) -> Scalar:
         cells = x._with(z)[0]
-        return cells.times[cell] + _elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
+        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
 
     late = jnp.zeros_like(z) if late is None else late
     if jax.tree.leaves(tangents[0]):
         shift = eqx.filter_jvp(reached, (timing,), (tangents[0],))[1]
         late = late if shift is None else late - shift
-    return z, late / _pace(own.form(cell), own.length(cell), starts, ends, z)
+    return z, late / pace(own.form(cell), own.length(cell), starts, ends, z)
 
 
 def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
@@ -201,50 +161,11 @@ def _knot_times(coefficients: Array, knots: Array, rest: tuple[bool, bool]) -> F
     k = np.arange(c.shape[-1])
     starts, ends = (xp.asarray(x) for x in ((k == 0) & rest[0], (k == k.size - 1) & rest[1]))
     with np.errstate(all="ignore"):  # a failed search ends with NaN
-        passed = xp.cumsum(_elapsed(c, length, starts, ends, xp.ones_like(length)), axis=-1)
+        passed = xp.cumsum(elapsed(c, length, starts, ends, xp.ones_like(length)), axis=-1)
     return xp.concatenate([xp.zeros_like(passed[..., :1]), passed], axis=-1)
 
 
 _traced_times = eqx.filter_jit(_knot_times)
-
-
-def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """Return the time [s] from the start of a cell to the position `_stretched(z)`."""
-    xp = namespace(c, length, z)
-    at, weights = (
-        xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2)
-    )
-    c, length, starts, ends = (xp.asarray(x)[..., None] for x in (c, length, starts, ends))
-    return z * xp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
-
-
-def _stretched(z: Array, starts: Array, ends: Array) -> Array:
-    xp = namespace(z, starts)
-    return xp.where(starts, z**2, xp.where(ends, z * (2 - z), z))
-
-
-def _stretching(z: Array, starts: Array, ends: Array) -> Array:
-    """Return the derivative of `_stretched`."""
-    xp = namespace(z, starts)
-    return xp.where(starts, 2 * z, xp.where(ends, 2 * (1 - z), 1.0))
-
-
-def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
-    xp = namespace(place, starts)
-    return xp.where(starts, _root(place), xp.where(ends, 1 - _root(1 - place), place))
-
-
-def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """Return dt/dz [s] at the position `_stretched(z)` in a cell.
-
-    The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
-    """
-    xp, place = namespace(c, z), _stretched(z, starts, ends)
-    left = 1 - place
-    from_start = c[1] + place * (c[2] + place * c[3])
-    to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
-    rest = xp.where(starts | ends, 2.0, 1.0)
-    return length * rest * xp.where(starts, from_start, xp.where(ends, to_end, _horner(c, place))) ** -0.5
 
 
 @storable
@@ -306,19 +227,3 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
         product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)]
         result = [product[0] + row, *product[1:]]
     return xp.stack(result)
-
-
-def _clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
-    """Clip `x` to its bounds; unlike with `jnp.clip`, the derivative is 1 if `x` equals a bound."""
-    xp = namespace(x, high)
-    return xp.where(x < low, low, xp.where(x > high, high, x))
-
-
-def _horner(c: Array, x: Array) -> Array:
-    return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
-
-
-def _root(x: Array) -> Array:
-    """Return √x, with the derivative 0 at x = 0."""
-    xp = namespace(x)
-    return xp.where(x > 0, xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)

@@ -1,0 +1,127 @@
+"""Compute the times within the cells of a timing, in NumPy or JAX."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.foundation.namespace import namespace
+from qtraj.foundation.types import Scalar, ScalarLike
+
+QUADRATURE = np.polynomial.legendre.leggauss(12)
+"""Nodes and weights on [−1, 1] for the time within a cell."""
+
+NEWTON_STEPS = 8
+
+
+class Cells(NamedTuple):
+    """The fields of a timing as arrays of the array library `xp`."""
+
+    xp: Any
+    coefficients: Float[Any, "cells 4"]
+    knots: Float[Any, " cells+1"]
+    times: Float[Any, " cells+1"]
+    rest: tuple[bool, bool]
+
+    @property
+    def count(self) -> int:
+        """The number of cells."""
+        return self.coefficients.shape[-2]
+
+    def form(self, cell: Any) -> Any:
+        """Return the coefficients of a = u̇² on the first axis."""
+        return self.xp.moveaxis(self.coefficients[cell], -1, 0)
+
+    def length(self, cell: Any) -> Any:
+        """Return the lengths of cells in the parameter."""
+        return self.knots[cell + 1] - self.knots[cell]
+
+    def kinds(self, cell: Any) -> tuple[Any, Any]:
+        """Return whether a cell starts at rest, and whether it ends at rest."""
+        return (cell == 0) & self.rest[0], (cell == self.count - 1) & self.rest[1]
+
+    def locate(self, u: Any) -> tuple[Any, Any]:
+        """Return the cell that contains a parameter, and the position in the cell."""
+        cell = self.xp.clip(self.xp.searchsorted(self.knots, u, side="right") - 1, 0, self.count - 1)
+        return cell, clipped((u - self.knots[cell]) / self.length(cell), 0.0, 1.0)
+
+
+# Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
+# rest the place x is z² or 1 − (1 − z)², and time is a smooth function of z. The parameter u and its rate u̇ are smooth
+# functions of z, too, so their derivatives are correct also at rest, where √a is not differentiable in u.
+
+
+def newton(cells: Cells, t: Any, cell: Any) -> Any:
+    """Return z at a time within a cell."""
+    since, span = t - cells.times[cell], cells.times[cell + 1] - cells.times[cell]
+    own = cells.form(cell), cells.length(cell), *cells.kinds(cell)
+
+    def step(_: Any, z: Any) -> Any:
+        return cells.xp.clip(z - (elapsed(*own, z) - since) / pace(*own, z), 0.0, 1.0)
+
+    if cells.xp is jnp:
+        return jax.lax.fori_loop(0, NEWTON_STEPS, step, since / span)
+    z = since / span
+    for k in range(NEWTON_STEPS):
+        z = step(k, z)
+    return z
+
+
+def elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """Return the time [s] from the start of a cell to the position `stretched(z)`."""
+    xp = namespace(c, length, z)
+    at, weights = (
+        xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2)
+    )
+    c, length, starts, ends = (xp.asarray(x)[..., None] for x in (c, length, starts, ends))
+    return z * xp.sum(weights * pace(c, length, starts, ends, at * z[..., None]), axis=-1)
+
+
+def stretched(z: Array, starts: Array, ends: Array) -> Array:
+    """Return the place in a cell at z; `starts` and `ends` are whether the cell starts and ends at rest."""
+    xp = namespace(z, starts)
+    return xp.where(starts, z**2, xp.where(ends, z * (2 - z), z))
+
+
+def stretching(z: Array, starts: Array, ends: Array) -> Array:
+    """Return the derivative of `stretched`."""
+    xp = namespace(z, starts)
+    return xp.where(starts, 2 * z, xp.where(ends, 2 * (1 - z), 1.0))
+
+
+def unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
+    """Return z for a place in a cell, the inverse of `stretched`."""
+    xp = namespace(place, starts)
+    return xp.where(starts, root(place), xp.where(ends, 1 - root(1 - place), place))
+
+
+def pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """Return dt/dz [s] at the position `stretched(z)` in a cell.
+
+    The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
+    """
+    xp, place = namespace(c, z), stretched(z, starts, ends)
+    left = 1 - place
+    from_start = c[1] + place * (c[2] + place * c[3])
+    to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
+    rest = xp.where(starts | ends, 2.0, 1.0)
+    return length * rest * xp.where(starts, from_start, xp.where(ends, to_end, horner(c, place))) ** -0.5
+
+
+def clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
+    """Clip `x` to its bounds; unlike with `jnp.clip`, the derivative is 1 if `x` equals a bound."""
+    xp = namespace(x, high)
+    return xp.where(x < low, low, xp.where(x > high, high, x))
+
+
+def horner(c: Array, x: Array) -> Array:
+    """Return the value at x of a cubic with the coefficients on the first axis of `c`."""
+    return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
+
+
+def root(x: Array) -> Array:
+    """Return √x, with the derivative 0 at x = 0."""
+    xp = namespace(x)
+    return xp.where(x > 0, xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)
