@@ -17,7 +17,7 @@ from qtraj.path.vehicle import RoadParameters
 PLACES = 17
 """Number of equally spaced points in each cell at which quantities are evaluated."""
 
-ZOOM_PLACES, ZOOMS = 9, 10
+ZOOM_PLACES, ZOOMS = 65, 4
 """Number of points in each interval of the search for a maximum, and number of intervals.
 
 The first interval is the cell. Each further interval is smaller, and its centre is the largest value so far."""
