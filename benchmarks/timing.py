@@ -42,7 +42,7 @@ from qtraj.foundation import cores
 
 FINER = 10
 """How many times finer the second grid of TOPPRA is."""
-BLOCK, COMPARED, GRIDS = 32, 3, 7
+BLOCK, COMPARED, GRIDS = 128, 3, 7
 """Paths in a block of a batch; paths of the batch for TOPPRA, and number of its grids, each twice as fine."""
 SUITE = {"two_points_1": (1.0, 0.2), "two_points_2": (1e-4, 0.002)}
 """Length [m] and optimal duration [s] of straight paths with two waypoints, in TOPPRA's robustness suite."""

@@ -293,7 +293,8 @@ def test_gradients_of_the_least_time():
         return qt.retime(STRAIGHT, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS).duration
 
     def turning(values):
-        path = qt.SpiralHelix(SPIRAL.radius, jnp.asarray(SPIRAL.angle).at[1].set(values[0]), SPIRAL.height, SPIRAL.duration)
+        angle = jnp.asarray(SPIRAL.angle).at[1].set(values[0])
+        path = qt.SpiralHelix(SPIRAL.radius, angle, SPIRAL.height, SPIRAL.duration)
         return qt.retime(path, qt.Limits(lateral_acceleration=values[1]), knots=KNOTS).duration
 
     V, A = 9.0, 2.0

@@ -30,7 +30,6 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
-
 ROUNDINGS = 8
 """A time later than the end by at most this number of rounding errors is treated as the end."""
 
