@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -97,13 +97,15 @@ class BoundedPolynomial:
         return BoundedPolynomial(c, sizes, k)
 
 
-class Decisions:
-    """The results of `decide`: masks of the claims that are `proved` and `refuted`; all others are open."""
+class Decisions(NamedTuple):
+    """The results of `decide`: masks of the claims that are `proved` and `refuted`; all others are open.
 
-    __slots__ = ("proved", "refuted")
+    `at` are points in [0, 1] at which the claims are refuted.
+    """
 
-    def __init__(self, proved: Bool[np.ndarray, " n"], refuted: Bool[np.ndarray, " n"]):
-        self.proved, self.refuted = proved, refuted
+    proved: Bool[np.ndarray, " n"]
+    refuted: Bool[np.ndarray, " n"]
+    at: Float[np.ndarray, " n"]
 
 
 def decide(claim: Claim, count: int, strict: bool = False) -> Decisions:
@@ -112,23 +114,24 @@ def decide(claim: Claim, count: int, strict: bool = False) -> Decisions:
     The method is the same as in `subdivision.decide`, for all claims at once. What it decides is rigorous; claims that
     remain open are too close to the limit for floats.
     """
-    refuted, still_open = np.zeros(count, bool), np.zeros(count, bool)
-    owners = np.arange(count)
+    refuted, still_open, at = np.zeros(count, bool), np.zeros(count, bool), np.zeros(count)
+    owners, starts, width = np.arange(count), np.zeros(count), 1.0
     with np.errstate(all="ignore"):  # after an overflow, the comparisons are false
         forms = [p.bernstein() for p in claim.polynomials]
         for level in range(LEVELS + 1):
             inside = claim.sign([_on_intervals(b, e) for b, e in forms])
             for end in (0, -1):
                 value = claim.sign([_of_numbers(b[end], e) for b, e in forms])
-                refuted[owners[value.le if strict else value.lt]] = True
+                below = np.flatnonzero(value.le if strict else value.lt)
+                refuted[owners[below]], at[owners[below]] = True, starts[below] - end * width
             keep = ~(inside.gt if strict else inside.ge) & ~refuted[owners]
-            owners = owners[keep]
+            owners, starts, width = owners[keep], starts[keep], 0.5 * width
             if level == LEVELS or not owners.size:
                 still_open[owners] = True
                 break
             forms = [_halved(b[:, keep], e[keep]) for b, e in forms]
-            owners = np.concatenate([owners, owners])
-    return Decisions(~(refuted | still_open), refuted)
+            owners, starts = np.concatenate([owners, owners]), np.concatenate([starts, starts + width])
+    return Decisions(~(refuted | still_open), refuted, at)
 
 
 def _on_intervals(b: np.ndarray, e: np.ndarray) -> Signs:

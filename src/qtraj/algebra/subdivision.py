@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from qtraj.algebra.exact import ExactPolynomial
@@ -33,10 +34,10 @@ class Decision(NamedTuple):
     at: float = 0.0
 
 
-def decide(claim: Claim, strict: bool = False) -> Decision:
+def decide(claim: Claim, strict: bool = False, max_work: int = MAX_WORK) -> Decision:
     """Decide whether a claim with `ExactPolynomial`s is nonnegative on [0, 1], or positive if `strict`.
 
-    The claim is refuted if it is violated at an end of one of the intervals.
+    The claim is undecided after `max_work` additions. It is refuted if it is violated at an end of one of the intervals.
     """
     stack = [([_bernstein(p) for p in claim.polynomials], 0, 0)]
     work, undecided = 0, None
@@ -50,9 +51,9 @@ def decide(claim: Claim, strict: bool = False) -> Decision:
             if value.le if strict else value.lt:
                 return Decision(False, True, math.ldexp(place - end, -depth))
         work += sum(len(b) ** 2 for b in forms)
-        if depth >= MAX_DEPTH or work > MAX_WORK:
+        if depth >= MAX_DEPTH or work > max_work:
             undecided = math.ldexp(place, -depth) if undecided is None else undecided
-            if work > MAX_WORK:
+            if work > max_work:
                 break
             continue
         halves = [_halved(b) for b in forms]
@@ -100,5 +101,5 @@ def _halved(b: list[int]) -> tuple[list[int], list[int]]:
     for k in range(degree + 1):
         left[k] = row[0] << (degree - k)
         right[degree - k] = row[-1] << (degree - k)
-        row = [x + y for x, y in zip(row, row[1:], strict=False)]
+        row = [x + y for x, y in pairwise(row)]
     return left, right

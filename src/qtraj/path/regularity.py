@@ -9,8 +9,8 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
+from qtraj.algebra.sparse import is_one
 from qtraj.foundation.namespace import xp
-from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants
 
 Numbers = Float[Array, "..."]
@@ -65,9 +65,17 @@ def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
     known = i.references
     if known is None or known[0] is not duration:
         span = duration**2
-        squares = i.S + span * i.A + span**2 * dot(i.r[3], i.r[3]), i.S * (i.A + i.S / span)
+        squares = i.S + span * i.A + span**2 * i.J, cross_norm_reference(i, span)
         i.references = known = (duration, squares)
     return known[1]
+
+
+def cross_norm_reference(i: Invariants, span: Any) -> Any:
+    """Return the value to which N = |r' × r''|² is compared, for the square of the duration.
+
+    The invariants are numbers or, if `span` is the integer 1, polynomials.
+    """
+    return i.S * (i.A + (i.S if is_one(span) else i.S / span))
 
 
 def is_significant(square: Any, reference: Any) -> Flags:

@@ -29,7 +29,7 @@ from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle import RoadParameters
 
-BLOCK_SIZE = 256
+BLOCK_SIZE = 512
 """Number of paths that are judged together; their data fits into the processor's cache."""
 
 
@@ -95,8 +95,9 @@ def certify(
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
     contributes to the distance as an arc length.
 
-    **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a reference, or with a reference about a different
-    axis. RuntimeError with `throw` if a limit is violated, undecided or undefined.
+    **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a
+    reference, or with a reference about a different axis. RuntimeError with `throw` if a limit is violated, undecided
+    or undefined.
     """
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
@@ -122,7 +123,8 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     limits.require_batch(batch, "the paths" if batch else "the path")
     bounds = _in_batch(limits.given().values(), batch)
-    factors, road = _in_batch(limits.factors(), batch), _in_batch(limits.road() if limits.needs_vehicle else (), batch)
+    road = _in_batch(limits.road(float) if limits.needs_vehicle else (), batch)
+    factors = _in_batch(limits.factors(float), batch)
     # Outside jit and vmap, the values of differentiated arrays are known, so the proof is not traced.
     constant, *numbers = constants((arrays, bounds, factors, road))
     codes, times, values = _findings(eqx.combine(constant, static), names, numbers, batch)
@@ -143,7 +145,7 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     """Return the findings on a batch of paths; `numbers` are the limits, factors and parameters (*batch, k)."""
     arrays = polynomial_arrays(path)
     if arrays is None:
-        flat = [x.reshape(-1, x.shape[-1]) for x in numbers]
+        flat = [x.reshape(math.prod(batch), x.shape[-1]) for x in numbers]
         found = _judged(curve_source(path), names, *flat)
         return Findings(*(x.reshape(*batch, len(names)) for x in found))
     if not is_traced(arrays, numbers):

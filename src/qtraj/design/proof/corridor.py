@@ -101,7 +101,7 @@ def _may_be_equal(one: Array, other: Array) -> bool:
 
 
 def _findings(path: Coefficients, reference: Coefficients, widths: Any) -> Any:
-    """Return status codes, times [s] and distances [m] of n paths; under `jit` and `vmap` they are computed on the host."""
+    """Return status codes, times [s] and distances [m] of n paths, computed on the host."""
     if not is_traced(path, reference, widths):
         return judge_corridor(*jax.tree.map(np.asarray, (path, reference, widths)))
     dtype, shape = jnp.result_type(float), widths.shape
@@ -146,9 +146,7 @@ def judge_corridor(path: Coefficients, reference: Coefficients, widths: np.ndarr
         lambda: within(BoundedPolynomial.constant(widths), floats()),
         lambda k: within(ExactPolynomial.of(widths[k]), integers(k)),
     )
-    same_sign = decided(
-        every, lambda: _radii(floats()), lambda k: _radii(integers(k)), strict=True
-    ).proved
+    same_sign = decided(every, lambda: _radii(floats()), lambda k: _radii(integers(k)), strict=True).proved
 
     def squared_distance(u: np.ndarray) -> np.ndarray:
         def at(p: Coefficients) -> list[np.ndarray]:

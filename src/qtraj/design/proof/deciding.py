@@ -16,7 +16,7 @@ FEWEST_FOR_FLOATS = 3
 
 
 class Decided(NamedTuple):
-    """Which claims are proved and refuted, and the fractions of the durations at which integers refuted them."""
+    """Which claims are proved and refuted, and the fractions of the durations `at` which they are refuted."""
 
     proved: Bool[np.ndarray, " n"]
     refuted: Bool[np.ndarray, " n"]
@@ -28,6 +28,7 @@ def decided(
     in_floats: Callable[[], Claim | None],
     in_integers: Callable[[int], Claim],
     strict: bool = False,
+    max_work: int = subdivision.MAX_WORK,
 ) -> Decided:
     """Decide the `wanted` claims: whether each is nonnegative on [0, 1], or positive if `strict`.
 
@@ -41,9 +42,10 @@ def decided(
             if claim is not None:
                 found = bounded.decide(claim, len(wanted), strict)
                 result.proved[:], result.refuted[:] = found.proved & wanted, found.refuted & wanted
+                result.at[:] = found.at
     for k in np.flatnonzero(wanted & ~(result.proved | result.refuted)):
         try:
-            decision = subdivision.decide(in_integers(int(k)), strict)
+            decision = subdivision.decide(in_integers(int(k)), strict, max_work)
         except (OverflowError, ValueError):  # a coefficient is infinite or NaN
             continue
         result.proved[k], result.refuted[k], result.at[k] = decision.proved, decision.refuted, decision.at

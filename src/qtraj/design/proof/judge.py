@@ -17,29 +17,23 @@ from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.deciding import Decided, decided
-from qtraj.design.proof.limit_claims import DIVISOR_ORDER, UPRIGHT_DIVISORS, Bound, Formulas
+from qtraj.design.proof.limit_claims import (
+    DIVISOR_ORDER,
+    MIN_RELATIVE_DIVISOR,
+    UPRIGHT_DIVISORS,
+    Bound,
+    Formulas,
+    sizes,
+)
 from qtraj.design.proof.maxima import find_maxima
 from qtraj.design.proof.sources import Source
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD, PathQuantity
-from qtraj.path.regularity import DEFINED_TOLERANCE, regularity
 from qtraj.path.vehicle import RoadParameters
 
-MIN_RELATIVE_DIVISOR = 1e-9
-"""A divisor that is not proved positive counts as zero if its relative size is below this value."""
-
-NEGLIGIBLE_DIVISOR = DEFINED_TOLERANCE * float(np.finfo(float).eps)
-"""A divisor counts as zero if its relative size is below this value, as for the trihedron, even if it is positive."""
-
-GRIDS = {True: np.linspace(0.0, 1.0, 193), False: np.linspace(0.0, 1.0, 1153)}
-"""The instants at which quantities are sampled, with and without a proof.
-
-The first grid includes the ends of all intervals into which `bounded.decide` divides a path.
-"""
-
-FEW = 12
-"""Number of intervals of the grid on which the size of a divisor that is proved positive is sampled."""
+GRIDS = {True: np.linspace(0.0, 1.0, 97), False: np.linspace(0.0, 1.0, 1153)}
+"""The instants at which quantities are sampled, with and without a proof."""
 
 
 class Limit(NamedTuple):
@@ -120,23 +114,24 @@ class _Task:
         """Return the state of a divisor (PROVED positive, UNDECIDED or UNDEFINED), and the instant of its minimum."""
         if name not in self._divisors:
             provable = self.source.provable(name in UPRIGHT_DIVISORS)
-            positive = decided(
+            found = decided(
                 provable,
-                lambda: None if self._bounded is None else self._bounded.divisor(name),
-                lambda k: self._exact_formulas(k).divisor(name),
+                lambda: None if self._bounded is None else self._bounded.divisor(name, self._fastest_in_floats()),
+                lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
                 strict=True,
-            ).proved
-            grid, function = self._grid(provable), lambda u: -self._sizes(name, u)
-            if np.all(positive):  # only a path along which the divisor is negligible is of interest
-                samples = function(grid[:: (len(grid) - 1) // FEW])
-                at, negative_size = grid[:: (len(grid) - 1) // FEW][samples.argmax(axis=0)], samples.max(axis=0)
-            else:
-                at, negative_size = find_maxima(function, grid, function(grid))
-            size = xp.sqrt(xp.maximum(-negative_size, 0.0))
-            least = np.where(positive, NEGLIGIBLE_DIVISOR, MIN_RELATIVE_DIVISOR)
-            rest = np.where(provable & ~positive, UNDECIDED, PROVED)
-            self._divisors[name] = xp.where(size < least, UNDEFINED, rest), at
+            )
+            self._divisors[name] = np.full(provable.shape, PROVED), np.zeros(provable.shape)
+            if not np.all(found.proved):
+                self._divisors[name] = self._zero(name, provable, found)
         return self._divisors[name]
+
+    def _zero(self, name: str, provable: np.ndarray, found: Decided) -> tuple[np.ndarray, np.ndarray]:
+        """Return the result of `_divisor` for divisors of which some are not proved positive."""
+        grid, function = self._grid(provable), lambda u: -self._sizes(name, u)
+        at, negative_size = find_maxima(function, grid, function(grid), found.at if np.any(found.refuted) else None)
+        zero = found.refuted | (xp.sqrt(xp.maximum(-negative_size, 0.0)) < MIN_RELATIVE_DIVISOR)
+        rest = np.where(provable, UNDECIDED, PROVED)
+        return xp.where(found.proved, PROVED, xp.where(zero, UNDEFINED, rest)), at
 
     @cached_property
     def _bounded(self) -> Formulas | None:
@@ -145,7 +140,8 @@ class _Task:
             derivatives, vehicle = self.source.bounded(self.order), None
             if self.vehicle is not None:
                 vehicle = _constants(self._scaled_vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
-        return None if derivatives is None else Formulas(derivatives, vehicle)
+        constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, x), k=1)  # noqa: E731
+        return None if derivatives is None else Formulas(derivatives, constant, vehicle)
 
     def _in_floats(self, x: np.ndarray, length: int, per_time: int) -> BoundedPolynomial:
         source = self.source
@@ -158,7 +154,7 @@ class _Task:
             if self.vehicle is not None:
                 vehicle = _constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
                 vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self.source.duration[k], 2))
-            self._exact[k] = Formulas(self.source.exact(k, self.order), vehicle)
+            self._exact[k] = Formulas(self.source.exact(k, self.order), ExactPolynomial.of, vehicle)
         return self._exact[k]
 
     @cached_property
@@ -196,12 +192,25 @@ class _Task:
             self._grids[count] = self._at(np.repeat(u[:, None], self.source.count, axis=1))
         return self._grids[count]
 
+    @cached_property
+    def _fastest(self) -> np.ndarray:
+        """The largest squared speed at the instants of the grid, in the units of `source`."""
+        with np.errstate(all="ignore"):
+            return xp.max(self._at(self._grid(self.source.provable(False))).S, axis=0)
+
+    def _fastest_in_floats(self) -> BoundedPolynomial:
+        return BoundedPolynomial.constant(self._fastest)
+
+    def _fastest_in_integers(self, k: int) -> ExactPolynomial:
+        return _times_power(ExactPolynomial.of(self._fastest[k]), self.source.length[k], 2)
+
     def _sizes(self, name: str, u: np.ndarray) -> np.ndarray:
         """Return the squared relative size of a divisor."""
         with np.errstate(all="ignore"):
             i = self._at(u)
             if name != LOAD:
-                return getattr(regularity(i, np.ones(())), name)
+                square, scale = sizes(name, i, self._fastest)
+                return xp.where(scale > 0, square / xp.where(scale > 0, scale, 1.0), 0.0)
             p, load = i.vehicle, xp.maximum(i.contact.onto, 0.0)
             largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
             return xp.where(largest > 0, load * load / xp.where(largest > 0, largest, 1.0), 0.0)

@@ -6,6 +6,7 @@ the squared speed and √H of the squared horizontal speed (see `algebra.surd`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from qtraj.algebra.sparse import is_one
@@ -14,11 +15,15 @@ from qtraj.design.proof.sources import Derivatives
 from qtraj.path.contact import Contact
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD, PathQuantity
+from qtraj.path.regularity import cross_norm_reference
 
-DIVISORS = {"speed": "S", "cross_norm": "N", "level": "H", LOAD: ""}
-"""The names of the divisors of quantities, and the invariants that vanish where they do; the load has a formula."""
+MIN_RELATIVE_DIVISOR = 1e-9
+"""A divisor counts as zero if its relative size is below this value.
 
-DIVISOR_ORDER = {"speed": 3, "cross_norm": 3, "level": 3, LOAD: 2}
+The speed is compared with the largest speed of the path, and the other divisors as in `regularity`.
+"""
+
+DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2}
 """The order of the highest derivative that is needed for each divisor and for its relative size."""
 
 UPRIGHT_DIVISORS = ("level", LOAD)
@@ -46,9 +51,13 @@ class RoadInvariants:
 
 
 class Formulas:
-    """The claims about the paths with these derivatives, for a `vehicle` whose parameters are constant polynomials."""
+    """The claims about the paths with these derivatives, for a `vehicle` whose parameters are constant polynomials.
 
-    def __init__(self, derivatives: Derivatives, vehicle: Any = None):
+    `constant` converts a number to a constant polynomial.
+    """
+
+    def __init__(self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None):
+        self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
         self.invariants = Invariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
         self._road: RoadInvariants | None = None
 
@@ -69,6 +78,20 @@ class Formulas:
         scaled = limit if entry.denominator is None else limit * entry.denominator(i)
         return Claim(scaled - numerator)
 
-    def divisor(self, name: str) -> Claim:
-        """Return a divisor; the claim must be positive for the quantity to exist."""
-        return Claim(self.road.contact.onto if name == LOAD else getattr(self.invariants, DIVISORS[name]))
+    def divisor(self, name: str, fastest: Any) -> Claim:
+        """Return the claim that a divisor does not vanish: it must be positive.
+
+        The load must be positive, and the relative size of any other divisor must exceed `MIN_RELATIVE_DIVISOR`.
+        `fastest` is the largest squared speed, as a constant polynomial.
+        """
+        if name == LOAD:
+            return Claim(self.road.contact.onto)
+        square, scale = sizes(name, self.invariants, fastest)
+        return Claim(square - self._threshold * scale)
+
+
+def sizes(name: str, i: Any, fastest: Any) -> tuple[Any, Any]:
+    """Return the square of a divisor other than the load, and the square to which it is compared."""
+    if name == "speed":
+        return i.S, fastest
+    return (i.N, cross_norm_reference(i, 1)) if name == "cross_norm" else (i.H, i.S)

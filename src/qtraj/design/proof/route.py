@@ -51,8 +51,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road = limits.road() if limits.on_road else None
-    factors = np.array([float(np.asarray(x)) for x in limits.factors()])
+    road = limits.road(float) if limits.on_road else None
+    factors = np.array([float(np.asarray(x)) for x in limits.factors(float)])
     results = findings(segments, [Limit(quantity(n), *x) for n, *x in zip(names, bounds, factors, strict=True)], road)
     times = results.times + starts[:, None]
     codes, column = worst(results.codes), np.arange(len(names))

@@ -109,7 +109,7 @@ class PolynomialSource(Source):
         """Return the derivatives as bounded polynomials, with the units `length` and `duration`."""
         x, y, z, angle = (0 if c is None else BoundedPolynomial(c, k=2 * len(c) + 2) for c in self._scaled)
         signs = self._signs()
-        rows = _derivatives(x, y, z, angle, order)
+        rows = moving_derivatives(x, y, z, angle, order)
         if np.any(signs < 0):
             rows = [None, *((r[0], _signed(r[1], signs), _signed(r[2], signs)) for r in rows[1:])]
         return Derivatives(rows)
@@ -117,10 +117,8 @@ class PolynomialSource(Source):
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of path k as exact polynomials in the stored coefficients and the duration."""
         h = float(self.duration[k])
-        x, y, z, angle = (
-            0 if c is None else ExactPolynomial.from_floats(c[:, k]).substituted(h) for c in self._given
-        )
-        rows = _derivatives(x, y, z, angle, order)
+        x, y, z, angle = (0 if c is None else ExactPolynomial.from_floats(c[:, k]).substituted(h) for c in self._given)
+        rows = moving_derivatives(x, y, z, angle, order)
         if self._signs()[k] < 0:
             rows = [None, *((r[0], -r[1], -r[2]) for r in rows[1:])]
         return Derivatives(rows)
@@ -159,7 +157,7 @@ def _local_vertical(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 3"] | N
     return None if np.all(vertical == [0.0, 0.0, 1.0]) else vertical
 
 
-def _derivatives(x: Any, y: Any, z: Any, angle: Any, order: int) -> list[Any]:
+def moving_derivatives(x: Any, y: Any, z: Any, angle: Any, order: int) -> list[Any]:
     """Return the derivatives up to `order` of R_z(φ)·(x, y, z) in the moving basis.
 
     The derivative of the vector with the components a, b, c is (a' − φ'b, b' + φ'a, c').

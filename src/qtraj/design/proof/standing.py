@@ -61,7 +61,8 @@ class StandingSource(Source):
             rows = [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(1, order + 1)]
             self._floats[order] = [[c / self.length for c in row] for row in rows], _stacked([x.pace for x in each])
         rows, pace = self._floats[order]
-        return Derivatives([None, *(tuple(horner([*c], u) for c in row) for row in rows)], horner([*pace], u))
+        zero = np.zeros_like(u)
+        return Derivatives([None, *(tuple(horner([*c], u) + zero for c in row) for row in rows)], horner([*pace], u))
 
 
 def standing(segments: Segments) -> Bool[np.ndarray, "segments 2"]:
