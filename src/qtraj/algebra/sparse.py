@@ -11,16 +11,10 @@ from typing import Any
 def mul(a: Any, b: Any) -> Any:
     """Return a·b. A factor that is the integer 0 yields the integer 0; the integer 1 yields the other factor."""
     # `type` is faster than `isinstance`, and these functions are called very often in NumPy.
-    if type(a) is int:
-        if a == 0 or (type(b) is int and b == 0):
-            return 0
-        if a == 1:
-            return b
-    elif type(b) is int:
-        if b == 0:
-            return 0
-        if b == 1:
-            return a
+    if type(a) is int and a in (0, 1):
+        return 0 if a == 0 else b
+    if type(b) is int and b in (0, 1):
+        return 0 if b == 0 else a
     return a * b
 
 

@@ -23,6 +23,9 @@ MIN_RELATIVE_DIVISOR = 1e-9
 The speed is compared with the largest speed of the path, and the other divisors as in `regularity`.
 """
 
+DIVISORS = {"speed": "S", "cross_norm": "N", "level": "H"}
+"""The invariants that are the squares of divisors; the load on the road has a formula instead."""
+
 DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2}
 """The order of the highest derivative that is needed for each divisor and for its relative size."""
 
@@ -92,6 +95,5 @@ class Formulas:
 
 def sizes(name: str, i: Any, fastest: Any) -> tuple[Any, Any]:
     """Return the square of a divisor other than the load, and the square to which it is compared."""
-    if name == "speed":
-        return i.S, fastest
-    return (i.N, cross_norm_reference(i, 1)) if name == "cross_norm" else (i.H, i.S)
+    reference = {"speed": lambda: fastest, "cross_norm": lambda: cross_norm_reference(i, 1), "level": lambda: i.S}
+    return getattr(i, DIVISORS[name]), reference[name]()

@@ -3,14 +3,14 @@
 import itertools
 from collections.abc import Collection, Sequence
 
+import jax
 import numpy as np
 
 from qtraj.design.tuning.advice import SearchOptions, advice
 from qtraj.design.tuning.box import default_bound_warning
-from qtraj.design.tuning.multistart import take
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import SearchResult
-from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.design.tuning.searches import Searches
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.path.quantity import quantity
@@ -28,9 +28,7 @@ class Advisor:
 
     def __init__(
         self,
-        tasks: Task,
-        slots: LimitSlots,
-        names: Sequence[str],
+        searches: Searches,
         result: SearchResult,
         starts: int,
         max_steps: int,
@@ -38,8 +36,8 @@ class Advisor:
         vehicle: Vehicle | None = None,
     ):
         self.number = next(self._numbers)
-        self._data = tasks, names, result
-        self._search = slots, starts, max_steps
+        self._data = searches, result
+        self._search = starts, max_steps
         self._user_bounds, self._vehicle = user_bounds, vehicle
         self._cache: dict[int, str] = {}
 
@@ -56,17 +54,19 @@ class Advisor:
         return self._cache[place]
 
     def _sentences(self, place: int, code: ResultCode, report: Report | None) -> list[str]:
-        tasks, names, result = self._data
-        one, at = take(tasks, slice(place, place + 1)), take(result, slice(place, place + 1))
+        searches, result = self._data
+        element = slice(place, place + 1)
+        one, at = searches.take(element), jax.tree.map(lambda x: x[element], result)
+        problem, names = one.problem, tuple(searches.limits)
         vehicle = self._vehicle
         if vehicle is not None and vehicle.mass.ndim:
-            vehicle = take(vehicle, place)
+            vehicle = jax.tree.map(lambda x: x[place], vehicle)
         options = SearchOptions(*self._search, report, vehicle)
-        sentences = [default_bound_warning(tasks.problem.names, np.asarray(at.z[0]), self._user_bounds)]
+        sentences = [default_bound_warning(problem.names, np.asarray(at.z[0]), self._user_bounds)]
         if code != ResultCode.successful:
-            sentences = [standstill_warning(take(one.problem, 0), names), *sentences]
+            sentences = [standstill_warning(problem, names), *sentences]
         if code == ResultCode.infeasible:
-            return [advice(one, names, at, options), *sentences]
+            return [advice(one, at, options), *sentences]
         if code == ResultCode.not_converged and not sentences[0]:
             more = "a larger max_steps, " if int(at.steps[0]) >= options.max_steps else ""
             sentences.append(f"Try {more}more starts, other boundary velocities, or wider limits.")

@@ -18,9 +18,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning import peaks as peaking
+from qtraj.design.tuning.grid_peaks import GridPeaks, no_peaks
 from qtraj.design.tuning.lagrangian import (
     PerInterval,
     Round,
@@ -31,11 +31,12 @@ from qtraj.design.tuning.lagrangian import (
     make_round,
     to_box,
 )
-from qtraj.design.tuning.peaks import Peaks
-from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
+from qtraj.design.tuning.problem import broadcasting
+from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
+from qtraj.design.tuning.searches import Searches
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.design.tuning.task import Task
+from qtraj.foundation import cores
 from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
@@ -47,7 +48,7 @@ STATIONARY = 1e-6
 """Largest component of the Lagrangian's gradient at a converged point, in the scaled problem."""
 
 COMPLEMENTARY = 1e-6
-"""Tolerance on ½((value/limit)² − 1) for an active constraint at a converged point."""
+"""Tolerance on ln(value/limit) for an active constraint at a converged point."""
 
 MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE_RATIO = 1e-2, 1e-7, 0.1
 """Bounds on the gradient tolerance at which a round ends, and the ratio of this tolerance to the residual."""
@@ -64,20 +65,20 @@ ROUNDING = 1e-13
 class Point(NamedTuple):
     """A point y that was evaluated during a round; `value` and `gradient_norm` belong to the augmented Lagrangian."""
 
-    y: Variables
+    y: Float[Array, " n"]
     value: Scalar
     gradient_norm: Scalar  # magnitude of the largest component of the gradient
     cost: Scalar
     step: Int[Array, ""]  # within the round
     multipliers: PerInterval  # of the next round: max(0, m + μg), with multipliers m, penalty μ and constraint values g
     times: PerInterval
-    peaks: Peaks
+    peaks: GridPeaks
 
 
 class State(NamedTuple):
     """The state of a batch of searches; `constants` are the constants of the current round."""
 
-    y: Variables
+    y: Float[Array, " n"]
     memory: Any  # the optimiser's state
     reset: Flag  # the optimiser's state has to be initialised
     stuck: Flag  # the last step did not change y
@@ -92,37 +93,70 @@ class State(NamedTuple):
     steps: Int[Array, ""]
     done: Flag
     stationary: Flag
-    effort: Int[Array, ""]
 
 
 class AugmentedLagrangian(AbstractSearch):
-    """The augmented Lagrangian search with an optax optimiser."""
+    """The augmented Lagrangian search with an optax optimiser, compiled by JAX."""
 
-    stages: ClassVar[tuple[int, ...]] = (100, 200, 400, 800, 1600, 3200, 6400)
     optimiser: Any = eqx.field(static=True)
-    rounds: Int[Array | np.ndarray, ""] = eqx.field(converter=step_count)
-    inner_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=step_count)
+    rounds: int
+    inner_steps: int
 
-    @property
-    def step_limit(self) -> Int[Array | np.ndarray, ""]:
-        """Maximum number of steps of the optimiser in all rounds."""
-        return self.rounds * (self.inner_steps + 1)
+    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
+        """Return the final points of a batch of searches, each from its own `z`."""
+        task = Task(searches.problem, searches.limits, searches.low.T, searches.high.T)
+        count = searches.count
+        size = cores.block_size(count)
+        parts = cores.split(np.arange(count), size)
+        limits = np.asarray([self.rounds, self.inner_steps], np.int32)
+        calls = [(self.optimiser, limits, cores.take(task, part, size), cores.take(z.T, part, size)) for part in parts]
+        found, done = [], 0
+        for part, block in zip(parts, cores.map_blocks(_run, calls), strict=True):
+            found.append(jax.tree.map(lambda x, part=part: x[: part.size], block))
+            done += part.size
+            if callback is not None:
+                callback(done)
+        ends = jax.tree.map(lambda *x: np.concatenate(x), *found)
+        return ends._replace(z=np.array(ends.z.T))
 
-    def init(self, tasks: Task, z: Any) -> State:
-        """Return the initial state of the searches; each starts from its `z`, clipped to the box."""
-        xp: Any = np if isinstance(z, np.ndarray) else jnp
-        batch, dtype, slots = z.shape[:1], z.dtype, tasks.limits.shape[-1]
-        one = jax.eval_shape(self.optimiser.init, jax.ShapeDtypeStruct(z.shape[1:], dtype))
-        memory = jax.tree.map(lambda x: xp.zeros((*batch, *x.shape), x.dtype), one)
-        peaks = jax.tree.map(
-            lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.no_peaks(slots, dtype)
-        )
-        number, no, none = xp.zeros(batch, dtype), xp.zeros(batch, bool), xp.zeros(batch, np.int32)
-        infinite = xp.full(batch, np.inf, dtype)
-        z = xp.clip(z, tasks.low, tasks.high)
+
+@eqx.filter_jit
+def _run(optimiser: Any, limits: Int[Array, " 2"], tasks: Task, z: Float[Array, "batch n"]) -> Ends:
+    """Run a batch of searches; `limits` are the maximum numbers of rounds, and of steps in a round."""
+    with broadcasting():
+        rounds, inner_steps = limits[0], limits[1]
+        search = _Search(optimiser, rounds, inner_steps)
+        tasks = jax.tree.map(jnp.asarray, tasks)
+        states = jax.vmap(search.init)(tasks, jnp.clip(jnp.asarray(z), tasks.low, tasks.high))
+
+        def is_running(s: State) -> Bool[Array, " batch"]:
+            return ~s.done & (s.steps < rounds * (inner_steps + 1))
+
+        def advance(s: State) -> State:
+            on = is_running(s)
+            return choose(on, jax.vmap(search.step)(tasks, s, on), s)
+
+        end = jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
+        largest = jnp.max(end.best.peaks.value, axis=(-2, -1))
+        return Ends(to_box(tasks, end.best.y), end.best.cost, largest, end.stationary, jnp.maximum(end.steps, 0))
+
+
+class _Search(NamedTuple):
+    """The search for one problem."""
+
+    optimiser: Any
+    rounds: Int[Array, ""]
+    inner_steps: Int[Array, ""]
+
+    def init(self, task: Task, z: Float[Array, " n"]) -> State:
+        """Return the state before the first evaluation."""
+        dtype = z.dtype
+        peaks = jax.tree.map(jnp.asarray, no_peaks(len(task.limits), dtype))
+        number, no, none = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
+        infinite = number + jnp.inf
         return State(
             y=z,
-            memory=memory,
+            memory=jax.tree.map(jnp.zeros_like, self._initial(z)),
             reset=~no,
             stuck=no,
             best=Point(z, infinite, infinite, number, none, peaks.time, peaks.time, peaks),
@@ -136,37 +170,13 @@ class AugmentedLagrangian(AbstractSearch):
             steps=none - 1,
             done=no,
             stationary=no,
-            effort=none,
         )
 
-    def run(self, tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np.ndarray, ""]) -> State:
-        """Perform steps of the optimiser, in several rounds, until each search is done or has reached `max_steps`."""
-
-        def is_running(s: State) -> Bool[Array, " batch"]:
-            return ~s.done & (s.steps < max_steps)
-
-        def advance(s: State) -> State:
-            on = is_running(s)
-            after = jax.vmap(lambda task, s, on: self._step(task, slots, s, on))(tasks, s, on)
-            return choose(on, after, s)
-
-        return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
-
-    def result(self, tasks: Task, states: State, xp: Any) -> tuple[SearchResult, Any]:
-        """Return the best points of the current rounds, and their costs."""
-        best = states.best
-        z = to_box(tasks, best.y, xp)
-        violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
-        steps = xp.maximum(states.steps, 0)
-        return SearchResult(
-            z, states.constants.multipliers, best.peaks.time, best.peaks.value, violation, states.stationary, steps
-        ), best.cost
-
-    def _step(self, task: Task, slots: LimitSlots, s: State, on: Flag) -> State:
+    def step(self, task: Task, s: State, on: Flag) -> State:
         """Evaluate the current point. Then take a step of the optimiser, or start the next round."""
         y = jnp.where(s.steps < 0, from_box(task, s.y), s.y)
-        times, peaks = interval_maxima(task, slots, s.constants, y)
-        at = expand(task, slots, s.constants, times, y)
+        times, peaks = interval_maxima(task, s.constants, y)
+        at = expand(task, s.constants, times, y)
         gradient_norm = jnp.max(jnp.abs(at.gradient))
         multipliers = jnp.maximum(s.constants.multipliers + s.constants.penalty * at.g, 0.0)
         here = Point(y, at.value, gradient_norm, at.cost, s.step, multipliers, times, peaks)
@@ -174,7 +184,7 @@ class AugmentedLagrangian(AbstractSearch):
         best: Point = jax.tree.map(lambda a, b: jnp.where(better, a, b), here, s.best)
         solved = (s.steps >= 0) & (best.gradient_norm <= s.tolerance)
         round_ends = (s.steps < 0) | solved | s.stuck | (s.step >= self.inner_steps) | ~jnp.isfinite(at.value)
-        y, memory = self._optimiser_step(task, slots, s, at, times, y, on & ~round_ends)
+        y, memory = self._optimiser_step(task, s, at, times, y, on & ~round_ends)
         stepped = s._replace(
             y=y,
             memory=memory,
@@ -187,13 +197,17 @@ class AugmentedLagrangian(AbstractSearch):
         next_round = _next_round(s, best, solved, self.rounds)
         return jax.tree.map(lambda a, b: jnp.where(round_ends, a, b), next_round, stepped)
 
+    def _initial(self, y: Array) -> Any:
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes dtypes, which strict promotion rejects
+            return self.optimiser.init(y)
+
     def _optimiser_step(
-        self, task: Task, slots: LimitSlots, s: State, at: Any, times: PerInterval, y: Variables, is_active: Flag
-    ) -> tuple[Variables, Any]:
+        self, task: Task, s: State, at: Any, times: PerInterval, y: Array, is_active: Flag
+    ) -> tuple[Array, Any]:
         """Return the point after a step of the optimiser, and the optimiser's state."""
         # A zero gradient ends the line search at once: inactive searches must not delay the others in the batch.
         gradient = jnp.where(is_active, at.gradient, 0.0)
-        with jax.numpy_dtype_promotion("standard"):  # optax mixes dtypes, which strict promotion rejects
+        with jax.numpy_dtype_promotion("standard"):
             memory = jax.tree.map(lambda a, b: jnp.where(s.reset, a, b), self.optimiser.init(y), s.memory)
             updates, after = self.optimiser.update(
                 gradient,
@@ -201,7 +215,7 @@ class AugmentedLagrangian(AbstractSearch):
                 y,
                 value=at.value,
                 grad=gradient,
-                value_fn=lambda y: lagrangian(y, task, slots, s.constants, times),
+                value_fn=lambda y: lagrangian(task, s.constants, times, y)[0],
             )
             after = jax.tree.map(lambda new, old: jnp.asarray(new).astype(old.dtype), after, memory)
         return y + s.stride * updates.astype(y.dtype), after
@@ -213,7 +227,7 @@ def _better(here: Point, best: Point) -> Flag:
     return lower | ((here.value <= best.value + rounding) & (here.gradient_norm < best.gradient_norm))
 
 
-def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndarray, ""]) -> State:
+def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array, ""]) -> State:
     """Return the state at the beginning of the next round, which starts from the best point of the last round."""
     constants = s.constants
     residual = jnp.max(jnp.abs(best.multipliers - constants.multipliers)) / constants.penalty

@@ -1,17 +1,18 @@
 """Fix, bound and weight the variables of a tuning by name."""
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from typing_extensions import TypeAliasType
 
 from qtraj.design.tuning.motions.motion import COMPONENTS, ENDS, HEADINGS, VELOCITIES, AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.design.tuning.problem import DURATION, Problem, Variables, variable_names
-from qtraj.foundation.arrays import as_float, concrete
-from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.design.tuning.problem import DURATION, Problem, variable_names
+from qtraj.foundation.arrays import as_float, concrete, is_traced
+from qtraj.foundation.types import ArrayInput
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
 """Default bounds on the magnitudes of velocity changes, in units of the reference speed, and of ln(T/T₀).
@@ -71,7 +72,7 @@ def dependent_velocity(heading: str) -> str:
 
 def change_weights(
     weights: Mapping[str, float], objective: AbstractObjective, motion: AbstractMotion
-) -> Float[Array, " 7"]:
+) -> Float[np.ndarray, " 7"]:
     """Return the weights of the squared changes, in the order of `Problem.weights`; the default is 1.
 
     **Raises:** ValueError if weights are given for an objective other than "nearest", if a name is unknown, or if a
@@ -87,45 +88,32 @@ def change_weights(
             )
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
             raise ValueError(f"the weight of {name} must be finite and 0 or more, but {weight!r} was given")
-    return as_float([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
+    return np.asarray([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
 
 
-def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
-    """Return the lower and upper bounds of the variables z of one problem."""
+def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Any, Any]:
+    """Return the lower and upper bounds (*batch, n) of the variables z of one problem or a batch."""
     fixed_variables = {dependent_velocity(x) if x in HEADINGS else x for x in fixed}
-    low: list[Scalar] = []
-    high: list[Scalar] = []
+    xp: Any = jnp if is_traced(problem, bounds) else np
+    lows, highs = [], []
     for name in problem.names:
         reach = MAX_LOG_DURATION if name == DURATION else MAX_CHANGE
         if name in fixed_variables:
             reach = 0.0
-        lower, upper = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
+        lower, upper = (None if x is None else _variable(problem, name, x, xp) for x in bounds.get(name, (None, None)))
         # The default bounds are ±reach. If the user's lower bound is positive, the default upper bound is the user's
         # bound plus `reach`, so that the interval is not empty. A negative upper bound is treated in the same way.
-        low.append(lower if lower is not None else jnp.minimum(-reach, (0.0 if upper is None else upper) - reach))
-        high.append(upper if upper is not None else jnp.maximum(reach, (0.0 if lower is None else lower) + reach))
-    forward_ranges = [_forward_range(problem, name, fixed) for name in problem.names]
-    low = [
-        lower if forward is None else jnp.maximum(lower, forward[0])
-        for lower, forward in zip(low, forward_ranges, strict=True)
-    ]
-    high = [
-        upper if forward is None else jnp.minimum(upper, forward[1])
-        for upper, forward in zip(high, forward_ranges, strict=True)
-    ]
-    return _stacked(low, problem), _stacked(high, problem)
-
-
-def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
-    """Return the range in which the variable `name` keeps its sign, or None if it is not a V_phi with a fixed heading.
-
-    Outside this range the vehicle would drive backwards.
-    """
-    end, _, component = name.partition(".")
-    if component != "V_phi" or f"{end}.heading" not in fixed:
-        return None
-    zero = _variable(problem, name, 0.0)
-    return jnp.where(zero < 0, zero, -jnp.inf), jnp.where(zero > 0, zero, jnp.inf)
+        low = lower if lower is not None else xp.minimum(-reach, (0.0 if upper is None else upper) - reach)
+        high = upper if upper is not None else xp.maximum(reach, (0.0 if lower is None else lower) + reach)
+        end, _, component = name.partition(".")
+        if component == "V_phi" and f"{end}.heading" in fixed:
+            # Outside the range in which the variable keeps its sign, the vehicle would drive backwards.
+            zero = _variable(problem, name, 0.0, xp)
+            low = xp.maximum(low, xp.where(zero < 0, zero, -np.inf))
+            high = xp.minimum(high, xp.where(zero > 0, zero, np.inf))
+        lows.append(xp.broadcast_to(low, problem.speed.shape))
+        highs.append(xp.broadcast_to(high, problem.speed.shape))
+    return xp.stack(lows, axis=-1), xp.stack(highs, axis=-1)
 
 
 def default_bound_warning(names: Sequence[str], z: Float[np.ndarray, " n"], user_bounds: Collection[str]) -> str:
@@ -139,18 +127,14 @@ def default_bound_warning(names: Sequence[str], z: Float[np.ndarray, " n"], user
     return f"Note: {', '.join(names_at_bound)} reached the default bounds of the search. {advice}"
 
 
-def _stacked(values: list[Scalar], problem: Problem) -> Variables:
-    return jnp.stack([jnp.asarray(x, problem.speed.dtype) for x in values])
-
-
-def _variable(problem: Problem, name: str, value: ArrayInput) -> Scalar:
+def _variable(problem: Problem, name: str, value: Any, xp: Any) -> Any:
     """Return the value of the variable z that corresponds to a velocity [m/s] or a duration [s]."""
-    value = as_float(value).astype(problem.speed.dtype)
+    value = xp.asarray(value, problem.speed.dtype)
     if name == DURATION:
-        return jnp.log(value / problem.duration)
+        return xp.log(value / problem.duration)
     end, component = name.split(".")
     state = problem.start if end == ENDS[0] else problem.end
-    return (value - state.velocity[COMPONENTS.index(component)]) / problem.speed
+    return (value - state.velocity[..., COMPONENTS.index(component)]) / problem.speed
 
 
 def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -> None:

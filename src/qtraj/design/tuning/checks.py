@@ -16,7 +16,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
-from qtraj.design.tuning.task import named_limits
+from qtraj.design.tuning.targets import named_limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar

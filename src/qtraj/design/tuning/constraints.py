@@ -1,208 +1,128 @@
-"""Evaluate the limits as constraints at many instants of a path.
+"""The limits as constraints at instants of a path.
 
-A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0, where z are the variables and u is the time divided by the duration
-T. With u as the time, T only scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s
-in the unit of the quantity. G is a function of a few invariants. These are scalar products of vectors with each other
-and with the vertical. The vectors are the first four derivatives of the position r with respect to u, c = r'×r'' and
-c' = r'×r'''. The code calls these vectors blocks.
-
-An index selects the limit. All searches of a batch share the index, so the formula of each limit is compiled once, and
-only the limits that are set are evaluated. The functions in this module operate on a batch of paths without `jax.vmap`,
-because `jax.vmap` would trace branches and loops several times.
+A constraint is g(z, u) = ln(value/limit) ≤ 0, where z are the variables and u is the time divided by the duration T. A
+quantity that can be negative has a large negative constraint value where it is negative. The registry's formulas are
+evaluated for the derivatives with respect to u, in units of a length L of the problem. So T enters only as −p·ln T,
+where p is the power of 1/s in the unit of the quantity, and in the gravity of forces. The arithmetic is NumPy's, JAX's,
+or that of jets.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
+from functools import cache
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float, Int
-
-from qtraj.design.tuning import corridor, monomials, road
-from qtraj.design.tuning.curves import Curves, along_u
-from qtraj.design.tuning.monomials import Table
-from qtraj.design.tuning.world_axes import upright_derivatives
-from qtraj.foundation.indexing import element
-from qtraj.foundation.types import Scalar
+from qtraj.algebra.jets import cos, exp, log, replaced, sin, sqrt
+from qtraj.algebra.polynomial import taylor_terms
+from qtraj.algebra.sparse import mul
+from qtraj.design.tuning.problem import Formulas
+from qtraj.path.components import rotated_z
 from qtraj.path.frenet import Invariants
+from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.quantity import QUANTITIES
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.quantity import CORRIDOR, Offset, quantity
 
-Places = Float[Array, "batch places"]
+ABSENT, TOO_MUCH = -1e3, 1e3
+"""The constraint values of a quantity that is zero or negative, and of a quantity that is infinite."""
 
 
-class Setting(NamedTuple):
-    """The data of a path for the evaluation of constraints.
+class Place(NamedTuple):
+    """Taylor coefficients of ρ, φ and h in u at instants, from order 0 upwards; identically zero ones are 0."""
 
-    `curves` is the path as a function of u = t/T, where T is the duration, and `log_duration` is ln T. `axes` rotates
-    from the axes of the placement to world axes. `reference` (terms, 3) contains the coefficients of ρ, φ and h of the
-    initial path. `road` contains the parameters of the vehicle, or is None. For a batch of paths every array has a
-    leading axis.
+    radius: Sequence[Any]
+    angle: Sequence[Any]
+    height: Sequence[Any]
+
+
+class Units(NamedTuple):
+    """The data of a problem, or of each of many problems, that turn invariants into constraint values.
+
+    `length` is L [m], `log_duration` is ln T, `up` is the vertical in the axes of the placement, or None if it is the
+    third axis, and `reference` contains the cubics of the initial path. `road` contains the parameters of the vehicle.
+    `limits` are the limits in the order of the names.
     """
 
-    curves: Curves
-    log_duration: Float[Array, "*batch"]
-    axes: Float[Array, "*batch 3 3"]
-    reference: Float[Array, "*batch terms 3"]
-    road: RoadParameters | None
+    length: Any
+    log_duration: Any
+    up: tuple[Any, Any, Any] | None
+    road: Any
+    reference: tuple[Sequence[Any], Sequence[Any], Sequence[Any]]
+    limits: Mapping[str, Any]
 
 
-@dataclass(frozen=True, eq=False)  # compared by identity, so that groups can be static arguments of compiled functions
-class Group:
-    """Quantities that are functions of the same invariants.
+@dataclass(frozen=True)
+class _Entry:
+    """The properties of a quantity, computed once."""
 
-    `order` is the highest order of the derivatives of the path in the quantities. `members` are the functions that
-    compute the squares of the quantities from the invariants, and `table` contains the same squares as monomials.
-    `products` maps each invariant to the names of its two factors, which are two blocks, or a block and the vertical.
-    `upright` is true if a quantity depends on the vertical.
-    """
-
-    order: int
-    members: tuple[Callable[[Any], Any], ...]
-    products: dict[str, tuple[str, str]]
-    table: Table
-    upright: bool = False
-
-    @property
-    def cross_products(self) -> dict[str, int]:
-        """The blocks that are cross products of r' with another derivative of r, and the index of that derivative."""
-        used = {name for pair in self.products.values() for name in pair}
-        return {name: k for name, k in (("c", 1), ("c1", 2)) if name in used}
+    entry: PathQuantity
+    length: int
+    per_time: int
 
 
-HORIZONTAL = ("H", "G")
-"""Invariants that contain only the horizontal components of the blocks."""
+@cache
+def _entry(name: str) -> _Entry:
+    entry = quantity(name)
+    return _Entry(entry, entry.length, entry.per_time)
 
 
-HINTS = ("S", "N")
-"""Invariants that are divisors; where a divisor is small, a quantity may have a narrow peak between grid nodes."""
+def units(problem: Formulas, z: Any, limits: Mapping[str, Any], level: bool) -> Units:
+    """Return the data of a problem for the variables `z`; `level` is true if the vertical is the third axis."""
+    up = None if level else tuple(problem.vertical[..., k] for k in range(3))
+    duration = log(problem.duration)
+    if not problem.objective.fixes_duration:
+        duration = z[problem.size - 1] + duration
+    length = problem.speed * problem.duration
+    return Units(length, duration, up, problem.road, problem.cubics(problem.zero), limits)  # type: ignore[arg-type]
 
 
-def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: str) -> Group:
-    tables = [monomials.table(entry, tuple(products)) for entry in entries]
-    table = monomials.stacked(
-        [*tables, *(Table(-np.ones(1), np.eye(len(products))[[tuple(products).index(x)]]) for x in more)]
-    )
-    members = (*(entry.squared for entry in entries), *(lambda i, x=x: -1 * getattr(i, x) for x in more))
-    return Group(order, members, products, table, any(entry.upright for entry in entries))
+def order_of(names: Sequence[str]) -> int:
+    """Return the highest order of derivatives in the formulas of the limits."""
+    return max(quantity(name).order for name in names)
 
 
-def _group_index(entry: PathQuantity) -> int:
-    return int(entry.order > 2 or entry.upright)
+def place(cubics: tuple[Sequence[Any], ...], u: Any, order: int) -> Place:
+    """Return the Taylor coefficients at `u` of a path with the given coefficients of ρ, φ and h."""
+    radius, angle, height = (taylor_terms(c, u, order) for c in cubics)
+    return Place(radius, angle, height)
 
 
-_ENTRIES = [
-    [entry for entry in QUANTITIES.values() if _group_index(entry) == k and not entry.on_road] for k in range(2)
-]
-_COMMON = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
-_HIGHER = {
-    "T": ("c", "r3"),
-    "J": ("r3", "r3"),
-    "E": ("c", "c1"),
-    "D": ("c", "r4"),
-    "V": ("r1", "up"),
-    "H": ("r1", "r1"),
-    "G": ("r1", "r2"),
-    "P": ("c", "up"),
-    "P1": ("c1", "up"),
-}
-GROUPS = (
-    _group(2, {**_COMMON, "A": ("r2", "r2")}, _ENTRIES[0], *HINTS),
-    _group(4, {**_COMMON, **_HIGHER}, _ENTRIES[1]),
-)
-"""Two groups: the quantities of low order, which most problems limit, and all others except those in `ROAD_GROUP`."""
-
-FIRST_HINT = len(QUANTITIES)
-"""The index of the first hint; hints are the negatives of `HINTS`, so that their peaks are minima of the divisors."""
-
-HINT_OF = np.asarray(
-    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.uint32
-)
-"""The index of the hint for each quantity."""
-
-CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
-"""The index of the corridor, which is a separate group."""
-
-ROAD_GROUP = len(GROUPS) + 1
-"""The group of forces on the road, friction and power; it exists only in problems that limit one of them."""
-
-_GROUP_INDICES = [ROAD_GROUP if entry.on_road else _group_index(entry) for entry in QUANTITIES.values()]
-_HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
-GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.uint32)
-MEMBER = np.asarray(
-    [*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.uint32
-)
-PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32)
+def invariants(at: Place, by: Units) -> Invariants:
+    """Return the invariants of the derivatives with respect to u, in units of the length L."""
+    inverse = 1 / by.length
+    x, z = ([mul(c, inverse) for c in series] for series in (at.radius, at.height))
+    r = in_moving_basis(x, [0] * len(x), z, at.angle)
+    road, up = by.road, None
+    if road is not None:
+        gravity = exp(by.log_duration * 2.0) * (road.gravity * inverse)
+        road = road._replace(gravity=gravity, drag=road.drag * by.length)
+    if by.up is not None:
+        angle = at.angle[0]
+        up = rotated_z(by.up, cos(angle), -sin(angle))
+    return Invariants(r, up, road, sqrt)
 
 
-def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places) -> Places:
-    """Return the constraint values g = ½((value/limit)² − 1) for a batch of paths.
-
-    Each path has its own instants `u` (fractions of the duration).
-    """
-    scale, _ = limit_scale(settings, index, limits)
-
-    def in_world(order: int, upright: bool) -> Array:
-        r = jax.vmap(lambda curves, u: along_u(curves.up_to(order), u, 0)[0])(settings.curves, u)
-        return upright_derivatives(settings.axes, settings.curves.angle, r, u) if upright else r
-
-    def make_branch(group: Group) -> Callable[[], Places]:
-        def branch() -> Places:
-            r = in_world(group.order, group.upright)
-            invariants = Invariants([None, *((x[:, 0], x[:, 1], x[:, 2]) for x in jnp.moveaxis(r, 1, 0))])
-            used = SimpleNamespace(**{name: getattr(invariants, name) for name in group.products})
-            squares = [lambda square=square: square(used) for square in group.members]
-            return jax.lax.switch(element(MEMBER, index), squares)
-
-        return branch
-
-    def corridor_branch() -> Places:
-        return jax.vmap(corridor.value)(settings.curves.place, settings.reference, u)
-
-    def road_branch() -> Places:
-        member = element(MEMBER, index)
-        return jax.vmap(lambda setting, r: road.value(setting, r, member))(settings, in_world(road.ORDER, True))
-
-    others = [corridor_branch, *([] if settings.road is None else [road_branch])]
-    return 0.5 * (scale[:, None] * switch_group(index, make_branch, others) - 1)
+def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
+    """Return the constraint value g of one limit, from the Taylor coefficients and the invariants at `u`."""
+    own = _entry(name)
+    if name == CORRIDOR.name:
+        return _log_ratio(_squared_distance(at, by, u), None) * 0.5 - log(by.limits[name])
+    entry = own.entry
+    g = _log_ratio(entry.numerator(i), None if entry.denominator is None else entry.denominator(i))
+    g = g if entry.signed else g * 0.5
+    if entry.infinite is not None:
+        g = replaced(g, entry.infinite(i), TOO_MUCH)
+    constant = own.length * log(by.length) - log(by.limits[name])
+    return g + (constant if own.per_time == 0 else constant - by.log_duration * float(own.per_time))
 
 
-def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a version of `values` (or a similar function) for one path, without the batch axis."""
-
-    def of_one(setting: Setting, *arguments: Any) -> Any:
-        *derivatives, index, limit, u = arguments
-        settings, batched, limits, places = jax.tree.map(lambda x: x[None], (setting, derivatives, limit, u))
-        return jax.tree.map(lambda x: x[0], function(settings, *batched, index, limits, places))
-
-    return of_one
+def _squared_distance(at: Place, by: Units, u: Any) -> Any:
+    """Return the squared distance from the initial path at the same fraction of the duration."""
+    radius, angle, height = (taylor_terms(c, u, 0)[0] for c in by.reference)
+    offset = Offset(at.radius[0] - radius, at.angle[0] - angle, at.height[0] - height, radius)
+    return CORRIDOR.numerator(offset)
 
 
-def limit_scale(
-    settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"]
-) -> tuple[Float[Array, " batch"], Scalar]:
-    """Return κ = T^−2p/limit² and its derivative d ln κ/d ln T.
-
-    T is the duration, and p is the power of 1/s in the unit of the quantity.
-    """
-    per_log = element(-2.0 * PER_TIME, index).astype(limits.dtype)
-    return jnp.exp(per_log * settings.log_duration) / limits**2, per_log
-
-
-def switch_group(
-    index: Int[Array, ""],
-    make_branch: Callable[[Group], Callable[[], Any]],
-    others: Sequence[Callable[[], Any]],
-    group: int | None = None,
-) -> Any:
-    """Call the function of the group that contains the quantity with this index.
-
-    `make_branch` returns the functions of `GROUPS`. `others` are the functions of the corridor and, in a problem with a
-    vehicle, of `ROAD_GROUP`. With the number of the `group`, only its function is compiled.
-    """
-    branches = [*map(make_branch, GROUPS), *others]
-    return jax.lax.switch(element(GROUP, index), branches) if group is None else branches[group]()
+def _log_ratio(numerator: Any, denominator: Any) -> Any:
+    """Return ln(numerator/denominator); the ratio 0/0 counts as 0, and a positive number divided by 0 as infinite."""
+    above = log(numerator, 3 * ABSENT)
+    return above if denominator is None else above - log(denominator, -TOO_MUCH)

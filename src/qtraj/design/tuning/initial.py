@@ -1,14 +1,17 @@
 """The initial path of a tuning."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.checks import require_choices, require_well_posed
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import get_motion
+from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.objectives.registry import Objective, get_objective
-from qtraj.design.tuning.problem import Problem, pose
+from qtraj.design.tuning.problem import pose
+from qtraj.design.tuning.task import as_jax, one
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
@@ -41,9 +44,12 @@ def initial_path(
         any_limit = Limits(speed=1.0)  # the checks require a limit, but the initial path does not depend on limits
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
-        problem = _pose(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
-        require_well_posed(problem, turn, any_limit, None, placement is not None)
-        path = _path_at_zero(problem.without_objective())
+        states = (jax.tree.map(lambda x: x[None], state) for state in (start, end))
+        # The initial path does not depend on the objective, which may be a function of the user.
+        kind = objective if objective.is_smooth else Nearest()
+        problem = pose(*states, kind, motion, duration, whole_turns(turns), placement, turn)
+        require_well_posed(one(problem), turn, any_limit, None, placement is not None)
+        path = as_jax(one(problem.path(problem.zero)))
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
     if motion.is_uniform or duration is None:
         raise ValueError(
@@ -54,10 +60,3 @@ def initial_path(
     n_turns = round(float(directed_turn(a, b, turns) - short) / (2 * jnp.pi))
     return SpiralHelix.hermite(start, end, as_float(duration), n_turns, placement)
 
-
-_pose = eqx.filter_jit(pose)
-
-
-@eqx.filter_jit
-def _path_at_zero(problem: Problem) -> SpiralHelix:
-    return problem.path(jnp.zeros(problem.size, problem.speed.dtype))

@@ -12,32 +12,25 @@ to y is proportional to the multiplier of the bound, so a minimum on a bound is 
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning.constraints import of_one_path, values
-from qtraj.design.tuning.curves import curve_derivatives
-from qtraj.design.tuning.expansions import slopes
-from qtraj.design.tuning.model import make_setting, setting
-from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, transfer_multipliers
-from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import LimitSlots, Task, over_slots
-from qtraj.foundation.argmin import min_and_argmin
-from qtraj.foundation.indexing import element, with_element
+from qtraj.design.tuning.constraints import ABSENT
+from qtraj.design.tuning.grid_peaks import GridPeaks, find_peaks
+from qtraj.design.tuning.task import Task, constraint_values
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
 """A start on a bound is moved to this fraction of the half-width from the centre; on the bound, ∂z/∂y would be zero."""
 
-PerInterval = Float[Array, "slots k"]
+PerInterval = Float[Array, "limits k"]
 
 
 class Round(NamedTuple):
     """The constants of one round: the time intervals [low, high], their multipliers, and the penalty."""
 
-    valid: Bool[Array, "slots k"]  # false for unused elements
+    valid: Bool[Array, "limits k"]  # false for unused elements
     low: PerInterval
     high: PerInterval
     multipliers: PerInterval
@@ -48,25 +41,25 @@ class Expanded(NamedTuple):
     """The augmented Lagrangian at a point y (see the module): value, gradient, cost, and constraint values g."""
 
     value: Scalar
-    gradient: Variables
+    gradient: Float[Array, " n"]
     cost: Scalar
     g: PerInterval
 
 
-def to_box(task: Task, y: Any, xp: Any = jnp) -> Any:
-    """Return the variables z(y) of one problem or a batch; `xp` is the module of the array y, NumPy or jax.numpy."""
+def to_box(task: Task, y: Any) -> Any:
+    """Return the variables z(y) of one problem or a batch."""
     middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
-    return middle + half * xp.sin((y - middle) / xp.where(half > 0, half, 1.0))
+    return middle + half * jnp.sin((y - middle) / jnp.where(half > 0, half, 1.0))
 
 
-def from_box(task: Task, z: Variables) -> Variables:
+def from_box(task: Task, z: Array) -> Array:
     """Return y for the variables z; variables on a bound are moved slightly inside."""
     middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
     safe = jnp.where(half > 0, half, 1.0)
     return middle + safe * jnp.arcsin(jnp.clip((z - middle) / safe, -MAX_FRACTION, MAX_FRACTION))
 
 
-def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
+def make_round(round_: Round, times: PerInterval, peaks: GridPeaks) -> Round:
     """Return a round with intervals about `peaks`, and with the multipliers of the previous intervals.
 
     `times` are the times of the maxima in the previous intervals.
@@ -76,70 +69,45 @@ def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
     middle = (peak_times + other) / 2
     low = jnp.max(jnp.where(valid & (other < peak_times), middle, 0.0), axis=2)
     high = jnp.min(jnp.where(valid & (other > peak_times), middle, 1.0), axis=2)
-    return Round(peaks.present, low, high, transfer_multipliers(round_.multipliers, times, peaks), round_.penalty)
+    return Round(peaks.present, low, high, _transferred(round_.multipliers, times, peaks), round_.penalty)
 
 
-def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) -> tuple[PerInterval, Peaks]:
+def _transferred(multipliers: PerInterval, times: PerInterval, peaks: GridPeaks) -> PerInterval:
+    """Assign the multipliers of constraints at `times` to the nearest peak or end of the same limit."""
+    distance = jnp.abs(peaks.time[:, :, None] - times[:, None]) + jnp.where(peaks.present, 0.0, 2.0)[:, :, None]
+    here = jnp.argmin(distance, axis=1)[:, None] == jnp.arange(peaks.time.shape[1])[None, :, None]
+    return jnp.sum(jnp.where(here, multipliers[:, None], 0.0), axis=2)
+
+
+def interval_maxima(task: Task, round_: Round, y: Array) -> tuple[PerInterval, GridPeaks]:
     """Return the times of the maxima in all intervals, as fractions of the duration, and the current peaks."""
-    here = make_setting(task.problem, to_box(task, y))
-    one = jax.tree.map(lambda x: x[None], (here, task.limits))
-    peaks = jax.tree.map(lambda x: x[0], find_peaks(one[0], slots, one[1]))
-
-    def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
-        low, high, slot_peaks = element((round_.low, round_.high, peaks), slot)
-        peak_times = slot_peaks.time
-        places = jnp.concatenate([low, high])
-        g = of_one_path(values)(here, *element((slots.index, task.limits), slot), places)
-        ends = jnp.where(jnp.isfinite(g), g, TOO_MUCH).reshape(2, PEAKS)
-        within = slot_peaks.present[:, None] & (peak_times[:, None] >= low[None]) & (peak_times[:, None] <= high[None])
-        heights = jnp.concatenate([jnp.where(within, slot_peaks.value[:, None], -jnp.inf), ends])
-        times = jnp.concatenate([jnp.broadcast_to(peak_times[:, None], (PEAKS, PEAKS)), low[None], high[None]])
-        highest = min_and_argmin(-heights)[1]
-        chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == highest[None]
-        return with_element(carry, slot, jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
-
-    return over_slots(slots, of_slot, jnp.zeros_like(round_.low)), peaks
+    z = to_box(task, y)
+    peaks = find_peaks(task, z)
+    low, high, size = round_.low, round_.high, round_.low.shape[1]
+    ends = constraint_values(task, z, jnp.concatenate([low, high], axis=1))
+    within = peaks.present[:, :, None] & (peaks.time[:, :, None] >= low[:, None]) & (peaks.time[:, :, None] <= high[:, None])
+    heights = jnp.concatenate([jnp.where(within, peaks.value[:, :, None], -jnp.inf), ends.reshape(-1, 2, size)], axis=1)
+    times = jnp.concatenate(
+        [jnp.broadcast_to(peaks.time[:, :, None], within.shape), low[:, None], high[:, None]], axis=1
+    )
+    highest = jnp.argmax(heights, axis=1)
+    return jnp.take_along_axis(times, highest[:, None], axis=1)[:, 0], peaks
 
 
-def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: Variables) -> Expanded:
-    """Evaluate the augmented Lagrangian weight·cost + Σ (max(0, m + μg)² − m²)/(2μ) and its gradient.
+def lagrangian(task: Task, round_: Round, times: PerInterval, y: Array) -> tuple[Scalar, tuple[Scalar, PerInterval]]:
+    """Return the augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), the cost, and the constraint values g.
 
     The sum is over the constraints g at `times`, with the multipliers m and the penalty μ.
     """
-    z, scale = jax.jvp(lambda y: to_box(task, y), (y,), (jnp.ones_like(y),))  # the Jacobian is diagonal
-    cost, cost_gradient = jax.value_and_grad(task.problem.cost)(z)
-    ends, log_duration = task.problem.slopes(z)
-    at, derivatives = curve_derivatives(task.problem, z, ends)
-    here = setting(task.problem, at, log_duration)
-    penalty = round_.penalty
-
-    def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        total, gradient, constraints = carry
-        own = element((slots.index, task.limits, times), slot)
-        value, slope = of_one_path(slopes)(here, derivatives, *own)
-        valid, m = element((round_.valid, round_.multipliers), slot)
-        finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), axis=0)
-        g = jnp.where(valid, jnp.where(finite, value, TOO_MUCH), ABSENT)
-        multiplier = jnp.maximum(m + penalty * g, 0.0)
-        added = jnp.sum(multiplier**2 - m**2) / (2 * penalty)
-        from_limit = jnp.where(finite[None], slope, 0.0) @ multiplier
-        return total + added, gradient + from_limit, with_element(constraints, slot, g)
-
-    start = task.weight * cost, task.weight * cost_gradient, jnp.full_like(times, ABSENT)
-    value, gradient, g = over_slots(slots, of_slot, start)
-    return Expanded(value, gradient * scale, cost, g)
+    z = to_box(task, y)
+    cost, m = task.problem.cost(z), round_.multipliers
+    g = jnp.where(round_.valid, constraint_values(task, z, times), ABSENT)
+    multiplier = jnp.maximum(m + round_.penalty * g, 0.0)
+    return cost + jnp.sum(multiplier**2 - m**2) / (2 * round_.penalty), (cost, g)
 
 
-@eqx.filter_custom_jvp
-def lagrangian(y: Variables, task: Task, slots: LimitSlots, round_: Round, times: PerInterval) -> Scalar:
-    """Return the value of `expand`; in forward and reverse mode, it is differentiable with respect to y only."""
-    return expand(task, slots, round_, times, y).value
-
-
-@lagrangian.def_jvp
-def _differentiate(
-    primals: tuple[Variables, Task, LimitSlots, Round, PerInterval], tangents: tuple[Any, ...]
-) -> tuple[Scalar, Scalar]:
-    y, task, slots, round_, times = primals
-    at = expand(task, slots, round_, times, y)
-    return at.value, at.gradient @ tangents[0]
+def expand(task: Task, round_: Round, times: PerInterval, y: Array) -> Expanded:
+    """Return the augmented Lagrangian and its gradient."""
+    evaluate = jax.value_and_grad(lambda y: lagrangian(task, round_, times, y), has_aux=True)
+    (value, (cost, g)), gradient = evaluate(y)
+    return Expanded(value, gradient, cost, g)

@@ -33,8 +33,8 @@ def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps:
     if method is None:
         method = "sqp" if smooth else "lbfgs"
     if isinstance(method, str) and method == "sqp":
-        return SequentialQuadratic(max_steps)
-    return AugmentedLagrangian(_optimiser(method), max_steps, inner_steps)
+        return SequentialQuadratic(int(max_steps))
+    return AugmentedLagrangian(_optimiser(method), int(max_steps), int(inner_steps))
 
 
 def _optimiser(method: Method) -> Any:

@@ -4,22 +4,22 @@ If no result satisfies the limits, the result with the smallest violation is sel
 """
 
 import dataclasses
+import threading
 from collections.abc import Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from qtraj.design.tuning import batch
+from qtraj.design.tuning.constraints import ABSENT
+from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
-from qtraj.design.tuning.peaks import ABSENT
+from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import DURATION
-from qtraj.design.tuning.search import AbstractSearch, SearchResult
+from qtraj.design.tuning.search import AbstractSearch, Ends, SearchResult
+from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
-from qtraj.design.tuning.task import LimitSlots, Task
-from qtraj.foundation.arrays import part
+from qtraj.design.tuning.subproblem import compute_step
+from qtraj.foundation.cores import CORES
 from qtraj.foundation.progress import Progress, Report
 
 PLANNED_VARIABLES: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
@@ -44,8 +44,11 @@ NEAR, SPREAD = 0.05, 0.6
 """Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
 
 SEED = 20171993
-MAX_LOWERINGS, LOWERING = 6, 0.5
-"""Maximum number of times that limits are lowered to minimise a violation, and the ratio of lowered limits to peaks."""
+BLOCK = 256
+"""Number of searches that run together; their arrays fit the processor's cache."""
+
+MULTIPLIER_RADIUS = 1e-2
+"""Trust radius of the subproblem that determines the multipliers at a solution."""
 
 INFEASIBLE_COST = 1e100
 """The minimum merit of a result that violates the limits, larger than any cost."""
@@ -62,129 +65,109 @@ def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     return points
 
 
-def solve_traced(method: AbstractSearch, tasks: Task, slots: LimitSlots, starts: int) -> SearchResult:
-    """Return the best result of each problem of a batch; the arguments can be traced."""
-    count = tasks.low.shape[0]
-    points = jnp.asarray(np.tile(starting_points(tasks.problem.names, starts), (count, 1)), tasks.low.dtype)
-    many = jax.tree.map(lambda x: jnp.repeat(x, starts, axis=0), tasks)
-    states = method.run(many, slots, method.init(many, points), method.step_limit)
-    result, merit = _results_and_merit(method, many, states, jnp)
-    best = jnp.arange(count) * starts + jnp.argmin(merit.reshape(count, starts), axis=1)
-    return jax.tree.map(lambda x: x[best], result)
-
-
 def solve(
-    method: AbstractSearch, tasks: Task, slots: LimitSlots, starts: int, max_steps: int, report: Report | None = None
+    method: AbstractSearch, searches: Searches, starts: int, max_steps: int, report: Report | None = None
 ) -> SearchResult:
-    """Return the best result of each problem of a batch, computed on all cores.
+    """Return the best result of each problem of a batch.
 
     If no search satisfies the limits of a problem, "sqp" minimises the violation from the best result in at most
     `max_steps` steps. If the limits are then satisfied, the objective is minimised from this point.
     """
-    n_problems = tasks.low.shape[0]
-    points = np.tile(starting_points(tasks.problem.names, starts), (n_problems, 1))
-    many = _repeat(tasks, starts)
-    states = batch.search(method, many, slots, points, _progress_callback(report, "searches"))
-    result, merit = _results_and_merit(method, many, states, np)
-    best = np.arange(n_problems) * starts + np.argmin(merit.reshape(n_problems, starts), axis=1)
-    result = _select(result, best)
-    infeasible = np.flatnonzero(result.violation > FEASIBLE)
-    if infeasible.size == 0:
-        return result
-    rescued = _rescue(method, take(tasks, infeasible), slots, _select(result, infeasible), max_steps, report)
-    return _replace(result, infeasible, rescued)
+    count = searches.count
+    points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
+    many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
+    ends = _in_blocks(method, many, points, report, "searches")
+    best = np.arange(count) * starts + np.argmin(_merit(ends).reshape(count, starts), axis=1)
+    result = ends.take(best)
+    infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
+    if infeasible.size:
+        few = searches.take(infeasible)
+        result.put(infeasible, _rescued(method, few, result.take(infeasible), max_steps, report))
+    return with_active(searches, result)
 
 
-def minimise_violation(
-    tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None = None
-) -> SearchResult:
-    """Minimise the largest violation in each problem of a batch, starting from the results of other searches."""
-    method = SequentialQuadratic(max_steps)
-    tasks, result = without_objective(tasks), jax.tree.map(np.asarray, result)
-    for _ in range(MAX_LOWERINGS):
-        ratio = LOWERING * np.sqrt(1 + 2 * result.violation)
-        lowered = eqx.tree_at(
-            lambda t: (t.limits, t.weight),
-            tasks,
-            (np.asarray(tasks.limits) * ratio[:, None], np.zeros_like(tasks.weight)),
-        )
-        states = batch.search(method, lowered, slots, result.z, _progress_callback(report, "least violations"))
-        lowered_result, _ = method.result(lowered, states, np)
-        squares = (ratio**2)[:, None, None] * (1 + 2 * lowered_result.values)  # relative to the original limits
-        ratio_left = ratio * np.sqrt(1 + 2 * lowered_result.violation)
-        result = lowered_result._replace(
-            violation=np.maximum(0.5 * (ratio_left**2 - 1), 0.0),
-            values=np.where(lowered_result.values > ABSENT, 0.5 * (squares - 1), lowered_result.values),
-            steps=result.steps + lowered_result.steps,
-        )
-        # If a path satisfies the lowered limits, its violation is not yet minimal: lower the limits again.
-        if not np.any((lowered_result.violation <= FEASIBLE) & (result.violation > FEASIBLE)):
-            break
-    return result
+def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report: Report | None = None) -> Ends:
+    """Minimise the largest constraint value in each problem of a batch, from the given points."""
+    problem = searches.problem
+    if not problem.objective.is_smooth:
+        problem = problem.without_objective()
+    alone = dataclasses.replace(searches, problem=problem, weight=np.zeros_like(searches.weight))
+    return _in_blocks(SequentialQuadratic(max_steps), alone, z, report, "least violations")
 
 
-def take(tree: Any, place: Any) -> Any:
-    """Select elements of a batch in every array of `tree`."""
-    return jax.tree.map(lambda x: part(x, place) if eqx.is_array(x) else x, tree)
+def with_active(searches: Searches, ends: Ends) -> SearchResult:
+    """Return the results of searches with their active peaks, which a subproblem at each solution determines."""
+    z, largest = ends.z, np.maximum(ends.largest, 0.0)
+    with np.errstate(all="ignore"):
+        unmet = largest > FEASIBLE
+        own = dataclasses.replace(searches, weight=np.where(unmet, 0.0, 1.0))
+        if not own.problem.objective.is_smooth and unmet.all():
+            own = dataclasses.replace(own, problem=own.problem.without_objective())
+        model = build(own, z, find_peaks(own, Curves(own, z))[0])
+        penalty, multipliers = np.where(unmet, 1.0, 1e4), np.zeros(model.value.shape)
+        for _ in range(2):  # the Hessian of the second subproblem contains the multipliers of the first
+            radius, size = np.full(own.count, MULTIPLIER_RADIUS), np.zeros(own.count)
+            multipliers = compute_step(own, z, model, multipliers, penalty, radius, size, size == 0).multipliers
+        multipliers = np.where(model.value > ABSENT, multipliers, 0.0)
+    rows = len(z) + 1
+    order = np.argsort(-multipliers, axis=0, kind="stable")[:rows]
+    parts = (np.take_along_axis(x, order, axis=0) for x in (model.limit, model.time, multipliers))
+    missing = [(0, rows - len(order)), (0, 0)]
+    limit, time, multiplier = (np.pad(x, missing).T for x in parts)
+    return SearchResult(z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps)
 
 
-def _select(result: SearchResult, indices: np.ndarray) -> SearchResult:
-    return jax.tree.map(lambda x: x[indices], result)
-
-
-def _replace(result: SearchResult, indices: np.ndarray, by: SearchResult) -> SearchResult:
-    """Replace the elements at `indices` of a result by the elements of the result `by`."""
-
-    def replaced(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-        updated = np.array(old)
-        updated[indices] = new
-        return updated
-
-    return jax.tree.map(replaced, result, by)
-
-
-def without_objective(tasks: Task) -> Task:
-    """Replace a custom objective, which may not be twice differentiable, by a smooth objective."""
-    if tasks.problem.objective.is_smooth:
-        return tasks
-    return dataclasses.replace(tasks, problem=tasks.problem.without_objective())
-
-
-def _rescue(
-    method: AbstractSearch, tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None
-) -> SearchResult:
+def _rescued(
+    method: AbstractSearch, searches: Searches, ends: Ends, max_steps: int, report: Report | None
+) -> Ends:
     """Minimise the violation. In problems where it becomes zero, minimise the objective from the resulting point."""
-    rescued = minimise_violation(tasks, slots, result, max_steps, report)
-    feasible = np.flatnonzero(rescued.violation <= FEASIBLE)
+    rescued = minimise_violation(searches, ends.z, max_steps, report)
+    feasible = rescued.largest <= FEASIBLE
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
-    rescued = rescued._replace(
-        stationary=rescued.stationary & (rescued.violation > FEASIBLE), steps=result.steps + rescued.steps
-    )
-    if feasible.size == 0:
+    rescued = rescued._replace(stationary=rescued.stationary & ~feasible, steps=ends.steps + rescued.steps)
+    index = np.flatnonzero(feasible)
+    if index.size == 0:
         return rescued
-    feasible_tasks = take(tasks, feasible)
-    states = batch.search(method, feasible_tasks, slots, rescued.z[feasible], _progress_callback(report, "searches"))
-    final, _ = method.result(feasible_tasks, states, np)
-    rescued.steps[feasible] += final.steps
-    met = final.violation <= FEASIBLE
-    return _replace(rescued, feasible[met], _select(final._replace(steps=rescued.steps[feasible]), np.asarray(met)))
+    final = _in_blocks(method, searches.take(index), rescued.z[:, index], report, "searches")
+    final = final._replace(steps=rescued.steps[index] + final.steps)
+    met = final.largest <= FEASIBLE
+    rescued.put(index[met], final.take(met))
+    return rescued
 
 
-def _results_and_merit(method: AbstractSearch, tasks: Task, states: Any, xp: Any) -> tuple[SearchResult, Any]:
-    """Return the results of searches, and the merit by which they are compared.
-
-    The merit is the cost, or a large number that increases with the violation. `xp` is the module of the states'
-    arrays, NumPy or jax.numpy.
-    """
-    result, cost = method.result(tasks, states, xp)
-    cost = xp.where(result.stationary, cost, cost + 1e-9 * xp.abs(cost))
-    met = (result.violation <= FEASIBLE) & xp.isfinite(cost)
-    return result, xp.where(met, cost, INFEASIBLE_COST * (1 + xp.minimum(result.violation, 1e100)))
+def _merit(ends: Ends) -> np.ndarray:
+    """Return the numbers by which results are compared: the cost, or a large number that grows with the violation."""
+    cost = np.where(ends.stationary, ends.cost, ends.cost + 1e-9 * np.abs(ends.cost))
+    met = (ends.largest <= FEASIBLE) & np.isfinite(cost)
+    violation = np.nan_to_num(ends.largest, nan=1e3)
+    return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))
 
 
-def _repeat(tasks: Task, times: int) -> Task:
-    return tasks if times == 1 else take(tasks, np.repeat(np.arange(tasks.low.shape[0]), times))
+def _in_blocks(method: AbstractSearch, searches: Searches, z: np.ndarray, report: Report | None, what: str) -> Ends:
+    """Run searches in blocks on all cores, and report their progress."""
+    count = searches.count
+    # JAX evaluates the objectives of users and the steps of optax's optimisers, and divides its work itself.
+    in_numpy = isinstance(method, SequentialQuadratic) and searches.problem.objective.is_smooth
+    size = BLOCK if in_numpy else count
+    blocks = [np.arange(k, min(k + size, count)) for k in range(0, count, size)]
+    finished, lock = [0] * len(blocks), threading.Lock()
 
+    def one(number: int) -> Ends:
+        def callback(done: int) -> None:
+            with lock:
+                finished[number] = done
+                if report is not None:
+                    report(Progress(what, sum(finished), count))
 
-def _progress_callback(report: Report | None, what: str) -> batch.Callback | None:
-    return None if report is None else lambda done, of: report(Progress(what, done, of))
+        block = blocks[number]
+        few = searches if block.size == count else searches.take(block)
+        return method.search(few, z[:, block], callback)
+
+    if len(blocks) == 1:
+        return one(0)
+    if True:
+        results = [one(k) for k in range(len(blocks))]
+    elif True:
+      with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
+        results = list(pool.map(one, range(len(blocks))))
+    return Ends(*(np.concatenate(parts, axis=-1) for parts in zip(*results, strict=True)))

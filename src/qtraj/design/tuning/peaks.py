@@ -1,217 +1,189 @@
 """Find the highest peaks of each constraint over time on a grid of instants, and refine them."""
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
-from qtraj.design.tuning.constraints import FIRST_HINT, HINT_OF, HINTS, Setting, values
-from qtraj.design.tuning.task import LimitSlots
-from qtraj.foundation.argmin import min_and_argmin
-from qtraj.foundation.indexing import element, with_element
-from qtraj.foundation.types import Flag
+from qtraj.design.tuning.constraints import ABSENT
+from qtraj.design.tuning.searches import Curves, Searches
+from qtraj.path.quantity import quantity
 
 NODES = 65
-"""Number of grid instants."""
+GRID = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, NODES))
+"""The Chebyshev nodes: grid instants that are denser near both ends."""
 
-REFINED = 4
-"""Number of local maxima at inner nodes that are refined, starting with the highest."""
+PER_LIMIT = 4
+"""Number of local maxima of each limit that are refined, starting with the highest."""
 
-FIXED = 3
-"""Number of peaks that are always refined: near the hint (the slowest or straightest point) and near both ends."""
+RELEVANT = -1.5
+"""Maxima below this constraint value are not refined: a quantity at a fifth of its limit constrains no step."""
 
-PEAKS = REFINED + FIXED
+MAX_PEAKS = 16
+"""Maximum number of peaks and fixed times of a search in its subproblem, starting with the highest."""
 
-REACH = 1 / (NODES - 1)
-"""The distance from a node, as a fraction of the duration, within which a peak near this node is sought."""
+FIXED = slice(0, NODES, 8)
+"""The nodes at which a constraint with a constant time predicts new peaks after a step."""
 
-OFFSETS = 9
-"""Number of instants about a peak in one round of refinement; all peaks together use almost `NODES` instants."""
+BELOW = 0.3
+"""The fixed times are used if their values are at most this much below the largest constraint value, or below 0."""
 
-ROUNDS = (1.0, 1 / 16, 1 / 256)
-"""Half-widths of the intervals in the rounds, in units of `REACH`; each round ends with a parabola at the maximum."""
+SHARP = 0.05
+"""If the smallest value of a divisor is below this fraction of its largest, a peak near its minimum may be narrow."""
 
-LIMIT_ROUNDS, HINT_ROUNDS = 2, 3
-"""Number of rounds for limits and for hints; hints need more, because a small divisor results in a narrow peak."""
+OFFSETS = np.linspace(-1.0, 1.0, 9)[:, None]
+NARROW = np.concatenate([-(0.25 ** np.arange(9.0)), [0.0], 0.25 ** np.arange(8.0, -1.0, -1.0)])[:, None]
+"""Instants about a node and about the minimum of a divisor, in units of the distance between nodes."""
 
-MIN_DISTANCE = 1e-5
-"""Peaks count as equal if their times differ by less than this fraction of the duration."""
-
-ABSENT = -1e3
-"""The constraint value of unused elements."""
-
-TOO_MUCH = 1e9
-"""The value that replaces constraint values that are not finite."""
+NEWTON = 2
+"""Number of steps of Newton's method for the time of a peak, after a parabola."""
 
 
 class Peaks(NamedTuple):
-    """The peaks of all constraints, and the ends of the path; `present` marks the elements that are in use."""
+    """Peaks of the constraints of a batch of searches, each with its search, its rank in this search, and its limit.
 
-    time: Float[Array, "*batch slots k"]  # fractions of the duration
-    present: Bool[Array, "*batch slots k"]
-    moving: Bool[Array, "*batch slots k"]  # true for inner peaks, whose times change with the variables
-    value: Float[Array, "*batch slots k"]
-
-
-def no_peaks(slots: int, dtype: Any) -> Peaks:
-    """Return NumPy arrays of peaks without any used element."""
-    no: Any = np.zeros((slots, PEAKS), bool)
-    heights: Any = np.full(no.shape, ABSENT, dtype)
-    start: Any = np.zeros(no.shape, dtype)
-    return Peaks(start, no, no, heights)
-
-
-def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch slots"]) -> Peaks:
-    """Find the peaks and ends of the constraints of all limits for a batch of paths."""
-    quantity_index = jnp.asarray(slots.index)
-    slot_hints = jnp.asarray(HINT_OF)[quantity_index]
-    here = jnp.arange(len(HINTS), dtype=slots.index.dtype)
-    batch = limits.shape[:1]
-    # Compute the second hint, the straightest point, only if a limit needs it.
-    positions = jnp.arange(quantity_index.shape[0], dtype=slots.index.dtype)
-    n_hints = 1 + jnp.max(jnp.where(positions < slots.count, slot_hints, 0))
-
-    def of_slot(step: Int[Array, ""], carry: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
-        peaks, hint_times = carry
-        # First compute the hints (the times at which the path is straightest and slowest), in reverse order.
-        is_hint = step < n_hints
-        place, hint = jnp.where(is_hint, 0, step - n_hints), n_hints - 1 - step
-        quantity, slot_hint = element((quantity_index, slot_hints), place)
-        index = jnp.where(is_hint, FIRST_HINT + hint, quantity)
-        at = jnp.sum(jnp.where((here == slot_hint)[None], hint_times, 0.0), axis=1)
-        slot_peaks = _peaks(settings, index, element(limits, place, 1), at, is_hint)
-        updated = with_element(peaks, place, slot_peaks, 1)
-        highest = min_and_argmin(jnp.where(slot_peaks.present, -slot_peaks.value, jnp.inf), 1)[1]
-        chosen = jnp.arange(PEAKS, dtype=jnp.int32)[None] == highest[:, None]
-        hint_time = jnp.sum(jnp.where(chosen, slot_peaks.time, 0.0), axis=1)
-        return updated, jnp.where((is_hint & (here == hint))[None], hint_time[:, None], hint_times)
-
-    start = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), no_peaks(limits.shape[-1], limits.dtype))
-    hint_times = jnp.full((*batch, len(HINTS)), 0.5, limits.dtype)
-    peaks, _ = jax.lax.fori_loop(jnp.zeros_like(n_hints), n_hints + slots.count, of_slot, (start, hint_times))
-    return peaks
-
-
-def transfer_multipliers(multipliers: Array, times: Array, peaks: Peaks) -> Float[Array, "slots k"]:
-    """Assign the multipliers of constraints at `times` to the nearest peak or end of the same limit."""
-    distance = jnp.abs(peaks.time[:, :, None] - times[:, None]) + jnp.where(peaks.present, 0.0, 2.0)[:, :, None]
-    nearest = jnp.argmin(distance, axis=1)
-    here = nearest[:, None] == jnp.arange(peaks.time.shape[1])[None, :, None]
-    return jnp.sum(jnp.where(here, multipliers[:, None], 0.0), axis=2)
-
-
-class _Round(NamedTuple):
-    """The state of the refinement: instants to evaluate, initial and current times of the peaks, and their values."""
-
-    places: Float[Array, "batch nodes"]
-    start: Float[Array, "batch k"]
-    time: Float[Array, "batch k"]
-    present: Bool[Array, "batch k"]
-    value: Float[Array, "batch k"]
-
-
-def _peaks(
-    settings: Setting,
-    index: Int[Array, ""],
-    limits: Float[Array, " batch"],
-    hints: Float[Array, " batch"],
-    is_hint: Flag,
-) -> Peaks:
-    """Find the peaks of one quantity, or of a hint, for a batch of paths."""
-    dtype, batch = limits.dtype, limits.shape[0]
-    nodes = jnp.broadcast_to(jnp.asarray(np.linspace(0.0, 1.0, NODES)[None], dtype), (batch, NODES))
-    offsets = jnp.asarray(np.linspace(-1.0, 1.0, OFFSETS)[:, None], dtype)
-    rounds = jnp.where(is_hint, np.uint32(HINT_ROUNDS), np.uint32(LIMIT_ROUNDS))
-    ends = jnp.stack([hints, jnp.zeros(batch, dtype), jnp.ones(batch, dtype)], axis=1)
-    halves = REACH * jnp.asarray([*ROUNDS, 0.0], dtype)
-
-    def look(k: Int[Array, ""], state: _Round) -> _Round:
-        g = values(settings, index, limits, state.places)
-
-        def choose() -> tuple[Array, Array]:
-            picked, is_present = _highest_nodes(g)
-            times = jnp.concatenate([picked, ends], axis=1)
-            return times, jnp.concatenate([is_present, jnp.ones((batch, FIXED), bool)], axis=1)
-
-        def refine() -> tuple[Array, Array]:
-            at, values_at = (x[:, : OFFSETS * PEAKS].reshape(-1, OFFSETS, PEAKS) for x in (state.places, g))
-            top = jax.vmap(_top_of_parabola, (0, 0, None))(at, values_at, is_hint)
-            return jnp.where(k > rounds, state.time, top), state.present
-
-        time, present = jax.lax.cond(k == 0, choose, refine)
-        half = jnp.where(k < rounds, element(halves, k), 0.0)
-        # Centre the interval on a peak, which may be narrow. The interval of a hint remains within [0, 1], because the
-        # minimum of a divisor may be close to an end.
-        middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
-        around = jnp.clip(middle[:, None] + half * offsets[None], 0.0, 1.0).reshape(batch, -1)
-        centre = OFFSETS // 2 * PEAKS
-        return _Round(
-            jnp.concatenate([around, nodes[:, OFFSETS * PEAKS :]], axis=1),
-            jnp.where(k == 0, time, state.start),
-            time,
-            present,
-            g[:, centre : centre + PEAKS],
-        )
-
-    zeros = jnp.zeros((batch, PEAKS), dtype)
-    initial = _Round(nodes, zeros, zeros, jnp.zeros((batch, PEAKS), bool), zeros)
-    end = jax.lax.fori_loop(jnp.zeros_like(rounds), rounds + 2, look, initial)
-    low, high = jnp.maximum(end.start - REACH, 0.0), jnp.minimum(end.start + REACH, 1.0)
-    moving = (end.time > low) & (end.time < high)
-    present = end.present & ~jax.vmap(_duplicates)(end.time, end.present)
-    value = jnp.where(present, jnp.where(jnp.isfinite(end.value), end.value, TOO_MUCH), ABSENT)
-    return Peaks(end.time, present, moving, value)
-
-
-def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch picked"], Bool[Array, "batch picked"]]:
-    """Return the times of the highest local maxima at inner nodes, and flags that are false for missing maxima."""
-    finite = jnp.where(jnp.isnan(g), jnp.inf, g)
-    middle = finite[:, 1:-1]
-    heights = jnp.where((middle >= finite[:, :-2]) & (middle > finite[:, 2:]), middle, -jnp.inf)
-    indices = jnp.arange(heights.shape[1], dtype=jnp.int32)
-
-    def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
-        below, place = min_and_argmin(-heights, 1)
-        time = REACH * (place + 1).astype(g.dtype)
-        return jnp.where(indices[None] == place[:, None], -jnp.inf, heights), (time, below < jnp.inf)
-
-    times, present = jax.lax.scan(pick, heights, None, length=REFINED)[1]
-    return times.T, present.T
-
-
-def _top_of_parabola(
-    at: Float[Array, "offsets k"], values_at: Float[Array, "offsets k"], is_hint: Flag
-) -> Float[Array, " k"]:
-    """Return the time of the maximum of the parabola through the highest value and its neighbours.
-
-    If the highest value is the first or the last, return its instant, except for a hint. A hint is smooth, so its
-    parabola is accurate there, too.
+    `fixed` marks constraints at fixed times instead of peaks.
     """
-    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # also replaces NaN
-    best = jnp.argmax(finite, axis=0)
-    inner = jnp.clip(best, 1, OFFSETS - 2)
-    here = jnp.arange(OFFSETS)[:, None]
 
-    def neighbour(k: int) -> tuple[Array, Array]:
-        chosen = here == (inner + k)[None]
-        return jnp.sum(jnp.where(chosen, at, 0.0), axis=0), jnp.sum(jnp.where(chosen, finite, 0.0), axis=0)
-
-    (left, low), (centre, middle), (right, high) = (neighbour(k) for k in (-1, 0, 1))
-    curvature = 2 * middle - low - high
-    top = centre + jnp.where(
-        curvature > 0, 0.25 * (right - left) * (high - low) / jnp.where(curvature > 0, curvature, 1.0), 0.0
-    )
-    edge = jnp.where(best == 0, left, right)
-    return jnp.where((best == inner) | (is_hint & (curvature > 0)), jnp.clip(top, left, right), edge)
+    owner: Int[np.ndarray, " peaks"]
+    rank: Int[np.ndarray, " peaks"]
+    limit: Int[np.ndarray, " peaks"]
+    time: Float[np.ndarray, " peaks"]  # fractions of the duration
+    value: Float[np.ndarray, " peaks"]
+    fixed: Bool[np.ndarray, " peaks"]
 
 
-def _duplicates(times: Array, present: Array) -> Array:
-    """Return a mask of the times that repeat an earlier peak.
+@dataclass
+class _Candidates:
+    """Peaks before their refinement: the search of each, and an interval that contains the maximum."""
 
-    Duplicates are removed, because their multipliers would not be unique.
-    """
-    k = times.shape[0]
-    earlier = jnp.arange(k)[None] < jnp.arange(k)[:, None]
-    return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < MIN_DISTANCE), axis=1)
+    owner: np.ndarray
+    low: np.ndarray
+    middle: np.ndarray
+    high: np.ndarray
+
+
+def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndarray, " batch"]]:
+    """Return the relevant peaks of a batch of searches, and the largest constraint value of each search."""
+    names, order = tuple(searches.limits), searches.order
+    rows = [np.broadcast_to(g, (NODES, searches.count)) for g in curves.values(names, GRID[:, None], order)]
+    largest = np.maximum(np.max(rows, axis=(0, 1)), ABSENT)
+    found = []
+    for k, (name, g) in enumerate(zip(names, rows, strict=True)):
+        for candidates, offsets in ((_highest(g), OFFSETS), (_sharp(name, curves, searches.count), NARROW)):
+            if candidates.owner.size:
+                time, value = _refined(name, curves.at(candidates.owner), candidates, offsets)
+                found.append((candidates.owner, k, time, value, False))
+                np.maximum.at(largest, candidates.owner, value)
+    for k, g in enumerate(rows):
+        owner, time, value = _at_fixed_times(g, largest)
+        found.append((owner, k, time, value, True))
+    columns = zip(*(np.broadcast_arrays(*x) for x in found), strict=True)
+    return _ranked(*(np.concatenate(x) for x in columns)), largest
+
+
+def largest_values(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Float[np.ndarray, "limits batch"]:
+    """Return the largest constraint value of each limit."""
+    with np.errstate(all="ignore"):
+        curves = Curves(searches, z)
+        peaks, _ = find_peaks(searches, curves)
+        rows = curves.values(tuple(searches.limits), GRID[:, None], searches.order)
+        result = np.array([np.broadcast_to(g, (NODES, searches.count)).max(axis=0) for g in rows])
+        np.maximum.at(result, (peaks.limit, peaks.owner), peaks.value)
+    return result
+
+
+def _at_fixed_times(g: np.ndarray, largest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the searches, the times and the values of the constraints at fixed times."""
+    own = g[FIXED]
+    used = own > np.maximum(largest, 0.0) - BELOW
+    used[0] &= g[1] > g[0]  # otherwise the end is a peak
+    used[-1] &= g[-2] > g[-1]
+    node, owner = np.nonzero(used)
+    return owner, GRID[FIXED][node], own[node, owner]
+
+
+def _ranked(owner: np.ndarray, limit: np.ndarray, time: np.ndarray, value: np.ndarray, fixed: np.ndarray) -> Peaks:
+    """Return the relevant peaks in descending order of each search, without those beyond the maximum number."""
+    order = np.flatnonzero(value > RELEVANT)
+    order = order[np.lexsort((-value[order], owner[order]))]
+    owner = owner[order]
+    first = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]])[: owner.size])
+    rank = np.arange(owner.size) - np.repeat(first, np.diff(np.append(first, owner.size)))
+    kept = rank < MAX_PEAKS
+    parts = (limit, time, value, fixed)
+    return Peaks(owner[kept], rank[kept], *(x[order][kept] for x in parts))
+
+
+def _highest(g: Float[np.ndarray, "nodes batch"]) -> _Candidates:
+    """Return the highest local maxima of each search at the nodes."""
+    higher = g[1:] > g[:-1]
+    is_peak = np.ones(g.shape, bool)
+    is_peak[1:] = higher
+    is_peak[:-1] &= ~higher
+    heights = np.where(is_peak & (g > RELEVANT), g, -np.inf)
+    if np.max(np.count_nonzero(heights > -np.inf, axis=0), initial=0) > PER_LIMIT:
+        lowest = np.partition(heights, -PER_LIMIT, axis=0)[-PER_LIMIT]
+        heights = np.where(heights >= lowest, heights, -np.inf)
+    node, owner = np.nonzero(heights > -np.inf)
+    return _Candidates(owner, GRID[np.maximum(node - 1, 0)], GRID[node], GRID[np.minimum(node + 1, NODES - 1)])
+
+
+def _sharp(name: str, curves: Curves, count: int) -> _Candidates:
+    """Return candidates near the minimum of the quantity's divisor, if this minimum is small."""
+    none = np.zeros(0)
+    divisor = quantity(name).divisor
+    if divisor is None:
+        return _Candidates(np.zeros(0, int), none, none, none)
+    key = "N" if divisor == "cross_norm" else "S"
+    values = np.broadcast_to(curves.divisors(GRID[:, None])[key], (NODES, count))
+    owner = np.flatnonzero(values.min(axis=0) < SHARP * values.max(axis=0))
+    node = values[:, owner].argmin(axis=0)
+    low, middle, high = GRID[np.maximum(node - 1, 0)], GRID[node], GRID[np.minimum(node + 1, NODES - 1)]
+    own = curves.at(owner)
+    for _ in range(3 if owner.size else 0):
+        u = _instants(low, middle, high, OFFSETS)
+        low, middle, high = _parabola(u, -np.log(np.maximum(own.divisors(u)[key], 1e-300)))
+    return _Candidates(owner, np.maximum(middle - 0.02, 0.0), middle, np.minimum(middle + 0.02, 1.0))
+
+
+def _instants(low: np.ndarray, middle: np.ndarray, high: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    return middle + np.where(offsets < 0, middle - low, high - middle) * offsets
+
+
+def _parabola(u: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the times about the highest value, and between them the top of the parabola through these three."""
+    last = len(u) - 1
+    best = g.argmax(axis=0)
+    points = np.arange(best.size)
+    index = np.clip(best, 1, last - 1)
+    (a, x), (b, y), (c, z) = ((u[index + k, points], g[index + k, points]) for k in (-1, 0, 1))
+    with np.errstate(all="ignore"):
+        left, right = (y - x) / (b - a), (z - y) / (c - b)
+        top = 0.5 * (a + b) - left * (c - a) / (2 * (right - left))  # zero of the interpolated slope
+    low, high = u[np.maximum(best - 1, 0), points], u[np.minimum(best + 1, last), points]
+    middle = u[best, points]
+    good = np.isfinite(top) & (top >= low) & (top <= high) & (right < left)
+    return low, np.where(good, top, middle), high
+
+
+def _refined(name: str, curves: Curves, at: _Candidates, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times and the values of the maxima."""
+    order = quantity(name).order
+    u = _instants(at.low, at.middle, at.high, offsets)
+    g = np.broadcast_to(curves.values([name], u, order)[0], u.shape)
+    points = np.arange(u.shape[1])
+    best = g.argmax(axis=0)
+    time, value = u[best, points], g[best, points]
+    low, trial, high = _parabola(u, g)
+    for _ in range(NEWTON):
+        there, rate, second = curves.along_u(name, trial, order)
+        safe = np.where(second < 0, second, -np.inf)
+        exact = np.clip(trial - rate / safe, low, high)
+        # The value at the next point of Newton's method, to third order.
+        there = there + (rate + 0.5 * np.where(second < 0, second, 0.0) * (exact - trial)) * (exact - trial)
+        better = there >= value
+        time, value = np.where(better, exact, time), np.where(better, there, value)
+        trial = exact
+    return time, value

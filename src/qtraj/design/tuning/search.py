@@ -1,60 +1,57 @@
-"""The abstract search method, which solves a batch of tuning problems."""
+"""The abstract search method, which solves a batch of tuning problems, and the results of searches."""
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.design.tuning.searches import Searches
+
+Callback = Callable[[int], None]
+"""A function that is called with the number of finished searches."""
+
+
+class Ends(NamedTuple):
+    """The final points of a batch of searches; `largest` is the largest constraint value."""
+
+    z: Float[np.ndarray, "n batch"]
+    cost: Float[np.ndarray, " batch"]
+    largest: Float[np.ndarray, " batch"]
+    stationary: Bool[np.ndarray, " batch"]  # ended at a stationary point
+    steps: Int[np.ndarray, " batch"]
+
+    def take(self, index: Any) -> "Ends":
+        """Return the final points of some searches."""
+        return Ends(*(x[..., index] for x in self))
+
+    def put(self, index: np.ndarray, other: "Ends") -> None:
+        """Replace the final points of some searches."""
+        for own, new in zip(self, other, strict=True):
+            own[..., index] = new
 
 
 class SearchResult(NamedTuple):
-    """The result of a search for one problem, or the results for a batch; NumPy arrays unless traced.
+    """The best results of problems: NumPy arrays, or JAX arrays inside a trace.
 
-    `multipliers`, `times` and `values` belong to the peaks of each limited quantity, and to the ends of the path.
-    `violation` is the largest constraint value, or zero if all limits are satisfied. `stationary` is true if the search
-    ended at a stationary point.
+    `limit`, `time` and `multiplier` describe the active peaks; unused elements have the multiplier 0. `violation` is
+    the largest constraint value, or zero if all limits are satisfied.
     """
 
     z: Float[Array, "*batch n"]
-    multipliers: Float[Array, "*batch slots k"]
-    times: Float[Array, "*batch slots k"]
-    values: Float[Array, "*batch slots k"]
+    limit: Int[Array, "*batch k"]
+    time: Float[Array, "*batch k"]
+    multiplier: Float[Array, "*batch k"]
     violation: Float[Array, "*batch"]
     stationary: Bool[Array, "*batch"]
     steps: Int[Array, "*batch"]
 
 
 class AbstractSearch(eqx.Module):
-    """A search method, which runs a batch of searches, each from its own start.
-
-    The state of the searches is a pytree of arrays with the fields `steps`, `done` and `effort` (the computational cost
-    of the last step). After each number of steps in `stages`, the unfinished searches of a large batch are regrouped
-    into fewer blocks. A search stops after at most `step_limit` steps.
-    """
-
-    stages: ClassVar[tuple[int, ...]]
-
-    @property
-    @abc.abstractmethod
-    def step_limit(self) -> Int[Array | np.ndarray, ""]:
-        """Maximum number of steps of a search."""
+    """A search method, which runs a batch of searches, each from its own start."""
 
     @abc.abstractmethod
-    def init(self, tasks: Task, z: Any) -> Any:
-        """Return the state before the first step of searches from `z`, as NumPy arrays if `z` is a NumPy array."""
-
-    @abc.abstractmethod
-    def run(self, tasks: Task, slots: LimitSlots, states: Any, max_steps: Int[Array | np.ndarray, ""]) -> Any:
-        """Advance the searches until each is done or has reached `max_steps` steps, and return their state."""
-
-    @abc.abstractmethod
-    def result(self, tasks: Task, states: Any, xp: Any) -> tuple[SearchResult, Any]:
-        """Return the results and the costs of the searches; `xp` is the module of the states' arrays."""
-
-
-def step_count(number: Any) -> np.ndarray:
-    """Convert a number of steps to an array, so that a different number does not cause a recompilation."""
-    return np.asarray(number, np.int32)
+    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
+        """Return the final points of a batch of searches, each from its own `z`."""

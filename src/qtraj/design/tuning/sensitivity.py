@@ -2,135 +2,107 @@
 
 A solution z, with the multipliers λ and the times u of the active peaks, satisfies
 
-    w ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0,
+    ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0,
 
-where w is the weight of the cost f, and g are the active constraints. These conditions are smooth functions of the data
-θ (boundary states and limits) as long as the same peaks are active. A dot denotes the change due to a change of θ. The
-third condition gives the changes of the times, du = −(g_uz dz + ġ_u)/g_uu. The others are then a small linear system:
-
-    (w ∇²f + Σ λ (∇²g − g_zu g_uz/g_uu)) dz + Σ ∇g dλ = −(w ∇ḟ + Σ λ (∇ġ − g_zu ġ_u/g_uu)),   ∇g·dz = −ġ.
-
-Its coefficients come from the same formulas as the steps of "sqp". The searches themselves are never differentiated.
+where f is the cost, and g are the active constraints. These conditions are smooth functions of the data
+θ (boundary states and limits) as long as the same peaks are active. So their derivatives with respect to (z, λ, u) and
+θ give the derivatives of (z, λ, u). The searches themselves are never differentiated.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning.constraints import GROUP, Setting, of_one_path
-from qtraj.design.tuning.curves import CurveDerivatives
-from qtraj.design.tuning.expansions import Expansion, expansions
-from qtraj.design.tuning.model import differentiated
-from qtraj.design.tuning.problem import Variables
+from qtraj.design.tuning.problem import broadcasting
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
-from qtraj.design.tuning.task import Task, limit_slots
-
-PerPeak = Float[Array, "limits k"]
+from qtraj.design.tuning.task import Task, constraint_values
 
 
 class Solution(NamedTuple):
-    """The solution of a problem: the variables, and the multipliers and times of the peaks of each limit."""
+    """The solution of a problem: the variables, and the multipliers and times of the active peaks."""
 
-    z: Variables
-    multipliers: PerPeak
-    times: PerPeak
+    z: Float[Array, " n"]
+    multipliers: Float[Array, " k"]
+    times: Float[Array, " k"]
 
 
-class _Terms(NamedTuple):
-    """The terms of the conditions that change with the data: w ∇f, and g, ∇g and ∂g/∂u at each peak."""
+class _Kinds(NamedTuple):
+    """Which peaks are active, which of them move in time, and which variables are at their lower or upper bounds."""
 
-    slope: Float[Array, " n"]
-    g: PerPeak
-    gradient: Float[Array, "limits n k"]
-    rate: PerPeak
+    active: Bool[Array, " k"]
+    inner: Bool[Array, " k"]
+    low: Bool[Array, " n"]
+    high: Bool[Array, " n"]
 
 
 @eqx.filter_custom_jvp
-def solution(task: Task, result: SearchResult, names: tuple[str, ...]) -> Solution:
-    """Return the solution of a search as a differentiable function of the task; `names` are the limits' names."""
-    return Solution(result.z, result.multipliers[: len(names)], result.times[: len(names)])
+def solution(task: Task, result: SearchResult) -> Solution:
+    """Return the solution of a search as a differentiable function of the task."""
+    return Solution(result.z, result.multiplier, result.time)
 
 
 @solution.def_jvp
 def _differentiate(
-    primals: tuple[Task, SearchResult, tuple[str, ...]], tangents: tuple[Task, SearchResult, None]
+    primals: tuple[Task, SearchResult], tangents: tuple[Task, SearchResult | None]
 ) -> tuple[Solution, Solution]:
-    task, result, names = primals
-    at = solution(task, result, names)  # depends on the task, so that higher derivatives are correct, too
+    with broadcasting():
+        return _solve(primals, tangents[0])
+
+
+def _solve(primals: tuple[Task, SearchResult], tangents: Task) -> tuple[Solution, Solution]:
+    task, result = primals
+    at = solution(task, result)  # depends on the task, so that higher derivatives are correct, too
     arrays, rest = eqx.partition(task, eqx.is_inexact_array)
-    changes = jax.tree.map(_or_zeros, arrays, tangents[0], is_leaf=lambda x: x is None)
-    terms, change, (curvature, g) = jax.jvp(
-        lambda arrays: _terms(eqx.combine(arrays, rest), at, names), (arrays,), (changes,), has_aux=True
-    )
-    active = at.multipliers > ACTIVE
-    inner = active & (at.times > 0) & (at.times < 1) & (g.second_rate < 0)
-    inverse = jnp.where(inner, 1 / jnp.where(inner, g.second_rate, 1.0), 0.0)  # of g_uu
-
-    def weighted(x: Float[Array, "limits *n k"]) -> Float[Array, "*n"]:
-        extended = jnp.expand_dims(active, tuple(range(1, x.ndim - 1)))
-        return jnp.einsum("lk,l...k->...", at.multipliers, jnp.where(extended, x, 0.0))
-
-    shift = inverse[:, None] * g.mixed
-    hessian = curvature + weighted(g.curvature - shift[:, :, None] * g.mixed[:, None])
-    force = change.slope + weighted(change.gradient - shift * change.rate[:, None])
-    gradients = _rows(jnp.where(active[:, None], terms.gradient, 0.0))
-    matrix = jnp.block([[hessian, gradients.T], [gradients, jnp.diag(jnp.where(active, 0.0, 1.0).ravel())]])
-    known = -jnp.concatenate([force, jnp.where(active, change.g, 0.0).ravel()])
-    dz, multipliers = _solve_with_bounds(task, changes, at.z, matrix, known)
-    times = -jnp.where(inner, jnp.einsum("lnk,n->lk", shift, dz) + inverse * change.rate, 0.0)
-    return at, Solution(dz, multipliers.reshape(active.shape), times)
+    changes = jax.tree.map(_or_zeros, arrays, tangents, is_leaf=lambda x: x is None)
+    kinds = _kinds(task, result, jax.lax.stop_gradient(at))
+    flat, unflatten = ravel_pytree(at)
+    change = jax.jvp(lambda a: _conditions(eqx.combine(a, rest), result, at, kinds), (arrays,), (changes,))[1]
+    matrix = jax.jacfwd(lambda x: _conditions(task, result, unflatten(x), kinds))(flat)
+    return at, unflatten(jnp.linalg.solve(matrix, -change))
 
 
 def _or_zeros(x: Array | None, change: Array | None) -> Array | None:
     return jnp.zeros_like(x) if change is None and x is not None else change
 
 
-def _terms(task: Task, at: Solution, names: tuple[str, ...]) -> tuple[_Terms, tuple[Array, Expansion]]:
-    """Return the terms of the conditions at constant z and times, and w ∇²f with the expansions of the constraints."""
-    slope, curvature, here, derivatives = differentiated(task.problem, at.z)
-    g = _expansions(here, derivatives, task.limits[: len(names)], at.times, names)
-    return _Terms(task.weight * slope, g.value, g.slope, g.rate), (task.weight * curvature, g)
+def _kinds(task: Task, result: SearchResult, at: Solution) -> _Kinds:
+    active = at.multipliers > ACTIVE
+    bend = jax.vmap(jax.grad(jax.grad(lambda u, k: _one(task, result, at.z, u, k))))(at.times, jnp.arange(active.size))
+    low = at.z <= task.low + AT_BOUND
+    high = (at.z >= task.high - AT_BOUND) & ~low
+    return _Kinds(active, active & (at.times > 0) & (at.times < 1) & (bend < 0), low, high)
 
 
-def _expansions(
-    here: Setting,
-    derivatives: CurveDerivatives,
-    limits: Float[Array, " limits"],
-    times: PerPeak,
-    names: tuple[str, ...],
-) -> Expansion:
-    """Return the expansions of all constraints; the formulas of each group of limits are compiled once."""
-    index = limit_slots(names).index[: len(names)]
-    groups, parts, order = GROUP[index], [], []
-    for group in np.unique(groups):
-        own = np.flatnonzero(groups == group)
-        one = partial(of_one_path(partial(expansions, group=int(group))), here, derivatives)
-        parts.append(jax.vmap(one)(index[own], limits[own], times[own]))
-        order += own.tolist()
-    return jax.tree.map(lambda *x: jnp.concatenate(x)[np.argsort(order)], *parts)
+def _one(task: Task, result: SearchResult, z: Array, u: Array, k: Array) -> Array:
+    """Return the constraint value of the active peak `k` at the instant `u`."""
+    return _at(task, result, z, jnp.full_like(result.time, u))[k]
 
 
-def _rows(gradients: Float[Array, "limits n k"]) -> Float[Array, "constraints n"]:
-    """Return the gradients of all constraints as the rows of a matrix."""
-    return jnp.swapaxes(gradients, 1, 2).reshape(-1, gradients.shape[1])
+def _at(task: Task, result: SearchResult, z: Array, times: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Return the constraint values of all active peaks."""
+    count = len(task.limits)
+    g = constraint_values(task, z, jnp.broadcast_to(times, (count, *times.shape)))
+    return jnp.sum(jnp.where(jnp.arange(count)[:, None] == result.limit, g, 0.0), axis=0)
 
 
-def _solve_with_bounds(
-    task: Task, changes: Task, z: Variables, matrix: Float[Array, "m m"], known: Float[Array, " m"]
-) -> tuple[Array, Array]:
-    """Return the changes of the variables and of the multipliers; a variable at a bound changes with the bound."""
-    low = z <= task.low + AT_BOUND
-    high = (z >= task.high - AT_BOUND) & (task.high > task.low)
-    fixed: Bool[Array, " n"] = low | high
-    n = z.size
-    unit = jnp.eye(n, matrix.shape[0], dtype=z.dtype)
-    matrix = matrix.at[:n].set(jnp.where(fixed[:, None], unit, matrix[:n]))
-    known = known.at[:n].set(jnp.where(fixed, jnp.where(low, changes.low, changes.high), known[:n]))
-    dz, multipliers = jnp.split(jnp.linalg.solve(matrix, known), [n])
-    return dz, multipliers
+def _conditions(task: Task, result: SearchResult, at: Solution, kinds: _Kinds) -> Float[Array, " n+2k"]:
+    """Return the left-hand sides of the conditions; those of unused elements keep these elements unchanged."""
+
+    def lagrangian(z: Array, times: Array) -> Array:
+        g = jnp.where(kinds.active, _at(task, result, z, times), 0.0)
+        return task.problem.cost(z) + jnp.sum(jnp.where(kinds.active, at.multipliers, 0.0) * g)
+
+    slope, rate = jax.grad(lagrangian, (0, 1))(at.z, at.times)
+    slope = jnp.where(kinds.low, at.z - task.low, jnp.where(kinds.high, at.z - task.high, slope))
+    g = _at(task, result, at.z, at.times)
+    constant = jax.lax.stop_gradient(at)
+    return jnp.concatenate([
+        slope,
+        jnp.where(kinds.active, g, at.multipliers - constant.multipliers),
+        jnp.where(kinds.inner, rate, at.times - constant.times),
+    ])  # fmt: skip

@@ -1,19 +1,15 @@
-"""Compute one SQP step by two convex quadratic programs (QPs) in the step d and the allowed violation t."""
+"""Compute the steps of a batch of searches by convex quadratic programs (QPs) in the step d and the violation t."""
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Bool, Float
 
 from qtraj.design.tuning import qp
-from qtraj.design.tuning.model import PER_LIMIT, Constraints, Model, values_nearby
-from qtraj.design.tuning.peaks import PEAKS
-from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import LimitSlots, Task, over_slots
-from qtraj.foundation.indexing import element, with_element
-from qtraj.foundation.types import Flag, Scalar
+from qtraj.design.tuning.constraints import ABSENT
+from qtraj.design.tuning.model import LOOSE, Model
+from qtraj.design.tuning.peaks import Peaks
+from qtraj.design.tuning.searches import Searches
 
 FAR = 1e3  # a constraint at this distance, in trust radii, is out of reach of a step
 
@@ -24,266 +20,163 @@ MAX_STIFFNESS = 1e-4  # upper limit of ε in the term ½εt² that makes the QP 
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """Regularizations of the Hessian in the order of trial: weights of the squared active constraints and of the identity.
+
+The squares change the model away from the constraints, so a step with them may not reduce the merit function. After a
+rejected step, only the identity is added.
 """
 
-PerPeak = Float[Array, "*batch slots peaks"]
-PerConstraint = Float[Array, "*batch slots r"]
+COARSE, FINE = 1e-7, 1e-13
+"""Tolerances of a QP for the first steps and for the last steps of a search."""
+
+SAME = 0.1
+"""Peaks of two paths correspond to each other if their times differ by less than this fraction of the duration."""
 
 
 class Step(NamedTuple):
-    """A step `d` with its multipliers, allowed violation and predicted decrease of the merit function."""
+    """A step `d` with its multipliers, allowed violation and predicted decrease of the merit function.
 
-    d: Variables
-    multipliers: PerConstraint
-    allowed_violation: Scalar
-    predicted_decrease: Scalar
-    solved: Flag  # false if a QP failed because of rounding errors, so that the step may not be optimal
-    residual: Scalar  # largest component of the gradient of the Lagrangian, divided by the penalty
-    remaining: Scalar  # estimated distance from the solution after this step
-    effort: Int[Array, ""]  # number of steps of the QP solver
-
-
-class _Sums(NamedTuple):
-    """Sums over the active peaks.
-
-    `products` is the sum of v vᵀ over the peaks, with v = (slope, value − largest value, 1). `hessian` is the sum of
-    the Hessians weighted by the multipliers.
+    `residual` is the largest component of the gradient of the Lagrangian, divided by the penalty.
     """
 
-    products: Float[Array, "n+2 n+2"]
-    hessian: Float[Array, "n n"]
-
-
-class _Trial(NamedTuple):
-    """The result of the previous QP: the step, the constraint values after it, and the multipliers of the peaks."""
-
-    d: Variables
-    value: PerConstraint
-    multipliers: PerPeak
-
-
-class _QPResult(NamedTuple):
-    """The solution of one QP, in the units of the tuning problem."""
-
-    multipliers: PerConstraint
-    allowed_violation: Scalar
-    violation: Scalar  # largest value of the linearised constraints after the step
-    imbalance: Variables  # gradient of the Lagrangian
-    correction: Scalar  # size of the change of d by this QP
-    solved: Flag
-    steps: Int[Array, ""]
+    d: Float[np.ndarray, "n batch"]
+    multipliers: Float[np.ndarray, "k batch"]
+    allowed_violation: Float[np.ndarray, " batch"]
+    predicted_decrease: Float[np.ndarray, " batch"]
+    residual: Float[np.ndarray, " batch"]
 
 
 def compute_step(
-    tasks: Task, slots: LimitSlots, z: Array, model: Model, multipliers: PerPeak, penalty: Array, radius: Array
-) -> Step:
-    """Compute the steps of a batch of searches, each by a QP about its `z` and a second QP that corrects the step.
-
-    The second QP is about the end point of the first step. It uses the true constraint values at this point and at the
-    updated times of the peaks. The slopes are extrapolated with the Hessians of the constraints.
-    """
-
-    def correct(at: _Trial, last: Flag) -> tuple[_Trial, _QPResult]:
-        d, result = _solve(tasks, slots, z, model, at, penalty, radius)
-        there = jax.lax.cond(last, lambda: at.value, lambda: values_nearby(tasks, slots, z + d, d, model.constraints))
-        return _Trial(d, there, result.multipliers[..., :PEAKS]), result
-
-    start = _Trial(jnp.zeros_like(z), model.constraints.value, multipliers)
-    end, both = jax.lax.scan(correct, start, jnp.asarray([False, True]))
-    return jax.vmap(_step, (0, 0, 0, 0, 0, 1))(tasks, z, model, penalty, end.d, both)
-
-
-def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables, both: _QPResult) -> Step:
-    """Return the step `d` of one search, with data from the results of both QPs."""
-    last: _QPResult = jax.tree.map(lambda x: x[-1], both)
-    largest = jnp.maximum(jnp.max(model.constraints.value), 0.0)
-    cost = task.weight * (model.slope @ d + 0.5 * d @ (model.curvature @ d))
-    inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
-    size = jnp.max(jnp.abs(d))
-    return Step(
-        d=d,
-        multipliers=last.multipliers,
-        allowed_violation=last.allowed_violation,
-        predicted_decrease=penalty * (largest - last.violation) - cost,
-        solved=jnp.all(both.solved),
-        residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # Assume that further corrections decrease by the same factor as from the first to the second QP.
-        remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
-        effort=jnp.sum(both.steps, dtype=jnp.int32),
-    )
-
-
-def _solve(
-    tasks: Task, slots: LimitSlots, z: Array, model: Model, at: _Trial, penalty: Array, radius: Array
-) -> tuple[Array, _QPResult]:
-    """Solve the QPs about trial points, with evaluated constraint values and extrapolated slopes."""
-    is_free = jnp.where(tasks.high > tasks.low, 1.0, 0.0).astype(z.dtype)
-    largest = jnp.maximum(jnp.max(at.value, axis=(1, 2)), 0.0)
-    sums, slopes = _sums(slots, model.constraints, at, is_free, largest)
-    lagrangian, squares, shift = jax.vmap(_hessian)(tasks.weight, model.curvature, at, penalty, is_free, sums)
-    convex = _convex(lagrangian, squares)
-    qps = jax.vmap(_quadratic_program)(tasks, z, model, at, penalty, radius, is_free, slopes, largest, convex, shift)
-    solution = qp.minimise(qps, jnp.asarray(slots.count))
-    low, high = qps.low * radius[:, None], qps.high * radius[:, None]
-    correction = jnp.where(high > low, jnp.clip(solution.d * radius[:, None], low, high), 0.0)
-    mean = shift.inv_count * (sums.products[:, -1, -2] + jnp.sum(shift.slope_sum * correction, axis=1))
-    multipliers, reaction, violation = _multipliers(
-        slots, at, slopes, correction, solution.active, jnp.maximum(penalty, 1.0), convex[2], largest + mean
-    )
-    # The sum of the multipliers never needs to exceed the penalty, so scale down the multipliers of an inaccurate QP
-    # solution.
-    part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers, axis=(1, 2)), penalty))
-    d = at.d + correction
-    cost_slope = model.slope + jnp.einsum("bij,bj->bi", model.curvature, d)
-    return d, _QPResult(
-        multipliers=multipliers * part[:, None, None],
-        allowed_violation=largest + solution.t * radius,
-        violation=jnp.maximum(violation, 0.0),
-        imbalance=tasks.weight[:, None] * cost_slope + part[:, None] * reaction,
-        correction=jnp.max(jnp.abs(correction), axis=1),
-        solved=solution.solved,
-        steps=solution.steps,
-    )
-
-
-class _Shift(NamedTuple):
-    """The change of the gradient due to the squares of the active peaks.
-
-    If the limits cannot be satisfied yet, `inv_count` is the inverse of the number of active peaks, and otherwise 0.
-    `slope_sum` is the sum of the slopes of the active peaks, and `offset` is the gradient of half the sum of the
-    squares of their values.
-    """
-
-    inv_count: Scalar
-    slope_sum: Variables
-    offset: Variables
-
-
-def _hessian(
-    weight: Scalar, curvature: Array, at: _Trial, penalty: Scalar, is_free: Variables, sums: _Sums
-) -> tuple[Array, Array, _Shift]:
-    """Return the Hessians of the Lagrangian and of the squares of the active peaks, and the change of the gradient."""
-    slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
-    penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # While the limits cannot be satisfied, all active constraint values equal the violation t: subtract their mean.
-    inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
-    lagrangian = weight * curvature + sums.hessian
-    lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])
-    offset = sums.products[:-2, -2] - inv_count * sums.products[-1, -2] * slope_sum
-    shift = _Shift(inv_count, slope_sum, offset)
-    return lagrangian, squares - inv_count * slope_sum[:, None] * slope_sum[None], shift
-
-
-def _quadratic_program(
-    task: Task,
-    z: Variables,
+    searches: Searches,
+    z: Float[np.ndarray, "n batch"],
     model: Model,
-    at: _Trial,
-    penalty: Scalar,
-    radius: Scalar,
-    is_free: Variables,
-    slopes: Float[Array, "slots r n"],
-    largest: Scalar,
-    convex: tuple[Array, Array, Scalar],
-    shift: _Shift,
-) -> qp.QP:
-    """Return the QP of one problem in units of the trust radius and the penalty, with bounds relative to `largest`."""
-    hessian, inverse, square_weight = convex
-    scale = jnp.maximum(penalty, 1.0)
-    cost_slope = task.weight * (model.slope + model.curvature @ at.d) * is_free
-    scaled = hessian * (radius / scale)
-    return qp.QP(
-        hessian=scaled,
-        inverse=inverse * (scale / radius),
-        gradient=(cost_slope + square_weight * shift.offset) / scale,
-        normals=slopes,
-        bounds=jnp.minimum((largest - at.value) / radius, FAR),
-        low=(jnp.maximum(task.low - z, -radius) - at.d) / radius,
-        high=(jnp.minimum(task.high - z, radius) - at.d) / radius,
-        penalty=penalty / scale,
-        stiffness=jnp.minimum(jnp.sum(scaled * np.eye(z.shape[0])) / z.shape[0], MAX_STIFFNESS),
-        min_violation=jnp.maximum(-largest / radius, -FAR),
-    )
+    multipliers: Float[np.ndarray, "k batch"],
+    penalty: Float[np.ndarray, " batch"],
+    radius: Float[np.ndarray, " batch"],
+    size: Float[np.ndarray, " batch"],
+    squared: Bool[np.ndarray, " batch"],
+    values: Float[np.ndarray, "k batch"] | None = None,
+) -> Step:
+    """Compute the steps of a batch of searches.
 
-
-def _sums(
-    slots: LimitSlots, constraints: Constraints, at: _Trial, is_free: Array, largest: Array
-) -> tuple[_Sums, Float[Array, "batch slots r n"]]:
-    """Return sums over the active peaks, and the slopes of all constraints, extrapolated to the trial point."""
-    batch, n = is_free.shape
-
-    def of_peaks(
-        slope: Array, curvature: Array, multiplier: Array, value: Array, d: Array, is_free: Array, largest: Scalar
-    ) -> tuple[Array, Array, Array]:
-        slope = (slope + jnp.pad(curvature @ d, ((0, PER_LIMIT - PEAKS), (0, 0)))) * is_free[None]
-        below = value[:PEAKS] - largest
-        stacked = jnp.concatenate([slope[:PEAKS], below[:, None], jnp.ones_like(below)[:, None]], axis=1)
-        stacked = jnp.where((multiplier > ACTIVE)[:, None], stacked, 0.0)
-        return stacked.T @ stacked, jnp.sum(multiplier[:, None, None] * curvature, axis=0), slope
-
-    def of_slot(slot: Int[Array, ""], carry: tuple[_Sums, Array]) -> tuple[_Sums, Array]:
-        sums, slopes = carry
-        parts = constraints.slope, constraints.curvature, at.multipliers, at.value
-        own = (*element(parts, slot, 1), at.d, is_free, largest)
-        products, weighted, slope = jax.vmap(lambda own: of_peaks(*own))(own)
-        return _Sums(sums.products + products, sums.hessian + weighted), with_element(slopes, slot, slope, 1)
-
-    empty = _Sums(jnp.zeros((batch, n + 2, n + 2), is_free.dtype), jnp.zeros((batch, n, n), is_free.dtype))
-    return over_slots(slots, of_slot, (empty, jnp.zeros_like(constraints.slope)))
-
-
-def _multipliers(
-    slots: LimitSlots,
-    at: _Trial,
-    slopes: Float[Array, "batch slots r n"],
-    correction: Array,
-    active: qp.Active,
-    scale: Array,
-    square_weight: Array,
-    mean: Array,
-) -> tuple[PerConstraint, Array, Array]:
-    """Return the multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value.
-
-    The squares of active peaks in the Hessian contribute to the multipliers of these peaks.
+    `size` is the size of the last step, from which the accuracy of the QP follows, because steps become smaller
+    quadratically. `squared` is true if squares of active constraints may be added. `values` are the constant terms of the linearised constraints, by default the constraint values at `z`.
     """
-    active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale[:, None]
-    places = jnp.arange(PER_LIMIT, dtype=jnp.int32)[None, :, None]
-
-    def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        multipliers, reaction, max_linear = carry
-        indices = slot.astype(jnp.int32) * PER_LIMIT + places
-        value, slope, old = element((at.value, slopes, at.multipliers), slot, 1)
-        linearised = value + jnp.einsum("brn,bn->br", slope, correction)
-        squares = square_weight[:, None] * (linearised[:, :PEAKS] - mean[:, None])
-        from_squares = jnp.where(old > ACTIVE, squares, 0.0)
-        is_active = jnp.where(active.constraint[:, None] == indices, 1.0, 0.0)
-        from_qp = jnp.einsum("brq,bq->br", is_active, active_multipliers)
-        own = jnp.maximum(from_qp + jnp.pad(from_squares, ((0, 0), (0, PER_LIMIT - PEAKS))), 0.0)
-        return (
-            with_element(multipliers, slot, own, 1),
-            reaction + jnp.einsum("br,brn->bn", own, slope),
-            jnp.maximum(max_linear, jnp.max(linearised, axis=1)),
-        )
-
-    empty = jnp.zeros_like(at.value), jnp.zeros_like(correction), jnp.full_like(scale, -jnp.inf)
-    return over_slots(slots, of_slot, empty)
+    n = len(z)
+    free = searches.high > searches.low
+    values = model.value if values is None else values
+    slopes = model.slopes * free
+    slope = searches.weight * model.slope * free
+    lagrangian = searches.weight * model.curvature + np.einsum("kb,kijb->ijb", multipliers, model.curvatures)
+    lagrangian = np.where(free[:, None] & free, lagrangian, 0.0)
+    convex, centred, offset, square_weight = _convex(lagrangian, free, slopes, values, np.where(squared, multipliers, 0.0), penalty)
+    scale = np.maximum(penalty, 1.0)
+    low, high = (np.where(free, x / radius, y) for x, y in ((np.maximum(searches.low - z, -radius), -1.0), (np.minimum(searches.high - z, radius), 1.0)))
+    hessian = convex * (radius / scale)
+    gradient = slope + square_weight * np.einsum("kb,kib->ib", offset, centred)
+    minimising = searches.weight == 0
+    program = qp.QP(
+        hessian=hessian,
+        gradient=gradient / scale,
+        normals=slopes,
+        values=np.maximum(values / radius, -FAR),
+        low=low,
+        high=high,
+        penalty=penalty / scale,
+        stiffness=np.minimum(np.trace(hessian) / n, MAX_STIFFNESS),
+        lowest=np.where(minimising, np.maximum(-1 / radius, -FAR), 0.0),
+        tolerance=COARSE * np.minimum(size, 1.0) ** 2 + FINE,
+    )
+    d, t, own = qp.minimise(program)
+    d = np.where(free, np.clip(d, low, high) * radius, 0.0)
+    linear = values + np.einsum("kib,ib->kb", slopes, d)
+    own = own * scale + square_weight * (offset + np.einsum("kib,ib->kb", centred, d))
+    own = np.where(values > ABSENT, np.maximum(own, 0.0), 0.0)
+    own = own * np.minimum(1.0, penalty / np.maximum(own.sum(axis=0), penalty))
+    floor = np.where(minimising, -1.0, 0.0)
+    before, after = (np.maximum(x.max(axis=0, initial=-1.0), floor) for x in (model.value, linear))
+    change = (slope * d).sum(axis=0) + 0.5 * np.einsum("ib,ijb,jb->b", d, lagrangian, d)
+    inside = free & (z > searches.low + AT_BOUND) & (z < searches.high - AT_BOUND)
+    balance = slope + np.einsum("ijb,jb->ib", lagrangian, d) + np.einsum("kb,kib->ib", own, slopes)
+    residual = np.abs(np.where(inside, balance, 0.0)).max(axis=0) / scale
+    return Step(d, own, t * radius, penalty * (before - after) - change, residual)
 
 
 def _convex(
-    lagrangian: Float[Array, "batch n n"], squares: Float[Array, "batch n n"]
-) -> tuple[Float[Array, "batch n n"], Float[Array, "batch n n"], Float[Array, " batch"]]:
-    """Return positive definite Hessians, their inverses, and the weights of the squares in the Hessians."""
-    square_weights, unit_weights = jnp.asarray(REGULARIZATION, lagrangian.dtype).T
-    identity = jnp.eye(lagrangian.shape[-1], dtype=lagrangian.dtype)[None]
-    size = jnp.maximum(jnp.max(jnp.abs(lagrangian), axis=(1, 2)), 1.0)
-    weighted = square_weights[None, :, None, None] * squares[:, None]
-    added = weighted + (unit_weights[:, None, None] * identity)[None]
-    hessians = lagrangian[:, None] + size[:, None, None, None] * added
-    inverses, pivots = qp.inverse(hessians)
-    chosen = jnp.argmax(pivots > MIN_PIVOT * size[:, None], axis=1)
-    here = chosen[:, None] == jnp.arange(len(REGULARIZATION))[None]
+    lagrangian: np.ndarray,
+    free: np.ndarray,
+    slopes: np.ndarray,
+    values: np.ndarray,
+    multipliers: np.ndarray,
+    penalty: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return positive definite Hessians, and the slopes, the values and the weight of the squares in them.
 
-    def own(x: Array) -> Array:
-        return jnp.sum(jnp.where(jnp.expand_dims(here, range(2, x.ndim)), x, 0.0), axis=1)
+    The squares of active constraints do not change the solution while the constraints remain active. If the limits
+    cannot be satisfied, all active constraint values equal the violation, so their mean is subtracted.
+    """
+    active = multipliers > ACTIVE
+    count = np.maximum(active.sum(axis=0), 1)
+    penalised = multipliers.sum(axis=0) > PENALISED * penalty
+    centred = np.where(active[:, None], slopes, 0.0)
+    offset = np.where(active, values, 0.0)
+    means = np.where(penalised, centred.sum(axis=0) / count, 0.0), np.where(penalised, offset.sum(axis=0) / count, 0.0)
+    centred = np.where(active[:, None], centred - means[0], 0.0)
+    offset = np.where(active, offset - means[1], 0.0)
+    n = len(lagrangian)
+    size = np.maximum(np.abs(lagrangian).max(axis=(0, 1)), 1.0)
+    result = lagrangian.copy()
+    result[range(n), range(n)] += np.where(free, 0.0, size)
+    weight = np.zeros_like(size)
+    rest = np.arange(size.size)
+    base, squares = result, None
+    for of_squares, of_identity in REGULARIZATION:
+        trial = base[..., rest]
+        if of_squares or of_identity:
+            squares = np.einsum("kib,kjb->ijb", centred, centred) if squares is None else squares
+            trial = trial + (of_squares * size[rest]) * squares[..., rest]
+            trial[range(n), range(n)] += of_identity * size[rest]
+        good = qp.cholesky(trial)[1] > MIN_PIVOT * size[rest]
+        chosen = good if of_identity < 10 else np.ones_like(good)
+        if rest.size == size.size and good.all():
+            return trial, centred, offset, np.full_like(size, of_squares) * size
+        if rest.size == size.size:
+            result = np.array(trial)
+            base = lagrangian.copy()
+            base[range(n), range(n)] += np.where(free, 0.0, size)
+        result[..., rest[chosen]] = trial[..., chosen]
+        weight[rest[chosen]] = of_squares * size[rest[chosen]]
+        rest = rest[~chosen]
+        if rest.size == 0:
+            break
+    return result, centred, offset, weight
 
-    return own(hessians), own(inverses), size * own(square_weights[None])
+
+def corresponding(model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:
+    """Return the values of the peaks of other paths that correspond to the constraints of a model."""
+    rows, count = model.value.shape
+    distance, result = np.full((rows, count), SAME), np.array(model.value)
+    for j in range(int(peaks.rank.max(initial=-1)) + 1):
+        own = np.flatnonzero(peaks.rank == j)
+        owner, value = peaks.owner[own], peaks.value[own]
+        apart = np.abs(model.time[:, owner] - peaks.time[own])
+        same = (model.limit[:, owner] == peaks.limit[own]) & (model.fixed[:, owner] == peaks.fixed[own])
+        nearer = same & (apart < distance[:, owner])
+        loose = model.value[:, owner] < LOOSE
+        form = np.where(loose, 0.5 * (np.exp(2 * np.minimum(value, 10.0)) - 1), value)
+        distance[:, owner] = np.where(nearer, apart, distance[:, owner])
+        result[:, owner] = np.where(nearer, form, result[:, owner])
+    return result
+
+
+def transferred(multipliers: np.ndarray, old: Model, new: Model) -> Float[np.ndarray, "k batch"]:
+    """Assign the multipliers of the constraints of a model to the nearest peaks of the same limit in another model."""
+    result = np.zeros(new.value.shape)
+    columns = np.arange(result.shape[1])
+    for row in range(len(multipliers)):
+        apart = np.abs(new.time - old.time[row]) + 2.0 * (new.limit != old.limit[row])
+        if not len(apart):
+            break
+        nearest = apart.argmin(axis=0)
+        found = (apart[nearest, columns] < 1.5) & (multipliers[row] > 0)
+        np.add.at(result, (nearest[found], columns[found]), multipliers[row, found])
+    return result

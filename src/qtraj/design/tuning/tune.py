@@ -6,14 +6,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning import multistart
+from qtraj.design.tuning import multistart, traced
 from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.assembly import make_outcome
 from qtraj.design.tuning.box import Bounds, box, change_weights, require_names
@@ -21,23 +19,21 @@ from qtraj.design.tuning.checks import fault_codes, require_choices, require_wel
 from qtraj.design.tuning.methods import Method, get_method
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import get_motion
-from qtraj.design.tuning.multistart import take
 from qtraj.design.tuning.objectives.custom import Custom
+from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.design.tuning.problem import Problem, pose
-from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
+from qtraj.design.tuning.problem import broadcasting, pose
+from qtraj.design.tuning.searches import searches_of
+from qtraj.design.tuning.targets import search_limits
+from qtraj.design.tuning.task import Task, one
 from qtraj.foundation.arrays import as_array, as_float, constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
-from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.vehicle import RoadParameters
-
-MIN_BATCH = 8
-"""Minimum size of padded batches. Padding to powers of two allows batches of different sizes to share compiled code."""
 
 
 def tune(
@@ -117,7 +113,7 @@ def tune(
     """
     objective, motion = get_objective(objective), get_motion(motion)
     require_choices(start, end, limits, objective, motion, duration is not None)
-    search = get_method(method, objective.is_smooth, max_steps, inner_steps)
+    method = get_method(method, objective.is_smooth, max_steps, inner_steps)
     bounds = dict(bounds or {})
     require_names(motion, objective, fixed, bounds)
     if starts < 1:
@@ -127,76 +123,46 @@ def tune(
 
     start, end, batch = _as_batch(start, end)
     road = RoadParameters(*map(as_float, limits.road())) if limits.on_road else None
-    shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds), road)
-    _require_batch((*shared, limits.given(), corridor), batch)
+    axis, bounds_of = Placement() if placement is None else placement, _as_floats(bounds)
+    _require_batch((duration, turn, axis, bounds_of, road, limits.given(), corridor), batch)
     limits.require_batch(batch, "the states")
-    traced = is_traced(start, end, shared, limits, corridor, objective)
     count = start.position.shape[0]
-    size = count if traced or not batch else _padded_size(count)
-    data, axes = _pad((start, end, *shared), batch, size)
-    choices = motion, whole_turns(turns), tuple(fixed), weight_array
-    problem, low, high = _make_problems(data, axes, objective, *choices)
-    if isinstance(objective, Custom) and is_traced(problem):
-        explicit = objective.with_closure(constants(take(problem, 0)))
-        if explicit is not objective:
-            problem, low, high = _make_problems(data, axes, explicit, *choices)
-    xp: Any = jnp if traced else np
-    targets = slot_limits(limits, corridor, count)
-    targets = xp.concatenate([targets, xp.repeat(targets[-1:], size - count, axis=0)])
-    tasks = Task(problem, targets, low, high, xp.ones(size))
-    names = limit_names(limits, corridor)
-    slots = limit_slots(names)
+
+    def posed(objective: AbstractObjective) -> Task:
+        problem = pose(start, end, objective, motion, duration, turns, axis, turn, weight_array, fixed, road)
+        return Task(problem, search_limits(limits, corridor, count), *box(problem, fixed, bounds_of))
+
+    with np.errstate(all="ignore"), broadcasting():  # ill-posed problems are reported below
+        tasks = posed(objective)
+    if isinstance(objective, Custom) and is_traced(tasks, start, end, duration):
+        explicit = objective.with_closure(one(constants(tasks.problem)))
+        with broadcasting():
+            tasks = tasks if explicit is objective else posed(explicit)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
     constant, *others = constants((tasks, turn, limits, corridor))
-    checked: Any = (take(constant.problem, slice(0, count) if batch else 0), *others, placement is not None)
+    checked: Any = (constant.problem if batch else one(constant.problem), *others, placement is not None)
     unknown = is_traced(constant, others)
     if not (batch or unknown):
         require_well_posed(*checked)
-    faults = fault_codes(*checked)
+    with np.errstate(all="ignore"), broadcasting():
+        faults = fault_codes(*checked)
     if unknown:
-        result = multistart.solve_traced(search, constant, slots, starts)
+        result = traced.solve(method, constant, starts, max_steps)
         outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
-    unpadded = jax.tree.map(lambda x: np.asarray(x)[:count], constant)
     report = None if progress is None else throttled(progress)
-    result = multistart.solve(search, unpadded, slots, starts, max_steps, report)
-    padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), result)
-    outcome = make_outcome(tasks, limits, corridor, padded, data[0], data[1], batch, placement, faults)
+    searches = searches_of(constant.problem, constant.limits, constant.low, constant.high)
+    result = multistart.solve(method, searches, starts, max_steps, report)
+    outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
     if is_traced(tasks, turn, limits, corridor):
         return outcome.check() if throw else outcome
-    advisor = Advisor(unpadded, slots, names, result, starts, max_steps, bounds, limits.vehicle)
+    advisor = Advisor(searches, result, starts, max_steps, bounds, limits.vehicle)
     if batch:
         place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
         outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
     else:
         outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), report))
     return outcome.check() if throw else outcome
-
-
-@eqx.filter_jit
-def _make_problems(
-    data: tuple[Any, ...],
-    axes: tuple[Any, ...],
-    objective: Any,
-    motion: AbstractMotion,
-    turns: int,
-    fixed: tuple[str, ...],
-    weights: Float[Array, " 7"],
-) -> tuple[Problem, Array, Array]:
-    """Return the problems of a batch, and the lower and upper bounds of their variables."""
-
-    def one(
-        start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any, road: Any
-    ) -> tuple[Problem, Array, Array]:
-        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights, fixed, road)
-        return problem, *box(problem, fixed, bounds)
-
-    return eqx.filter_vmap(one, in_axes=axes)(*data)
-
-
-def _padded_size(count: int) -> int:
-    """Return the size to which a batch is padded."""
-    return max(MIN_BATCH, 1 << (count - 1).bit_length())
 
 
 def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
@@ -218,7 +184,13 @@ def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, 
         )
     batch: tuple[int, ...] = shapes.pop() if shapes else ()
     count = batch[0] if batch else 1
-    both = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, 3)), (start, end))
+
+    def expanded(x: Any) -> Any:
+        if isinstance(x, jax.core.Tracer):
+            return jnp.broadcast_to(x, (count, 3))
+        return as_array(np.broadcast_to(np.asarray(x), (count, 3)), x.dtype)
+
+    both = jax.tree.map(expanded, (start, end))
     return *both, batch
 
 
@@ -237,23 +209,3 @@ def _require_batch(shared: tuple[Any, ...], batch: tuple[int, ...]) -> None:
                     f"a bound, has the shape {x.shape}: pass all data with the same batch shape or without a batch "
                     "dimension"
                 )
-
-
-def _pad(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Pad the data of a batch to `size` with its last element.
-
-    Returns the data, and the batch axis of every array: 0, or None for arrays that all elements share.
-    """
-
-    def padded(x: Any, core_ndim: int) -> Any:
-        missing = size - x.shape[0] if x.ndim > core_ndim else 0
-        if missing == 0:
-            return x
-        return as_array(np.concatenate([x, np.repeat(np.asarray(x)[-1:], missing, axis=0)]), x.dtype)
-
-    data, axes = [], []
-    for each in parts:
-        core_ndim = int(isinstance(each, BoundaryState | Placement))
-        data.append(jax.tree.map(lambda x, core_ndim=core_ndim: padded(x, core_ndim), each))
-        axes.append(jax.tree.map(lambda x, core_ndim=core_ndim: 0 if x.ndim > core_ndim else None, each))
-    return tuple(data), tuple(axes)

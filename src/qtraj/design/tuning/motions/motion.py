@@ -1,13 +1,15 @@
 """The abstract motion: which boundary velocities are variables, and how the angle depends on time."""
 
 import abc
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
-from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path.boundary import Cylindrical
+
+Velocities = tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]
+"""The cylindrical components (V_ρ, V_φ, V_h) [m/s] at the start and at the end: numbers, arrays or jets."""
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
 ENDS = ("start", "end")
@@ -33,10 +35,10 @@ class AbstractMotion(eqx.Module):
 
     @abc.abstractmethod
     def boundary_velocities(
-        self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
-    ) -> tuple[Vec3, Vec3]:
+        self, a: Cylindrical, b: Cylindrical, changes: Sequence[Any], turn: Any, duration: Any
+    ) -> Velocities:
         """Return the cylindrical velocities [m/s] at both ends, for changes [m/s] of the components in `velocities`."""
 
     @abc.abstractmethod
-    def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
+    def duration(self, a: Cylindrical, b: Cylindrical, turn: Any) -> Any:
         """Return the initial duration [s], from the angular rates of the initial states and the turn [rad]."""

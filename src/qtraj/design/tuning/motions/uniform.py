@@ -1,13 +1,9 @@
 """The motion "uniform", with rotation at a constant rate, as in paper S."""
 
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
-
-from qtraj.design.tuning.motions.motion import VELOCITIES, AbstractMotion
-from qtraj.foundation.types import Scalar, Vec3
+from qtraj.design.tuning.motions.motion import VELOCITIES, AbstractMotion, Velocities
 from qtraj.path.boundary import Cylindrical
 
 
@@ -19,15 +15,15 @@ class Uniform(AbstractMotion):
     is_uniform: ClassVar[bool] = True
 
     def boundary_velocities(
-        self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
-    ) -> tuple[Vec3, Vec3]:
+        self, a: Cylindrical, b: Cylindrical, changes: Sequence[Any], turn: Any, duration: Any
+    ) -> Velocities:
         """Return the initial V_ρ and V_h plus the changes, and V_φ for the constant rate."""
-        rate, angular = turn / duration, np.asarray([[False, True, False]])
-        changed = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
-        radii, initial = jnp.stack([a.radius, b.radius]), jnp.stack([a.velocity, b.velocity])
-        velocities = jnp.where(angular, (rate * radii)[:, None], initial + changed)
-        return velocities[0], velocities[1]
+        rate = turn / duration
+        return (
+            (changes[0] + a.velocity[..., 0], rate * a.radius, changes[1] + a.velocity[..., 2]),
+            (changes[2] + b.velocity[..., 0], rate * b.radius, changes[3] + b.velocity[..., 2]),
+        )
 
-    def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
+    def duration(self, a: Cylindrical, b: Cylindrical, turn: Any) -> Any:
         """Return the turn divided by the angular rate that fits V_φ at both ends in the least-squares sense."""
-        return turn * (a.radius**2 + b.radius**2) / (a.radius * a.velocity[1] + b.radius * b.velocity[1])
+        return turn * (a.radius**2 + b.radius**2) / (a.radius * a.velocity[..., 1] + b.radius * b.velocity[..., 1])

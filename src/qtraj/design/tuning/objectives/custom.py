@@ -1,4 +1,4 @@
-"""A user-defined objective."""
+"""A user-defined objective, which JAX evaluates and differentiates; the searches compile nothing else."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -6,11 +6,15 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array
 
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
+
+MIN_BATCH = 8
+"""Minimum size of padded batches. Padding to powers of two allows batches of different sizes to share compiled code."""
 
 
 class Custom(AbstractObjective):
@@ -18,7 +22,7 @@ class Custom(AbstractObjective):
 
     If the function is a pytree, such as a `jax.tree_util.Partial` or an `equinox.Module`, then its arrays are
     `parameters`: they can be differentiated, and other values of them use the same compiled code. As in
-    `equinox.filter_jit`, all other leaves are static.
+    `equinox.filter_jit`, all other leaves are static. In the problems of a batch, the parameters have batch axes.
     """
 
     name: ClassVar[str] = "custom"
@@ -37,16 +41,14 @@ class Custom(AbstractObjective):
         """The user's function."""
         return self._with(self.parameters)
 
-    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """Return the value of the user's function for the path with the variables `z`."""
+    def value(self, problem: Any, z: Any) -> Scalar:
+        """Return the value of the user's function for the path with the variables `z`, for one problem."""
         return jnp.asarray(self.function(problem.path(z)))
 
-    def scale(self, problem: Any) -> Scalar:
+    def scale(self, problem: Any) -> Any:
         """Return the magnitude of the objective for the initial path, or 1 if it is zero."""
-        size = jnp.abs(self.value(problem, jnp.zeros(problem.size, problem.speed.dtype)))
-        if size.ndim != 0:
-            raise ValueError(f"the objective must be one number, but it is an array of shape {size.shape}")
-        return jnp.where(size == 0, 1.0, size)
+        size = abs(values(problem, np.zeros((problem.size, *problem.speed.shape))))
+        return size + (size == 0)
 
     def with_closure(self, problem: Any) -> "Custom":
         """Return an equal objective whose `parameters` include the traced arrays that the function closes over.
@@ -64,3 +66,49 @@ class Custom(AbstractObjective):
     def _with(self, parameters: tuple[Array | None, ...]) -> Callable[..., Any]:
         pairs = zip(parameters, self.others, strict=True)
         return jax.tree.unflatten(self.structure, [other if array is None else array for array, other in pairs])
+
+
+def values(problem: Any, z: Any) -> Any:
+    """Return the values of the user's function for a batch of problems, with variables (n, batch)."""
+    return _on_batch(_values, problem, z)
+
+
+def derivatives(problem: Any, z: Any) -> tuple[Any, Any]:
+    """Return the gradients (n, batch) and the Hessians (n, n, batch) of the objective divided by its scale."""
+    slope, curvature = _on_batch(_derivatives, problem, z)
+    return np.moveaxis(slope, 0, -1), np.moveaxis(curvature, 0, -1)
+
+
+def _on_batch(function: Callable[..., Any], problem: Any, z: Any) -> Any:
+    """Call a compiled function for a padded batch; return NumPy arrays for concrete values."""
+    if is_traced(problem, z):
+        return function(problem, jnp.moveaxis(z, 0, -1))
+    count = z.shape[1]
+    size = max(MIN_BATCH, 1 << (count - 1).bit_length())
+    index = np.minimum(np.arange(size), count - 1)
+    padded = jax.tree.map(lambda x: np.asarray(x)[index], problem)
+    result = function(padded, np.moveaxis(np.asarray(z), 0, -1)[index])
+    return jax.tree.map(lambda x: np.asarray(x)[:count], result)
+
+
+@eqx.filter_jit
+def _values(problem: Any, z: Any) -> Any:
+    def one(problem: Any, z: Any) -> Any:
+        value = problem.objective.value(problem, z)
+        if value.ndim != 0:
+            raise ValueError(f"the objective must be one number, but it is an array of shape {value.shape}")
+        return value
+
+    return eqx.filter_vmap(one)(problem, z)
+
+
+@eqx.filter_jit
+def _derivatives(problem: Any, z: Any) -> Any:
+    def one(problem: Any, z: Any) -> Any:
+        def cost(z: Any) -> Any:
+            return problem.objective.value(problem, z) / problem.scale
+
+        gradient = jax.grad(cost)  # a user's function may have derivatives in reverse mode only
+        return gradient(z), jax.jacfwd(gradient)(z)
+
+    return eqx.filter_vmap(one)(problem, z)

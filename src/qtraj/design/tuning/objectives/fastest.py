@@ -2,10 +2,7 @@
 
 from typing import Any, ClassVar
 
-from jaxtyping import Array, Float
-
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.foundation.types import Scalar
 
 
 class Fastest(AbstractObjective):
@@ -14,10 +11,10 @@ class Fastest(AbstractObjective):
     name: ClassVar[str] = "fastest"
     needs_time_limit: ClassVar[bool] = True
 
-    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+    def value(self, problem: Any, z: Any) -> Any:
         """Return the duration [s]."""
         return problem.time(z)
 
-    def scale(self, problem: Any) -> Scalar:
+    def scale(self, problem: Any) -> Any:
         """Return the initial duration [s]."""
         return problem.duration

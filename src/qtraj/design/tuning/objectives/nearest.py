@@ -2,11 +2,7 @@
 
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.foundation.types import Scalar
 
 
 class Nearest(AbstractObjective):
@@ -14,16 +10,20 @@ class Nearest(AbstractObjective):
 
     name: ClassVar[str] = "nearest"
 
-    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+    def value(self, problem: Any, z: Any) -> Any:
         """Return the weighted sum [m² s⁻²]; the relative change of the duration is scaled by the reference speed."""
         duration = problem.time(z)
-        changes = problem.velocities(z, duration) - problem.initial_velocities
-        total = jnp.sum(problem.weights[:6].reshape(2, 3) * changes**2)
+        tuned, total = problem.velocities(z, duration), 0.0
+        for k, state in enumerate((problem.start, problem.end)):
+            for j in range(3):
+                change = tuned[k][j] - state.velocity[..., j]
+                total = total + (change * change) * problem.weights[..., 3 * k + j]
         if problem.motion.is_uniform:
             return total
-        return total + problem.weights[6] * ((duration - problem.duration) / problem.duration * problem.speed) ** 2
+        change = (duration - problem.duration) * (problem.speed / problem.duration)
+        return total + (change * change) * problem.weights[..., 6]
 
-    def scale(self, problem: Any) -> Scalar:
+    def scale(self, problem: Any) -> Any:
         """Return the squared reference speed times the largest weight."""
-        max_weight = jnp.max(problem.weights)
-        return problem.speed**2 * jnp.where(max_weight > 0, max_weight, 1.0)
+        max_weight = problem.weights.max(axis=-1)
+        return problem.speed**2 * (max_weight + (max_weight == 0))

@@ -4,16 +4,14 @@ import abc
 from typing import Any, ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
-
-from qtraj.foundation.types import Scalar
 
 
 class AbstractObjective(eqx.Module):
     """A scalar to minimise; each objective has its own unit.
 
     `fixes_duration` is true if the duration is not a variable. `needs_time_limit` is true if the problem needs a limit
-    that bounds the speed. `is_smooth` is true if second derivatives exist; the search "sqp" needs them.
+    that bounds the speed. `is_smooth` is true if second derivatives exist; the search "sqp" needs them. The variables
+    `z` are a sequence of numbers, arrays or jets, and the fields of the problem have the same batch axes.
     """
 
     name: ClassVar[str]
@@ -22,9 +20,9 @@ class AbstractObjective(eqx.Module):
     is_smooth: ClassVar[bool] = True
 
     @abc.abstractmethod
-    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+    def value(self, problem: Any, z: Any) -> Any:
         """Return the value of the objective for the variables `z` of a `Problem`."""
 
     @abc.abstractmethod
-    def scale(self, problem: Any) -> Scalar:
+    def scale(self, problem: Any) -> Any:
         """Return a typical magnitude of the objective; the search divides the objective by this value."""

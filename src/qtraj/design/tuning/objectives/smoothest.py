@@ -2,14 +2,13 @@
 
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
+from qtraj.algebra.jets import spread, weighted_sum
+from qtraj.algebra.polynomial import taylor_terms
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.foundation.types import Scalar
-from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.components import dot
+from qtraj.path.moving_basis import in_moving_basis
 
 JERK_NODES = 16  # Gauss–Legendre nodes, exact for |r⃛|² of cubics with a cubic angle (degree 18 ≤ 31)
 
@@ -20,19 +19,15 @@ class Smoothest(AbstractObjective):
     name: ClassVar[str] = "smoothest"
     fixes_duration: ClassVar[bool] = True
 
-    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """Return the integral over the path for the variables `z`."""
-        return integrated_squared_jerk(problem.path(z))
+    def value(self, problem: Any, z: Any) -> Any:
+        """Return the integral over the path for the variables `z`, with the time in units of the duration."""
+        nodes, weights = np.polynomial.legendre.leggauss(JERK_NODES)
+        u = ((nodes + 1) / 2).reshape(-1, *[1] * problem.duration.ndim)
+        radius, angle, height = (taylor_terms([spread(c) for c in cubic], u, 3) for cubic in problem.cubics(z))
+        jerk = in_moving_basis(radius, [0] * 4, height, angle)[3]
+        return weighted_sum(dot(jerk, jerk), weights / 2) * problem.duration**-5
 
-    def scale(self, problem: Any) -> Scalar:
+    def scale(self, problem: Any) -> Any:
         """Return the value for the initial path, or 1 if it is zero."""
-        size = self.value(problem, jnp.zeros(problem.size, problem.speed.dtype))
-        return jnp.where(size == 0, 1.0, size)
-
-
-def integrated_squared_jerk(path: SpiralHelix) -> Scalar:
-    """Return ∫|r⃛|²dt over the path [m² s⁻⁵], exactly if ρ, φ and h are polynomials of degree 3 or less."""
-    nodes, weights = np.polynomial.legendre.leggauss(JERK_NODES)
-    t = path.duration * jnp.asarray((nodes + 1) / 2, path.duration.dtype)
-    jerks = jax.vmap(lambda t: path.rotating_derivatives(t, 3)[3])(t)
-    return path.duration / 2 * jnp.sum(jnp.asarray(weights, t.dtype) * jnp.sum(jerks**2, axis=-1))
+        size = self.value(problem, problem.zero)
+        return size + (size == 0)

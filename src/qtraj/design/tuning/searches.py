@@ -1,0 +1,206 @@
+"""The data of a batch of searches, as NumPy arrays with the batch axis last, and the evaluation of their paths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from qtraj.algebra.jets import Jet, variables
+from qtraj.algebra.polynomial import taylor_terms
+from qtraj.design.tuning import constraints
+from qtraj.design.tuning.constraints import Place, Units
+from qtraj.design.tuning.problem import Formulas, Problem, plain
+
+Batch = Float[np.ndarray, " batch"]
+Points = Float[np.ndarray, "*batch points"]
+
+
+@dataclass(frozen=True)
+class Searches:
+    """A batch of searches: problems, limits by name, and bounds on the variables.
+
+    With `weight` 0, a search minimises only the largest constraint value. `level` is true if the vertical is the third
+    axis of all placements.
+    """
+
+    problem: Problem
+    limits: dict[str, Batch]
+    low: Float[np.ndarray, "n batch"]
+    high: Float[np.ndarray, "n batch"]
+    weight: Batch
+    level: bool
+
+    @cached_property
+    def formulas(self) -> Formulas:
+        """The formulas of the problems."""
+        return plain(self.problem)
+
+    @property
+    def count(self) -> int:
+        """The number of searches."""
+        return self.weight.size
+
+    @property
+    def order(self) -> int:
+        """The highest order of derivatives in the limits."""
+        return constraints.order_of(tuple(self.limits))
+
+    def take(self, index: Any) -> "Searches":
+        """Return some of the searches."""
+        problem = jax.tree.map(lambda x: x[index], self.problem)
+        limits = {name: x[index] for name, x in self.limits.items()}
+        return Searches(
+            problem, limits, self.low[:, index], self.high[:, index], self.weight[index], self.level
+        )
+
+    def units(self, z: Any) -> Units:
+        """Return the data that turn invariants into constraint values, for the variables `z`."""
+        return constraints.units(self.formulas, z, self.limits, self.level)
+
+
+def taken(units: Units, index: Int[np.ndarray, " points"]) -> Units:
+    """Return the data of the searches with the given indices."""
+    road, up = units.road, units.up
+    return Units(
+        units.length[index],
+        units.log_duration[index],
+        None if up is None else (up[0][index], up[1][index], up[2][index]),
+        None if road is None else type(road)(*(x[index] for x in road)),
+        tuple([c[index] for c in cubic] for cubic in units.reference),  # type: ignore[arg-type]
+        {name: limit[index] for name, limit in units.limits.items()},
+    )
+
+
+class Curves:
+    """The paths of a batch of searches for given variables, as polynomials in u, the time divided by the duration."""
+
+    def __init__(self, searches: Searches, z: Float[np.ndarray, "n batch"]):
+        self.cubics = searches.formulas.cubics(z)
+        self.units = searches.units(z)
+
+    def at(self, owner: Int[np.ndarray, " points"]) -> "Curves":
+        """Return the curves of the searches with the given indices, one for each point."""
+        curves = object.__new__(Curves)
+        curves.cubics = tuple([c[owner] for c in cubic] for cubic in self.cubics)  # type: ignore[assignment]
+        curves.units = taken(self.units, owner)
+        return curves
+
+    def values(self, names: Sequence[str], u: Points, order: int) -> list[Points]:
+        """Return the constraint values of some limits at the instants `u`."""
+        at = constraints.place(self.cubics, u, order)
+        i = constraints.invariants(at, self.units)
+        return [constraints.value(name, at, i, self.units, u) for name in names]
+
+    def divisors(self, u: Points) -> dict[str, Points]:
+        """Return the squared speed S and the squared norm N of r'×r'', the divisors of path quantities."""
+        i = constraints.invariants(constraints.place(self.cubics, u, 2), self.units)
+        return {"S": i.S, "N": i.N}
+
+    def along_u(self, name: str, u: Points, order: int) -> tuple[Points, Points, Points]:
+        """Return a constraint value and its first and second derivatives with respect to u."""
+        series = constraints.place(self.cubics, u, order + 2)
+        at = Place(*(_in_u(s, order) for s in series))
+        zeros = np.zeros((1, 1, *u.shape))
+        i = constraints.invariants(at, self.units)
+        g = constraints.value(name, at, i, self.units, Jet(u, np.ones((1, *u.shape)), zeros))
+        if not isinstance(g, Jet):
+            return g, zeros[0, 0], zeros[0, 0]
+        return g.value, g.gradient[0], g.hessian[0, 0]
+
+
+class CurveJets:
+    """The paths of a batch of searches with their derivatives with respect to the variables."""
+
+    def __init__(self, searches: Searches, z: Float[np.ndarray, "n batch"]):
+        self.n = z.shape[0]
+        self.cubics = searches.formulas.cubics(variables(z))
+        self.units = searches.units(z)
+        self.fixed_duration = searches.problem.objective.fixes_duration
+
+    def expand(self, name: str, owner: Int[np.ndarray, " points"], u: Points, second: bool = True) -> Jet:
+        """Return a constraint value at points as jets in the variables and in u, the last variable.
+
+        Without `second`, the jets are of first order and in the variables only.
+        """
+        order, count = max(1, constraints.order_of((name,))), u.size
+        m = self.n + second
+        units = taken(self.units, owner)
+        zeros = np.zeros((m, m, count)) if second else None
+        expansion = _in_both if second else _in_variables
+        at = Place(*(expansion([_gathered(c, owner) for c in cubic], u, order, self.n) for cubic in self.cubics))
+        if not self.fixed_duration:
+            units = units._replace(log_duration=Jet(units.log_duration, _unit(self.n - 1, m, count), zeros))
+        instant = Jet(u, _unit(self.n, m, count), zeros) if second else u
+        g = constraints.value(name, at, constraints.invariants(at, units), units, instant)
+        return g if isinstance(g, Jet) else Jet(g, np.zeros((m, count)), zeros)
+
+
+def _unit(k: int, size: int, count: int) -> np.ndarray:
+    vector = np.zeros((size, count))
+    vector[k] = 1.0
+    return vector
+
+
+def _gathered(c: Any, owner: np.ndarray) -> Any:
+    return Jet(c.value[owner], c.gradient[:, owner], c.hessian[:, :, owner]) if isinstance(c, Jet) else c[owner]
+
+
+def _in_variables(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
+    """Return the Taylor coefficients of a cubic as jets of first order in the n variables of its coefficients."""
+    values = taylor_terms([c.value if isinstance(c, Jet) else c for c in cubic], u, order)
+    gradients = taylor_terms([c.gradient if isinstance(c, Jet) else 0.0 for c in cubic], u, order)
+    return [
+        v if isinstance(d, int | float) else Jet(v, np.broadcast_to(d, (n, u.size)))
+        for v, d in zip(values, gradients, strict=True)
+    ]
+
+
+def _in_u(series: Sequence[Any], order: int) -> list[Any]:
+    """Return Taylor coefficients as jets in u, from coefficients of two more orders."""
+    result = []
+    for k in range(order + 1):
+        value, first, second = series[k], (k + 1) * series[k + 1], (k + 1) * (k + 2) * series[k + 2]
+        if isinstance(first, int):
+            result.append(value)
+            continue
+        bend = np.zeros((1, 1, *value.shape)) if isinstance(second, int) else _full(second, value)[None, None]
+        result.append(Jet(value, _full(first, value)[None], bend))
+    return result
+
+
+def _full(x: Any, like: np.ndarray) -> np.ndarray:
+    return x if x.shape == like.shape else np.broadcast_to(x, like.shape)
+
+
+def _in_both(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
+    """Return the Taylor coefficients of a cubic whose coefficients are jets in n variables, as jets in these and u."""
+    values = taylor_terms([c.value if isinstance(c, Jet) else c for c in cubic], u, order + 2)
+    gradients = taylor_terms([c.gradient if isinstance(c, Jet) else 0.0 for c in cubic], u, order + 1)
+    hessians = taylor_terms([c.hessian if isinstance(c, Jet) else 0.0 for c in cubic], u, order)
+    result = []
+    for k in range(order + 1):
+        value, first, second = values[k], (k + 1) * values[k + 1], (k + 1) * (k + 2) * values[k + 2]
+        if isinstance(value, int):
+            result.append(0)
+            continue
+        value = np.broadcast_to(value, u.shape)
+        gradient, hessian = np.zeros((n + 1, u.size)), np.zeros((n + 1, n + 1, u.size))
+        gradient[:n], gradient[n] = gradients[k], first
+        hessian[:n, :n], hessian[n, n] = hessians[k], second
+        hessian[:n, n] = hessian[n, :n] = (k + 1) * gradients[k + 1]
+        result.append(value if isinstance(first, int) and np.isscalar(gradients[k]) else Jet(value, gradient, hessian))
+    return result
+
+
+def searches_of(problem: Problem, limits: dict[str, Any], low: Any, high: Any) -> Searches:
+    """Return the searches of a batch of problems with leading batch axes, from concrete arrays."""
+    problem, limits, low, high = jax.tree.map(
+        lambda x: np.asarray(x, float) if np.asarray(x).dtype.kind == "f" else np.asarray(x),
+        (problem, limits, low, high),
+    )
+    level = bool(np.all(problem.vertical == np.array([0.0, 0.0, 1.0])))
+    return Searches(problem, limits, low.T, high.T, np.ones(len(low)), level)
