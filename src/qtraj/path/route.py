@@ -123,7 +123,7 @@ class Route(AbstractHodograph, AbstractResult):
         h = self._durations()
         c = _concrete(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
-        starts = np.stack(pieces.values(c[1:], np.zeroslike(h[1:]), order), axis=1)
+        starts = np.stack(pieces.values(c[1:], np.zeros_like(h[1:]), order), axis=1)
         return like(starts - ends, self.coefficients)
 
     def length(self) -> Scalar:
