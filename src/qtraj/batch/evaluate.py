@@ -15,6 +15,7 @@ from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float, is_traced
+from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path.channel import CHANNELS
@@ -105,7 +106,7 @@ def evaluate(
     frame = default_frame(paths) if frame is None else frame
     work = (paths, frame, vehicle)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
-    if devices is None and reused is None and is_small(task, work, instants):
+    if devices is None and is_host(*(reused or {}).values()) and is_small(task, work, instants):
         values = evaluated(task, work, instants)
     else:
         traced = is_traced(work, instants)

@@ -13,6 +13,8 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import numpy as np
+from jax.lax import split
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial
@@ -186,12 +188,17 @@ class Instants:
 def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
     """Return the derivatives of orders 0 to 4 of the paths in the moving basis, and the angle of the basis [rad]."""
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
-    single = [p[:, k : k + 1].astype(t.dtype) for p in present for k in range(p.shape[1])]
+    single = [c for p in present for c in _columns(p.astype(t.dtype))]
     coefficients = iter(derivatives_in_one_loop([xp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
     x, z, angle, *y = (
         polynomial.taylor_terms([next(coefficients) for _ in range(p.shape[1])], t, ORDER) for p in present
     )
     return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
+
+
+def _columns(c: Float[Array, "paths n"]) -> list[Any]:
+    """Return the columns (paths, 1); XLA compiles a split to faster loops than slices."""
+    return np.split(c, c.shape[1], axis=1) if is_host(c) else split(c, [1] * c.shape[1], axis=1)
 
 
 def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:

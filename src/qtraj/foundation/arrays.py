@@ -53,6 +53,11 @@ def as_array(x: ArrayInput, dtype: Any) -> Array:
     return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
+def like(values: np.ndarray, x: Any) -> Any:
+    """Return the values as an array of the same kind (NumPy or JAX) and dtype as `x`."""
+    return values if is_host(x) else as_array(values, x.dtype)
+
+
 def is_traced(*trees: Any) -> bool:
     """Return whether any leaf is traced, that is, has an unknown value or is differentiated."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))

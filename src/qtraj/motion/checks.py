@@ -19,6 +19,7 @@ def output_times(times: ArrayInput) -> Float[Array, " n"]:
     **Raises:** ValueError for another shape, and for concrete values that are not finite or not strictly increasing.
     """
     times = as_float(times)
+    times = times.astype(common_dtype(times))
     if times.ndim != 1 or times.shape[0] == 0:
         raise ValueError(f"times must be a non-empty vector of instants [s], but shape {times.shape} was given")
     require_finite(times, "times")
@@ -45,8 +46,11 @@ def initial_quaternion(quaternion: ArrayInput) -> Quat:
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:
-    """Return the widest float dtype of the arrays; with strict promotion, JAX rejects mixed dtypes."""
-    return functools.reduce(np.promote_types, (x.dtype for x in arrays))
+    """Return the dtype in which JAX computes with the arrays: the widest, or float32 without JAX's 64-bit mode.
+
+    With strict promotion, JAX rejects mixed dtypes.
+    """
+    return jax.dtypes.canonicalize_dtype(functools.reduce(np.promote_types, (x.dtype for x in arrays)))
 
 
 def at_once() -> contextlib.AbstractContextManager:

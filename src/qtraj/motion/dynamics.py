@@ -9,15 +9,15 @@ drag, rolling resistance or bank. Use a `Vehicle` to include these effects, and 
 gravity, a `Vehicle` with default values of all other parameters results in the same force, power and friction.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from qtraj.algebra.inertia import inertia_matrix
-from qtraj.algebra.vector import norm
+from qtraj.algebra.vector import cross, dot, norm
 from qtraj.foundation.arrays import as_float, real_vector, require_finite, require_positive
+from qtraj.foundation.namespace import in_numpy, matmul, namespace, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
-from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
+from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
@@ -41,6 +41,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
+@in_numpy
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """Return the torque M = Jε + ω×Jω [N m] in body axes; M = Jε for a spherical body (paper C, remark 2).
 
@@ -51,10 +52,10 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """
     require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
-    momentum = jnp.matmul(J, attitude.rate, precision="highest")
-    return jnp.matmul(J, attitude.acceleration, precision="highest") + jnp.cross(attitude.rate, momentum)
+    return matmul(J, attitude.acceleration) + cross(attitude.rate, matmul(J, attitude.rate))
 
 
+@in_numpy
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
     """Return the angular acceleration ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes, the inverse of `torque`.
 
@@ -63,10 +64,10 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
     **Raises:** ValueError for an inertia that has another shape or is not symmetric and positive definite.
     """
     J = inertia_matrix(inertia).astype(torque.dtype)
-    momentum = jnp.matmul(J, rate, precision="highest")
-    return jnp.linalg.solve(J, torque - jnp.cross(rate, momentum))
+    return namespace(J, torque, rate).linalg.solve(J, torque - cross(rate, matmul(J, rate)))
 
 
+@in_numpy
 def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
     """Return the power M·ω [W] of the torque M at the rate ω, the time derivative of the kinetic energy ½ω·Jω.
 
@@ -93,7 +94,7 @@ def forces(
     """
     frame = Natural() if frame is None else frame
     at = trihedral(path, t, frame)
-    return jnp.matmul(at.dcm(), _world_force(path.acceleration(t), mass, gravity), precision="highest")
+    return _rotated(at.dcm(), _world_force(path.acceleration(t), mass, gravity))
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
@@ -105,7 +106,7 @@ def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: Arr
     **Raises:** ValueError in the same cases as `forces`.
     """
     r = path.derivatives(t, 2)
-    return _world_force(r[2], mass, gravity) @ r[1]
+    return _product(_world_force(r[2], mass, gravity), r[1])
 
 
 class FrictionDemand(AbstractResult):
@@ -149,18 +150,31 @@ def friction_demand(
 
     **Raises:** ValueError in the same cases as `forces`.
     """
-    force = forces(path, t, mass, gravity, Upright() if frame is None else frame)
+    return _demand(forces(path, t, mass, gravity, Upright() if frame is None else frame))
+
+
+@in_numpy
+def _demand(force: Vec3) -> FrictionDemand:
     contact = force[2] > 0
-    normal = jnp.where(contact, force[2], 1.0)
-    side, total = jnp.abs(force[1]) / normal, norm(force[:2]) / normal
-    return FrictionDemand(jnp.where(contact, side, jnp.inf), jnp.where(contact, total, jnp.inf))
+    normal = xp.where(contact, force[2], 1.0)
+    side, total = abs(force[1]) / normal, norm(force[:2]) / normal
+    return FrictionDemand(xp.where(contact, side, xp.inf), xp.where(contact, total, xp.inf))
 
 
+@of_arrays
+def _rotated(dcm: Mat3, force: Vec3) -> Vec3:
+    return matmul(dcm, force)
+
+
+_product = of_arrays(dot)
+
+
+@in_numpy
 def _world_force(acceleration: Vec3, mass: ArrayInput, gravity: ArrayInput) -> Vec3:
     mass, gravity = as_float(mass), as_float(gravity)
     require_positive(mass, "the mass", "kg")
     require_finite(gravity, "gravity")
     if gravity.ndim == 0:
-        gravity = jnp.zeros_like(gravity, shape=3).at[2].set(-gravity)
+        gravity = xp.stack([xp.zeros_like(gravity), xp.zeros_like(gravity), -gravity])
     gravity = real_vector(gravity, "gravity, a number or a vector,", 3)
     return mass.astype(acceleration.dtype) * (acceleration - gravity.astype(acceleration.dtype))

@@ -10,8 +10,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import of_arrays, xp
+from qtraj.foundation.types import Scalar
 
 TERMS = (6, 8)
 """Possible numbers of stored coefficients, for quintics and for septics."""
@@ -107,3 +110,17 @@ def durations(starts: Any, duration: Any) -> Any:
     np_ = arithmetic(starts, duration)
     ends = np_.minimum(np_.concatenate([starts[1:], duration[None]]), duration)
     return ends - np_.minimum(starts, duration)
+
+
+@of_arrays
+def index(starts: Float[Array, " rows"], t: Array) -> Int[Array, "..."]:
+    """Return the indices of the segments at the times `t` [s]; at a joint, the index of the later segment."""
+    return xp.maximum(xp.searchsorted(starts, t, side="right") - 1, 0)
+
+
+@of_arrays
+def nodes(starts: Float[Array, " rows"], duration: Scalar) -> Float[Array, " nodes"]:
+    """Return the times [s] of the joints and of three instants in each segment; padding repeats the duration."""
+    parts = (np.arange(4) / 4).astype(duration.dtype)
+    h = durations(starts, duration)
+    return (xp.minimum(starts, duration)[:, None] + h[:, None] * parts[None]).ravel()

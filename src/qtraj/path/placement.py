@@ -34,9 +34,14 @@ class Placement(eqx.Module):
         return shown(self, origin="m")
 
     def to_world(self, vector: Vec3) -> Vec3:
-        """Convert a free vector from the path's axes to world components."""
-        return quaternion.rotate(self.orientation.astype(vector.dtype), vector)
+        """Convert free vectors (..., 3) from the path's axes to world components."""
+        return quaternion.rotate(_like(self.orientation, vector), vector)
 
     def to_local(self, vector: Vec3) -> Vec3:
-        """Convert a free vector from world components to the path's axes."""
-        return quaternion.rotate(quaternion.conjugate(self.orientation).astype(vector.dtype), vector)
+        """Convert free vectors (..., 3) from world components to the path's axes."""
+        return quaternion.rotate(quaternion.conjugate(_like(self.orientation, vector)), vector)
+
+
+def _like(orientation: Quat, vector: Vec3) -> Quat:
+    """Return the orientation with the dtype and the number of axes of `vector`."""
+    return orientation.astype(vector.dtype).reshape((1,) * (vector.ndim - orientation.ndim) + orientation.shape)

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.arrays import as_array, as_float, concrete, one_instant, real_vector, warn_if_coarse
+from qtraj.foundation.arrays import as_float, concrete, like, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.methods import method
-from qtraj.foundation.namespace import in_numpy, is_host, of_arrays, xp
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
@@ -81,17 +81,17 @@ class Route(AbstractHodograph, AbstractResult):
 
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
-        i = _index(self.starts, t)
+        i = pieces.index(self.starts, t)
         rows = pieces.values(self.coefficients[i], t - self.starts[i], order)
         return [rows[0] + self.origin.reshape((1,) * t.ndim + (3,)), *rows[1:]]
 
     def index(self, t: ScalarLike) -> Int[Array, ""]:
         """Return the index of the segment at the time `t` [s]; at a joint, the index of the later segment."""
-        return _index(self.starts, one_instant(t).astype(self.duration.dtype))
+        return pieces.index(self.starts, one_instant(t).astype(self.duration.dtype))
 
     def nodes(self) -> Float[Array, " nodes"]:
         """Return the times [s] of the joints and of three instants in each segment; padding repeats the duration."""
-        return _nodes(self.starts, self.duration)
+        return pieces.nodes(self.starts, self.duration)
 
     @property
     def segments(self) -> int:
@@ -107,7 +107,7 @@ class Route(AbstractHodograph, AbstractResult):
 
         **Raises:** ValueError inside a trace, where their number is unknown.
         """
-        return _like(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts)
+        return like(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts)
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
         """Return position and derivatives up to `order` at all joints; at inner joints the later segment is used."""
@@ -116,7 +116,7 @@ class Route(AbstractHodograph, AbstractResult):
         last = np.stack(pieces.values(c[-1], _concrete(self.duration) - starts[-1], order))
         states = np.concatenate([first, last[None]])
         states[:, 0] += _concrete(self.origin)
-        return _like(states, self.coefficients)
+        return like(states, self.coefficients)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
         """Return the jumps of r and its derivatives at each inner joint (value after minus value before the joint)."""
@@ -124,7 +124,7 @@ class Route(AbstractHodograph, AbstractResult):
         c = _concrete(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
         starts = np.stack(pieces.values(c[1:], np.zeros_like(h[1:]), order), axis=1)
-        return _like(starts - ends, self.coefficients)
+        return like(starts - ends, self.coefficients)
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.
@@ -166,9 +166,8 @@ class Route(AbstractHodograph, AbstractResult):
         count = self.segments
         if not -count <= i < count:
             raise IndexError(f"segment {i} does not exist: the route has {count} segments")
-        i = i % count
-        c = _concrete(self.coefficients)[i : i + 1]
-        return from_segments(np.zeros(1, c.dtype), c, self._durations()[i], _concrete(self.origin))
+        c = _concrete(self.coefficients)[i % count][None]
+        return from_segments(np.zeros(1, c.dtype), c, self._durations()[i % count], _concrete(self.origin))
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
         """Return the interval from `t0` to `t1` [s] as a route that starts at time 0; joints inside it are kept.
@@ -262,8 +261,7 @@ class Route(AbstractHodograph, AbstractResult):
             "duration": Quantity(self.duration, "s", "duration of the path"),
             "origin": Quantity(self.origin, "m", "origin of the coefficients, world axes", ("world",)),
         }
-        degree = c.shape[-2] - 1
-        shape = f"{count} segments of degree {degree}, {extent(self.duration, 's')}"
+        shape = f"{count} segments of degree {c.shape[-2] - 1}, {extent(self.duration, 's')}"
         return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
     def _durations(self) -> np.ndarray:
@@ -276,18 +274,6 @@ def _derivatives(route: Route, t: Scalar, order: int) -> Float[Array, "{order}+1
     return xp.stack(method(route, "sampled")(t, order))
 
 
-@of_arrays
-def _index(starts: Float[Array, " rows"], t: Array) -> Int[Array, "..."]:
-    return xp.maximum(xp.searchsorted(starts, t, side="right") - 1, 0)
-
-
-@of_arrays
-def _nodes(starts: Float[Array, " rows"], duration: Scalar) -> Float[Array, " nodes"]:
-    parts = (np.arange(4) / 4).astype(duration.dtype)
-    h = pieces.durations(starts, duration)
-    return (xp.minimum(starts, duration)[:, None] + h[:, None] * parts[None]).ravel()
-
-
 def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
     """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
     if c.ndim != 3 or c.shape[2] != 3 or c.shape[0] != starts.shape[0] or c.shape[1] > pieces.TERMS[-1]:
@@ -297,16 +283,10 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
         )
     route = object.__new__(Route)  # `Route()` requires joint states, but segments may be discontinuous at the joints
     starts, c = pieces.padded(starts, c)
-    for name, value in zip(
-        ("starts", "coefficients", "duration", "origin"), (starts, c, duration, origin), strict=True
-    ):
+    fields = {"starts": starts, "coefficients": c, "duration": duration, "origin": origin}
+    for name, value in fields.items():
         object.__setattr__(route, name, as_float(value))
     return route
-
-
-def _like(values: np.ndarray, x: Any) -> Any:
-    """Return the values as an array of the same kind and dtype as `x`."""
-    return values if is_host(x) else as_array(values, x.dtype)
 
 
 def _concrete(x: Any) -> np.ndarray:

@@ -33,7 +33,7 @@ def total(starts: Array, c: Array, duration: Scalar) -> Scalar:
 def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
     """Return the length [m] from the start to the time `t` [s]."""
     i = xp.maximum(xp.searchsorted(starts, t, side="right") - 1, 0)
-    before = xp.where(np.arange(starts.shape[0]) < i, lengths(starts, c, duration), 0.0)
+    before = xp.where(np.arange(starts.shape[0], dtype=i.dtype) < i, lengths(starts, c, duration), 0.0)
     return xp.sum(before) + _length(c[i], t - starts[i])
 
 

@@ -138,9 +138,9 @@ def test_derivatives_and_storage(tmp_path):
 
 
 def test_single_precision_and_invalid_arguments():
-    profile = qt.CubicSpline(np.float32(2.4), np.float32(0.8), np.float32(2.0)).profile(np.float32(QUARTER))
+    profile = qt.CubicSpline(jnp.float32(2.4), 0.8, 2.0).profile(jnp.float32(QUARTER))
     assert profile.angle(1.0).dtype == np.float32
-    np.testing.assert_allclose(profile.angle(np.float32(1.2)), QUARTER / 2, rtol=1e-6)
+    np.testing.assert_allclose(profile.angle(jnp.float32(1.2)), QUARTER / 2, rtol=1e-6)
     for arguments, expected in (
         ((None,), "needs a duration"),
         ((-1.0,), "duration must be positive"),

@@ -188,7 +188,7 @@ def test_at_a_switch_the_later_side_counts():
 
 def test_single_precision():
     for motion_profile in (TimeOptimal(1.0, 1.0), SCurve(1.0, 1.0, 1.0), Septic(max_acceleration=1.0)):
-        profile = motion_profile.profile(np.float32(1e-9))
+        profile = motion_profile.profile(jnp.float32(1e-9))
         angle = profile.angle(0.5 * profile.duration)
         assert angle.dtype == np.float32
         np.testing.assert_allclose(angle, 0.5e-9, rtol=1e-5)

@@ -142,9 +142,9 @@ def test_is_stored_exactly(suffix, tmp_path):
 
 
 def test_single_precision():
-    times, _, quaternions = (np.asarray(x, np.float32) if isinstance(x, np.ndarray) else x for x in table(12, 0.6))
+    times, _, quaternions = (jnp.asarray(x, jnp.float32) if isinstance(x, np.ndarray) else x for x in table(12, 0.6))
     program = TableProgram(times, quaternions)
-    expected = TableProgram(times.astype(float), quaternions.astype(float))
+    expected = TableProgram(np.asarray(times, float), np.asarray(quaternions, float))
     t = np.linspace(0, float(times[-1]), 313).astype(np.float32)
     at, same = evaluated(program, t)[0], evaluated(expected, t.astype(float))[0]
     assert at.acceleration.dtype == np.float32
@@ -153,8 +153,9 @@ def test_single_precision():
 
 def test_precisions_can_be_mixed():
     times, _, quaternions = table(5, 0.6)
-    single = TableProgram(times, quaternions.astype(np.float32))
-    again = TableProgram(times.astype(np.float32), quaternions.astype(np.float32), np.asarray(single.rates))
+    times_32, quaternions_32 = (jnp.asarray(x, jnp.float32) for x in (times, quaternions))
+    single = TableProgram(times, quaternions_32)
+    again = TableProgram(times_32, quaternions_32, jnp.asarray(single.rates, jnp.float32))
     assert single(0.5).rate.dtype == np.float64
     assert again(0.5).rate.dtype == np.float32
     np.testing.assert_allclose(again(0.5).rate, single(0.5).rate, atol=1e-5)

@@ -11,7 +11,7 @@ from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import common_dtype, require_axes
+from qtraj.motion.checks import require_axes
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
 
 ROUND_OFF = 8
@@ -42,7 +42,7 @@ class EulerTurn(AbstractProgram):
 
     def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile"):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
-        dtype = common_dtype(start, end)
+        dtype = np.promote_types(start.dtype, end.dtype)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_profile(law)
         _require_attitudes(start[None], "start_q")

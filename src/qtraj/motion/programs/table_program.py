@@ -14,7 +14,6 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import common_dtype
 from qtraj.motion.programs import rotation_spline as spline
 from qtraj.motion.programs.euler_turn import attitude_table
 
@@ -45,7 +44,7 @@ class TableProgram(AbstractProgram):
     def __init__(self, times: ArrayInput, quaternions: ArrayInput, rates: ArrayInput | None = None):
         table = attitude_table(quaternions, "a table program")
         instants = as_float(times)
-        dtype = common_dtype(instants, table)
+        dtype = np.promote_types(instants.dtype, table.dtype)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
         self.rates = _spline_rates(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
