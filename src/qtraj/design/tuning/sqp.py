@@ -28,10 +28,14 @@ INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
 GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good or a rejected step
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
+SATISFYING_PENALTY = 100.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
 FEASIBLE = 2e-9
 """Tolerance on the constraint value ln(value/limit), up to which a limit counts as satisfied."""
+
+ENOUGH = -0.02
+"""The constraint value at which a search that minimises only the largest constraint value ends."""
 
 SMALL_STEP = 1e-8
 """The search ends if the largest component of a step in the variables z is below this value."""
@@ -49,9 +53,15 @@ class SequentialQuadratic(AbstractSearch):
 
     max_steps: int
 
-    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
+    def search(
+        self,
+        searches: Searches,
+        z: Float[np.ndarray, "n batch"],
+        callback: Callback | None = None,
+        satisfying: bool = False,
+    ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
-        end = run(searches, z, self.max_steps, callback)
+        end = run(searches, z, self.max_steps, callback, satisfying)
         return Ends(end.z, end.cost, end.largest, end.stationary, end.steps)
 
 
@@ -99,18 +109,28 @@ class _Trial(NamedTuple):
     converged: np.ndarray
 
 
-def run(searches: Searches, z: Float[np.ndarray, "n batch"], max_steps: int, callback: Callback | None = None) -> State:
+def run(
+    searches: Searches,
+    z: Float[np.ndarray, "n batch"],
+    max_steps: int,
+    callback: Callback | None = None,
+    satisfying: bool = False,
+) -> State:
     """Return the final states of a batch of searches, each from its own `z`.
 
-    After every step, `callback` is called with the number of finished searches.
+    `callback` is called with the number of finished searches. If the starts are `satisfying` the limits, the penalty is
+    so large that the searches do not leave the feasible paths.
     """
     with np.errstate(all="ignore"):
-        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback)
+        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, satisfying)
 
 
-def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None) -> State:
+def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool) -> State:
     peaks, largest = find_peaks(searches, Curves(searches, z))
     state = _first(searches, z, largest)
+    if satisfying:
+        state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
+        state.raised_again |= True
     final, index = state.take(slice(None)), np.arange(searches.count)
     model = build(searches, z, peaks)
     multipliers = np.zeros(model.value.shape)
@@ -118,7 +138,7 @@ def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback |
         state, model, multipliers = _advance(searches, state, model, multipliers)
         final.put(index, state)
         on = ~state.done
-        if callback is not None:
+        if callback is not None and not on.all():
             callback(int(final.done.sum()))
         if not on.any():
             break
@@ -218,7 +238,8 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     penalty, lowered, raised_again = _penalty(searches, s, step, accepted, ends, largest)
     hopeless = (searches.weight == 0) | (s.penalty >= MAX_PENALTY)
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
-    done = stationary | ~(radius >= MIN_RADIUS)  # NaN also ends the search
+    enough = (searches.weight == 0) & (largest <= ENOUGH)
+    done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     return State(
         z, cost, largest, radius, penalty, np.where(accepted, size, s.size), ~accepted, lowered, raised_again, s.steps + 1, done,
         stationary,
