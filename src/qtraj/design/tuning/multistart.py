@@ -41,9 +41,6 @@ NEAR, SPREAD = 0.05, 0.6
 """Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
 
 SEED = 20171993
-BLOCK = 256
-"""Number of searches that run together; their arrays fit the processor's cache."""
-
 VIOLATION_STEPS = 6
 """Maximum number of steps that minimise a violation, relative to the maximum number of steps of a search."""
 
@@ -76,7 +73,7 @@ def solve(
     count = searches.count
     points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
     many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
-    ends = _in_blocks(method, many, points, report, "searches")
+    ends = _search(method, many, points, report, "searches")
     best = np.arange(count) * starts + np.argmin(_merit(ends).reshape(count, starts), axis=1)
     result = ends.take(best)
     infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
@@ -93,7 +90,7 @@ def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report
     if not problem.objective.is_smooth:
         problem = problem.without_objective()
     alone = dataclasses.replace(searches, problem=problem, weight=np.zeros_like(searches.weight))
-    return _in_blocks(SequentialQuadratic(max_steps), alone, z, report, "least violations")
+    return _search(SequentialQuadratic(max_steps), alone, z, report, "least violations")
 
 
 def with_active(searches: Searches, ends: Ends) -> SearchResult:
@@ -139,7 +136,7 @@ def _rescued(
     found = found._replace(stationary=found.stationary & ~feasible)
     index = np.flatnonzero(feasible)
     if index.size:
-        final = _in_blocks(method, many.take(index), found.z[:, index], report, "searches", True)
+        final = _search(method, many.take(index), found.z[:, index], report, "searches", True)
         final = final._replace(steps=found.steps[index] + final.steps)
         met = final.largest <= FEASIBLE
         found.put(index[met], final.take(met))
@@ -156,7 +153,7 @@ def _merit(ends: Ends) -> np.ndarray:
     return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))
 
 
-def _in_blocks(
+def _search(
     method: AbstractSearch,
     searches: Searches,
     z: np.ndarray,
@@ -164,25 +161,10 @@ def _in_blocks(
     what: str,
     satisfying: bool = False,
 ) -> Ends:
-    """Run searches in blocks, and report their progress."""
-    count = searches.count
-    # JAX evaluates the objectives of users and the steps of optax's optimisers, and divides its work itself.
-    in_numpy = isinstance(method, SequentialQuadratic) and searches.problem.objective.is_smooth
-    size = BLOCK if in_numpy else count
-    blocks = [np.arange(k, min(k + size, count)) for k in range(0, count, size)]
-    finished = [0] * len(blocks)
+    """Run searches, and report their progress."""
 
-    def one(number: int) -> Ends:
-        def callback(done: int) -> None:
-            finished[number] = done
-            if report is not None:
-                report(Progress(what, sum(finished), count))
+    def callback(done: int) -> None:
+        if report is not None:
+            report(Progress(what, done, searches.count))
 
-        block = blocks[number]
-        few = searches if block.size == count else searches.take(block)
-        return method.search(few, z[:, block], callback, satisfying)
-
-    if len(blocks) == 1:
-        return one(0)
-    results = [one(number) for number in range(len(blocks))]
-    return Ends(*(np.concatenate(parts, axis=-1) for parts in zip(*results, strict=True)))
+    return method.search(searches, z, callback, satisfying)

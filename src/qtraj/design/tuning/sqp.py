@@ -8,7 +8,8 @@ Each step solves a convex quadratic program (QP) in the step d and the allowed v
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
 positive definite, squares of the active constraints are added, and finally a multiple of the identity. If a step
 reduces the merit function by less than a tenth of the predicted decrease, a second QP corrects it with the constraint
-values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the batch.
+values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the block of searches
+that run together, and others enter.
 """
 
 from dataclasses import dataclass, fields
@@ -30,6 +31,9 @@ MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept 
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 SATISFYING_PENALTY = 100.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
+
+BLOCK = 256
+"""Number of searches that run together; their arrays fit the processor's cache."""
 
 FEASIBLE = 2e-9
 """Tolerance on the constraint value ln(value/limit), up to which a limit counts as satisfied."""
@@ -82,9 +86,14 @@ class State:
     done: Bool[np.ndarray, " batch"]
     stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
 
+    @property
+    def fields(self) -> list[np.ndarray]:
+        """The arrays of the state."""
+        return [getattr(self, f.name) for f in fields(self)]
+
     def take(self, index: np.ndarray) -> "State":
         """Return the states of some searches."""
-        return State(*(getattr(self, f.name)[..., index] for f in fields(self)))
+        return State(*(x[..., index] for x in self.fields))
 
     def put(self, index: np.ndarray, other: "State") -> None:
         """Replace the states of some searches."""
@@ -126,35 +135,52 @@ def run(
 
 
 def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool) -> State:
+    count, entered = searches.count, 0
+    final = _first(searches, z, np.zeros(count), np.zeros(count))
+    index, active, state, model, multipliers = np.arange(0), searches, final, None, np.zeros((0, 0))
+    while True:
+        if index.size <= BLOCK // 2 and entered < count:
+            new = np.arange(entered, min(entered + BLOCK - index.size, count))
+            entered += new.size
+            own_state, own_model = _entered(searches.take(new), z[:, new], satisfying)
+            if model is not None and index.size:
+                state = State(*(np.concatenate(x, axis=-1) for x in zip(state.fields, own_state.fields, strict=True)))
+                empty = np.zeros(own_model.value.shape)
+                model, multipliers = _side_by_side(model, multipliers, own_model, empty)
+            else:
+                state, model, multipliers = own_state, own_model, np.zeros(own_model.value.shape)
+            index = np.concatenate([index, new])
+            active = searches.take(index)
+        state, model, multipliers = _advance(active, state, model, multipliers)  # type: ignore[arg-type]
+        final.put(index, state)
+        on = ~state.done & (state.steps < max_steps)
+        if on.all():
+            continue
+        if callback is not None:
+            callback(int(final.done.sum()))
+        index = index[on]
+        if index.size == 0 and entered == count:
+            return final
+        active, state, model, multipliers = active.take(on), state.take(on), model.take(on), multipliers[:, on]
+
+
+def _entered(searches: Searches, z: np.ndarray, satisfying: bool) -> tuple[State, Model]:
+    """Return the states and the models of new searches."""
     peaks, largest = find_peaks(searches, Curves(searches, z))
-    state = _first(searches, z, largest)
+    state = _first(searches, z, costs(searches, z), largest)
     if satisfying:
         state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
         state.raised_again |= True
-    final, index = state.take(slice(None)), np.arange(searches.count)
-    model = build(searches, z, peaks)
-    multipliers = np.zeros(model.value.shape)
-    for _ in range(max_steps):
-        state, model, multipliers = _advance(searches, state, model, multipliers)
-        final.put(index, state)
-        on = ~state.done
-        if callback is not None and not on.all():
-            callback(int(final.done.sum()))
-        if not on.any():
-            break
-        if not on.all():
-            index, searches, state, model = index[on], searches.take(on), state.take(on), model.take(on)
-            multipliers = multipliers[:, on]
-    return final
+    return state, build(searches, z, peaks)
 
 
-def _first(searches: Searches, z: np.ndarray, largest: np.ndarray) -> State:
+def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndarray) -> State:
     count = searches.count
     no = np.zeros(count, bool)
     return State(
         z=z.copy(),
-        cost=np.array(costs(searches, z)),
-        largest=largest,
+        cost=np.array(cost),
+        largest=largest.copy(),
         radius=np.full(count, INITIAL_RADIUS),
         penalty=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         size=np.ones(count),
@@ -299,17 +325,24 @@ def _merged(
     """Replace the models and multipliers of some searches."""
     if index.size == multipliers.shape[1]:
         return new, carried
-    rows = max(len(old.value), len(new.value))
-    blanks = (None, None, ABSENT, 0.0, 0.0, -1, 0.0, False)
+    kept = np.ones(multipliers.shape[1], bool)
+    kept[index] = False
+    kept_index = np.flatnonzero(kept)
+    model, both = _side_by_side(old.take(kept_index), multipliers[:, kept_index], new, carried)
+    order = np.argsort(np.concatenate([kept_index, index]))
+    return model.take(order), both[:, order]
+
+
+def _side_by_side(a: Model, of_a: np.ndarray, b: Model, of_b: np.ndarray) -> tuple[Model, np.ndarray]:
+    """Join the models and the multipliers of two batches of searches, with rows for the larger number of peaks."""
+    rows = max(len(a.value), len(b.value))
+    blanks = (None, None, ABSENT, 0.0, 0.0, -1, 0.0, False, 0.0)
     parts = []
-    for a, b, blank in zip((*old, multipliers), (*new, carried), (*blanks, 0.0), strict=True):
-        whole = np.array(a)
-        if blank is not None and len(whole) < rows:
-            whole = np.concatenate([whole, np.full((rows - len(whole), *whole.shape[1:]), blank, whole.dtype)])
+    for x, y, blank in zip((*a, of_a), (*b, of_b), blanks, strict=True):
         if blank is not None:
-            whole[..., index] = blank
-            whole[: len(b), ..., index] = b
-        else:
-            whole[..., index] = b
-        parts.append(whole)
+            x, y = (
+                np.concatenate([part, np.full((rows - len(part), *part.shape[1:]), blank, part.dtype)])
+                for part in (x, y)
+            )
+        parts.append(np.concatenate([x, y], axis=-1))
     return Model(*parts[:-1]), parts[-1]
