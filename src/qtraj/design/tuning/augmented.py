@@ -12,7 +12,7 @@ best of the evaluated points. The next round depends on the accuracy of the best
 The times of the peaks are constant during one step of the optimiser, including its line search.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax

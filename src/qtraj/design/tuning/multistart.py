@@ -80,7 +80,9 @@ def solve(
     if infeasible.size:
         rows = infeasible[:, None] * starts + np.arange(starts)
         few = searches.take(infeasible)
-        result.put(infeasible, _rescued(method, few, result.take(infeasible), points[:, rows.ravel()], max_steps, report))
+        result.put(
+            infeasible, _rescued(method, few, result.take(infeasible), points[:, rows.ravel()], max_steps, report)
+        )
     return with_active(searches, result)
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.tuning.constraints import ABSENT
-from qtraj.design.tuning.model import Model, build, costs
-from qtraj.design.tuning.peaks import Peaks, find_peaks
+from qtraj.design.tuning.model import Model, build, costs, replaced, side_by_side
+from qtraj.design.tuning.peaks import Peaks, find_peaks, joined, peaks_of, renumbered, without
 from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step, corresponding, transferred
@@ -146,7 +146,7 @@ def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback |
             if model is not None and index.size:
                 state = State(*(np.concatenate(x, axis=-1) for x in zip(state.fields, own_state.fields, strict=True)))
                 empty = np.zeros(own_model.value.shape)
-                model, multipliers = _side_by_side(model, multipliers, own_model, empty)
+                model, multipliers = side_by_side(model, multipliers, own_model, empty)
             else:
                 state, model, multipliers = own_state, own_model, np.zeros(own_model.value.shape)
             index = np.concatenate([index, new])
@@ -193,9 +193,7 @@ def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndar
     )
 
 
-def _advance(
-    searches: Searches, s: State, model: Model, multipliers: np.ndarray
-) -> tuple[State, Model, np.ndarray]:
+def _advance(searches: Searches, s: State, model: Model, multipliers: np.ndarray) -> tuple[State, Model, np.ndarray]:
     """Return the states, models and multipliers of all searches after one step."""
     step = compute_step(searches, s.z, model, multipliers, s.penalty, s.radius, s.size, ~s.rejected)
     trial = _try(searches, s, step)
@@ -205,9 +203,11 @@ def _advance(
     peaks = trial.peaks
     if failed.size:
         few, own, old = searches.take(failed), s.take(failed), model.take(failed)
-        at = corresponding(old, _of(trial.peaks, failed, s.done.size))
+        at = corresponding(old, peaks_of(trial.peaks, failed, s.done.size))
         shifted = at - np.einsum("kib,ib->kb", old.slopes, step.d[:, failed])
-        second = compute_step(few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted)
+        second = compute_step(
+            few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted
+        )
         predicted = step.predicted_decrease[failed]
         corrected = _try(few, own, second._replace(predicted_decrease=predicted, residual=step.residual[failed]))
         better = corrected.accepted
@@ -215,16 +215,16 @@ def _advance(
             chosen = failed[better]
             state.put(chosen, _next(few, own, corrected).take(better))
             step.multipliers[:, chosen] = second.multipliers[:, better]
-            peaks = _joined(_without(peaks, chosen), _renumbered(corrected.peaks, failed, better))
+            peaks = joined(without(peaks, chosen), renumbered(corrected.peaks, failed, better))
             moved[chosen] = True
     stay = trial.converged & ~moved
     there = np.where(stay, step.multipliers, there)
     going = np.flatnonzero(moved & ~state.done)
     if going.size:
         few = searches if going.size == s.done.size else searches.take(going)
-        new = build(few, state.z[:, going], _of(peaks, going, s.done.size))
+        new = build(few, state.z[:, going], peaks_of(peaks, going, s.done.size))
         carried = transferred(step.multipliers[:, going], model.take(going), new)
-        here, there = _merged(here, there, going, new, carried)
+        here, there = replaced(here, there, going, new, carried)
     # While the limits cannot be satisfied, the sum of the multipliers equals the penalty and is raised with it.
     sums = step.multipliers.sum(axis=0)
     grows = (state.largest > FEASIBLE) & (sums > PENALISED * s.penalty)
@@ -266,10 +266,10 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     enough = (searches.weight == 0) & (largest <= ENOUGH)
     done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
+    last_size = np.where(accepted, size, s.size)
     return State(
-        z, cost, largest, radius, penalty, np.where(accepted, size, s.size), ~accepted, lowered, raised_again, s.steps + 1, done,
-        stationary,
-    )  # fmt: skip
+        z, cost, largest, radius, penalty, last_size, ~accepted, lowered, raised_again, s.steps + 1, done, stationary
+    )
 
 
 def _penalty(
@@ -291,58 +291,3 @@ def _penalty(
     lower = np.minimum(np.maximum(PENALTY_MARGIN * total, smallest), penalty)
     penalty = np.where(accepted & met & ~s.raised_again, lower, penalty)
     return penalty, s.lowered | (penalty < s.penalty), s.raised_again | (s.lowered & (penalty > s.penalty))
-
-
-def _of(peaks: Peaks, index: np.ndarray, count: int) -> Peaks:
-    """Return the peaks of the searches with these indices, renumbered."""
-    if index.size == count:
-        return peaks
-    number = np.full(count, -1)
-    number[index] = np.arange(index.size)
-    owner = number[peaks.owner]
-    kept = owner >= 0
-    return Peaks(owner[kept], *(x[kept] for x in peaks[1:]))
-
-
-def _without(peaks: Peaks, index: np.ndarray) -> Peaks:
-    kept = ~np.isin(peaks.owner, index)
-    return Peaks(*(x[kept] for x in peaks))
-
-
-def _renumbered(peaks: Peaks, index: np.ndarray, chosen: np.ndarray) -> Peaks:
-    """Return the peaks of the chosen searches of a smaller batch, with the numbers of the larger batch."""
-    kept = chosen[peaks.owner]
-    return Peaks(index[peaks.owner[kept]], *(x[kept] for x in peaks[1:]))
-
-
-def _joined(a: Peaks, b: Peaks) -> Peaks:
-    return Peaks(*(np.concatenate(x) for x in zip(a, b, strict=True)))
-
-
-def _merged(
-    old: Model, multipliers: np.ndarray, index: np.ndarray, new: Model, carried: np.ndarray
-) -> tuple[Model, np.ndarray]:
-    """Replace the models and multipliers of some searches."""
-    if index.size == multipliers.shape[1]:
-        return new, carried
-    kept = np.ones(multipliers.shape[1], bool)
-    kept[index] = False
-    kept_index = np.flatnonzero(kept)
-    model, both = _side_by_side(old.take(kept_index), multipliers[:, kept_index], new, carried)
-    order = np.argsort(np.concatenate([kept_index, index]))
-    return model.take(order), both[:, order]
-
-
-def _side_by_side(a: Model, of_a: np.ndarray, b: Model, of_b: np.ndarray) -> tuple[Model, np.ndarray]:
-    """Join the models and the multipliers of two batches of searches, with rows for the larger number of peaks."""
-    rows = max(len(a.value), len(b.value))
-    blanks = (None, None, ABSENT, 0.0, 0.0, -1, 0.0, False, 0.0)
-    parts = []
-    for x, y, blank in zip((*a, of_a), (*b, of_b), blanks, strict=True):
-        if blank is not None:
-            x, y = (
-                np.concatenate([part, np.full((rows - len(part), *part.shape[1:]), blank, part.dtype)])
-                for part in (x, y)
-            )
-        parts.append(np.concatenate([x, y], axis=-1))
-    return Model(*parts[:-1]), parts[-1]
