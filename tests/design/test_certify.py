@@ -254,10 +254,13 @@ def test_findings_compare_the_peaks_with_the_limits():
     assert "broken" in str(certificate)
 
 
-def test_float32_raises():
+def test_a_path_in_float32_is_proved_as_the_rational_numbers_that_it_contains():
     path = jax.tree.map(lambda x: x.astype(jnp.float32), PATH)
-    with pytest.raises(ValueError, match="jax_enable_x64"):
-        qt.certify(path, qt.Limits(speed=jnp.asarray(9.0, jnp.float32)))
+    same = jax.tree.map(lambda x: x.astype(jnp.float64), path)
+    peak = qt.certify(same, qt.Limits(curvature=1.0)).worst["curvature"][1]
+    for factor, status in ((1 + 1e-12, "proved"), (1 - 1e-12, "broken")):
+        limits = qt.Limits(curvature=peak * factor)
+        assert qt.certify(path, limits).status == qt.certify(same, limits).status == {"curvature": status}
 
 
 def test_a_certificate_is_stored_exactly(tmp_path):

@@ -8,7 +8,6 @@ import pytest
 from scipy.interpolate import PPoly
 
 import qtraj as qt
-from qtraj.design.timing.timing_polynomials import of_timing, on_wide_ellipses
 from qtraj.path.quantity import quantity
 
 KNOTS = 64
@@ -324,18 +323,3 @@ def test_the_largest_value_in_a_cell_is_exact(seed):
     found = qt.certify(qt.RetimedPath(straight, timing), qt.Limits(longitudinal_acceleration=50.0))
     assert found.holds
     np.testing.assert_allclose(found.values[0], 0.5 * speed * steepest / (duration / 2), rtol=1e-11)
-
-
-def test_the_error_of_the_timing_in_the_proof_is_a_few_rounding_errors():
-    """In a cell. On the ellipses about a whole cell, the bounds are at least as large as all values and errors."""
-    rng = np.random.default_rng(6)
-    powers = rng.normal(size=(8, 4))
-    polynomials, _ = of_timing(jnp.asarray(powers), jnp.zeros(2, bool))
-    model = polynomials[0].on(jnp.zeros((1, 8)), jnp.ones((1, 8)))
-    size, eps = np.abs(powers).sum(axis=1), np.finfo(float).eps
-    assert np.max(np.asarray(model.error)[0] / size) < 64 * eps
-    angle = np.linspace(0.0, 2 * np.pi, 721)
-    for axis, bound in zip((3.0, 6.0, 16.0), np.asarray(on_wide_ellipses(model).bound)[:, 0], strict=True):
-        s = axis * np.cos(angle) + 1j * np.sqrt(axis**2 - 1) * np.sin(angle)
-        values = np.abs(np.polynomial.polynomial.polyval((1 + s) / 2, powers.T)).max(axis=1)
-        assert np.all(values + 32 * eps * ((1 + axis) / 2) ** 3 * size <= bound)

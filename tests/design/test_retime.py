@@ -382,17 +382,16 @@ def test_stops_keep_their_lengths():
     assert timed.duration < 11.0 + 5.0
 
 
-def test_what_is_left_of_the_speed_at_a_stop_is_in_the_error_of_its_direction():
-    """r' = (1 + s)·(1, 0, 0) and a little across it at s = −1: the error of q is that part, and no less."""
+def test_what_is_left_of_the_speed_at_a_stop_is_removed_from_its_direction():
+    """r' = u·(1, 0, 0) and a little across it at u = 0: the direction is (1, 0, 0) with and without that part."""
     exact, rest = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     exact[0, 2, 0] = rest[0, 2, 0] = 0.5
     rest[0, 1, 1] = 1e-13
     standing = np.array([[True, False]])
-    both = [directions(Segments(np.zeros(1), c, np.full(1, 2.0)), standing) for c in (exact, rest)]
-    found = [x for x in both if x is not None]
-    assert found[0].powers.tolist() == found[1].powers.tolist() == [[1, 0]]
-    assert found[0].roundings == pytest.approx([2.0])
-    assert (found[1].roundings[0] - 2) * np.finfo(float).eps == pytest.approx(1e-13)
+    for c in (exact, rest):
+        (found,) = directions(Segments(np.zeros(1), c, np.full(1, 1.0)), standing).values()
+        assert found.factor.floats() == [0, 1]
+        assert [p.floats() for p in found.direction] == [[1], [0], [0]]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import qtraj as qt
 from qtraj.design.timing import search
 from qtraj.design.timing.constraints import listed
 from qtraj.design.timing.grid import uniform
-from qtraj.design.timing.interior_point import begun
 from qtraj.design.timing.road import coefficients
 
 CAR = qt.Vehicle(1500.0, friction=0.8, drag_area=0.7, rolling_resistance=0.012, bank=0.1)
@@ -56,18 +55,18 @@ def satisfied(path, a, **limits):
     Returns the factor on a, the usage before and after with the speed as its square, and the error.
     """
     given = qt.Limits(**limits)
-    bounds = {name: jnp.asarray(x) for name, x in given.given().items()}
-    road = jax.tree.map(jnp.asarray, given.road(jnp.float64))
-    problem = search.Problem(path, jnp.asarray(0.0), path.duration, bounds, jnp.array([np.inf, np.inf]), road)
+    bounds = {name: np.asarray(x) for name, x in given.given().items()}
+    road = jax.tree.map(np.asarray, given.road(np.float64))
+    problem = search.Problem(path, np.zeros(()), np.asarray(path.duration), bounds, np.full(2, np.inf), road)
     tables = search.tables(uniform(CELLS), (False, False))
     program, places = search._imposed(problem, tables)
-    state = begun(program, jnp.full(CELLS + 3, a))._replace(error=jnp.asarray(1e-9))
-    usage = search._between_nodes(places, tables.within, state.coefficients)
-    ones = jnp.ones((program.constraints.per_node, CELLS))
-    last = search._Round(state, ones, ones, usage, jnp.asarray(3))
-    powers, after, error = search._satisfied(last, state.coefficients, tables, places, tuple(bounds))
-    speed = ROWS.index("speed")
-    return float(powers[0, 0] / a), usage, after.at[speed].set(after[speed] ** 2), float(error)
+    coefficients = np.full(CELLS + 3, a)
+    usage = search._between_nodes(places, tables.within, coefficients)
+    nodes, ones = np.ones_like(program.largest), np.ones((program.constraints.per_node, CELLS))
+    last = search.Result(coefficients, nodes, nodes, np.zeros(()), np.asarray(1e-9), ones, usage, np.zeros((), bool))
+    powers, after, error = search._satisfied(last, coefficients, tables, places, tuple(bounds))
+    after[ROWS.index("speed")] **= 2
+    return float(powers[0, 0] / a), usage, after, float(error)
 
 
 def vehicle(friction):

@@ -1,9 +1,8 @@
 """Convert between quaternions λ and direction cosines α (inertial → body; the rows of α are the body axes)."""
 
-import jax.numpy as jnp
-
-from qtraj.algebra.quaternion import canonical, norm_squared, unit as unit_quaternion
+from qtraj.algebra.quaternion import canonical, components, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Mat3, Quat, Scalar
 
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
@@ -13,21 +12,23 @@ SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
 """
 
 
+@of_arrays
 def to_dcm(q: Quat) -> Mat3:
     """Return the direction cosines α of the attitude `q`, which convert inertial to body components.
 
     `q` and `c*q` give the same result for any c ≠ 0.
     """
     q = balanced(q)
-    s, x, y, z = q
+    s, x, y, z = components(q)
     rows = [
         [s * s + x * x - y * y - z * z, 2 * (x * y + s * z), 2 * (x * z - s * y)],
         [2 * (x * y - s * z), s * s - x * x + y * y - z * z, 2 * (y * z + s * x)],
         [2 * (x * z + s * y), 2 * (y * z - s * x), s * s - x * x - y * y + z * z],
     ]
-    return jnp.stack([jnp.stack(row) for row in rows]) / norm_squared(q)
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) / norm_squared(q)[..., None, None]
 
 
+@of_arrays
 def from_dcm(C: Mat3) -> Quat:
     """Return the unit quaternion λ of the direction cosines `C`; its first non-zero component is positive.
 
@@ -38,12 +39,13 @@ def from_dcm(C: Mat3) -> Quat:
     return canonical(unit_quaternion(pivot_row(C)))
 
 
+@of_arrays
 def squares_from_dcm(C: Mat3) -> Quat:
     """Return the squared components of the unit quaternion of the direction cosines `C`.
 
     In paper S these are ¼H(1, α11, α22, α33), with the matrix H = `SIGNS` and the direction cosines α.
     """
-    return 0.25 * jnp.stack(_squares(C))
+    return 0.25 * xp.stack(_squares(C), axis=-1)
 
 
 def pivot_row(C: Mat3) -> Quat:
@@ -55,15 +57,15 @@ def pivot_row(C: Mat3) -> Quat:
     rows = _outer(C)
     a, b, c, d = (rows[k][k] for k in range(4))
     first, second, third = (a >= b) & (a >= c) & (a >= d), (b >= c) & (b >= d), c >= d
-    choose = lambda w, x, y, z: jnp.where(first, w, jnp.where(second, x, jnp.where(third, y, z)))  # noqa: E731
-    return jnp.stack([choose(*column) for column in zip(*rows, strict=True)])
+    choose = lambda w, x, y, z: xp.where(first, w, xp.where(second, x, xp.where(third, y, z)))  # noqa: E731
+    return xp.stack([choose(*column) for column in zip(*rows, strict=True)], axis=-1)
 
 
 def _outer(C: Mat3) -> list[list[Scalar]]:
     """Return the matrix with 4 λ_i λ_k in row i and column k; λ is the unit quaternion of the matrix `C`."""
     squares = _squares(C)
-    d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
-    s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]
+    d1, d2, d3 = C[..., 1, 2] - C[..., 2, 1], C[..., 2, 0] - C[..., 0, 2], C[..., 0, 1] - C[..., 1, 0]
+    s1, s2, s3 = C[..., 1, 2] + C[..., 2, 1], C[..., 2, 0] + C[..., 0, 2], C[..., 0, 1] + C[..., 1, 0]
     return [
         [squares[0], d1, d2, d3],
         [d1, squares[1], s3, s2],
@@ -73,4 +75,4 @@ def _outer(C: Mat3) -> list[list[Scalar]]:
 
 
 def _squares(C: Mat3) -> list[Scalar]:
-    return [1 + i * C[0, 0] + j * C[1, 1] + k * C[2, 2] for _, i, j, k in SIGNS]
+    return [1 + i * C[..., 0, 0] + j * C[..., 1, 1] + k * C[..., 2, 2] for _, i, j, k in SIGNS]

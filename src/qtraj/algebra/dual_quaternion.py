@@ -6,65 +6,72 @@ angular rate and v the velocity of the body's origin. With the twist U = ω + s 
 (index X), u is v; in inertial axes (index ξ), u = v + r × ω is the velocity of the body point at the inertial origin
 (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
 
-A dual quaternion is an array (8,) with λ first. The functions accept no batches; use `jax.vmap` for a batch.
+A dual quaternion is an array (8,) with λ first. Leading axes of the arrays are batch axes.
 """
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Quat, Vec3
 
 DualQuat = Float[Array, "8"]
 
 
+@of_arrays
 def from_pose(position: Vec3, q: Quat) -> DualQuat:
     """Return Λ = λ + s ½ r∘λ of the position r (3,) [m], in inertial axes, and the attitude λ (4,)."""
-    return jnp.concatenate([q, 0.5 * quaternion.product(_pure(position), q)])
+    return xp.concatenate([q, 0.5 * quaternion.product(_pure(position), q)], axis=-1)
 
 
+@of_arrays
 def to_pose(dual: DualQuat) -> tuple[Vec3, Quat]:
     """Return the position 2λ′∘λ⁻¹ (3,) [m] and the attitude λ (4,) of Λ = λ + s λ′.
 
     Λ and cΛ, c ≠ 0, have the same position.
     """
-    real, dual_part = dual[:4], dual[4:]
-    return 2 * quaternion.product(dual_part, quaternion.inverse(real))[1:], real
+    real, dual_part = dual[..., :4], dual[..., 4:]
+    return 2 * quaternion.product(dual_part, quaternion.inverse(real))[..., 1:], real
 
 
+@of_arrays
 def product(a: DualQuat, b: DualQuat) -> DualQuat:
     """Return Λ_a∘Λ_b: for a pose Λ_b relative to the body axes of Λ_a, this is the same pose in inertial axes."""
-    cross = quaternion.product(a[:4], b[4:]) + quaternion.product(a[4:], b[:4])
-    return jnp.concatenate([quaternion.product(a[:4], b[:4]), cross])
+    cross = quaternion.product(a[..., :4], b[..., 4:]) + quaternion.product(a[..., 4:], b[..., :4])
+    return xp.concatenate([quaternion.product(a[..., :4], b[..., :4]), cross], axis=-1)
 
 
+@of_arrays
 def conjugate(dual: DualQuat) -> DualQuat:
     """Return the conjugate λ̄ + s λ̄′ of Λ = λ + s λ′; it is the inverse if Λ is a pose with |λ| = 1."""
-    return jnp.concatenate([quaternion.conjugate(dual[:4]), quaternion.conjugate(dual[4:])])
+    return xp.concatenate([quaternion.conjugate(dual[..., :4]), quaternion.conjugate(dual[..., 4:])], axis=-1)
 
 
+@of_arrays
 def inverse(dual: DualQuat) -> DualQuat:
     """Return the inverse Λ⁻¹ = λ⁻¹ − s λ⁻¹∘λ′∘λ⁻¹ of Λ = λ + s λ′."""
-    real = quaternion.inverse(dual[:4])
-    return jnp.concatenate([real, -quaternion.product(quaternion.product(real, dual[4:]), real)])
+    real = quaternion.inverse(dual[..., :4])
+    return xp.concatenate([real, -quaternion.product(quaternion.product(real, dual[..., 4:]), real)], axis=-1)
 
 
+@of_arrays
 def transform(dual: DualQuat, point: Vec3) -> Vec3:
     """Return the position (3,) [m], in inertial axes, of a body point whose components in body axes are `point`."""
     position, q = to_pose(dual)
     return position + quaternion.rotate(q, point)
 
 
+@of_arrays
 def derivative(dual: DualQuat, omega: Vec3 | Quat, velocity: Vec3) -> DualQuat:
     """Return Λ̇ = ½ Λ∘(ω_X + s λ⁻¹∘v∘λ) from the velocity v of the body's origin and the angular rate ω_X.
 
     λ is the attitude in Λ = λ + s λ′. `velocity` is v [m/s] in inertial components. `omega` is ω_X [rad/s] in body
     components: (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
     """
-    rate = omega if omega.shape == (4,) else _pure(omega)
-    body_velocity = _pure(quaternion.rotate(quaternion.conjugate(dual[:4]), velocity))
-    return 0.5 * product(dual, jnp.concatenate([rate, body_velocity]))
+    rate = omega if omega.shape[-1] == 4 else _pure(omega)
+    body_velocity = _pure(quaternion.rotate(quaternion.conjugate(dual[..., :4]), velocity))
+    return 0.5 * product(dual, xp.concatenate([rate, body_velocity], axis=-1))
 
 
 def _pure(v: Vec3) -> Quat:
-    return jnp.concatenate([jnp.zeros_like(v, shape=1), v])
+    return xp.concatenate([xp.zeros_like(v[..., :1]), v], axis=-1)

@@ -11,31 +11,34 @@ quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has
 """
 
 import math
+from typing import Any
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
-
-from qtraj.algebra.quaternion import canonical, product
+from qtraj.algebra.quaternion import canonical, components, product
 from qtraj.algebra.vector import balanced, norm
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Flag, Quat, Scalar, Vec3
 
-Pair = Float[Array, "2"]
+Pair = tuple[Any, Any]
 
 _LOCK = 16  # in units of machine epsilon; at a smaller distance from gimbal lock, one outer angle is only round-off
 
 
+@of_arrays
 def from_euler(seq: str, angles: Vec3) -> Quat:
     """Return the unit quaternion for three Euler `angles` [rad] in the order of `seq`.
 
     **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
-    first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, angles, strict=True))
+    first, second, third = (
+        _turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
+    )
     if intrinsic:
         return product(first, product(second, third))
     return product(third, product(second, first))
 
 
+@of_arrays
 def to_euler(q: Quat, seq: str) -> Vec3:
     """Return the Euler angles [rad] in the order of `seq`; `q` and `c*q` give the same result for any c ≠ 0.
 
@@ -50,16 +53,16 @@ def to_euler(q: Quat, seq: str) -> Vec3:
     i, j, k = axes[::-1] if intrinsic else axes
     other = 3 - i - j
     parity = 1.0 if (j - i) % 3 == 1 else -1.0  # e_i∘e_j = parity·e_other
-    q = canonical(balanced(q))
-    s, a, b, c = q[0], q[1 + i], q[1 + j], parity * q[1 + other]
+    parts = components(canonical(balanced(q)))
+    s, a, b, c = parts[0], parts[1 + i], parts[1 + j], parity * parts[1 + other]
     if i == k:
-        plane_a, plane_b, offset, sign = jnp.stack([s, a]), jnp.stack([b, c]), 0.0, 1.0
+        plane_a, plane_b, offset, sign = (s, a), (b, c), 0.0, 1.0
     else:
-        plane_a, plane_b, offset, sign = jnp.stack([s - b, a + c]), jnp.stack([b + s, c - a]), 0.5 * math.pi, parity
+        plane_a, plane_b, offset, sign = (s - b, a + c), (b + s, c - a), 0.5 * math.pi, parity
     first, second, third = _polar(plane_a, plane_b, intrinsic)
     outer = [_wrap(first), sign * _wrap(third)]
     start, end = outer[::-1] if intrinsic else outer
-    return jnp.stack([start, second - offset, end])
+    return xp.stack([start, second - offset, end], axis=-1)
 
 
 def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scalar, Scalar]:
@@ -69,35 +72,35 @@ def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scal
 
     In gimbal lock, `first` is 0 if `keep_third` is true; otherwise `third` is 0.
     """
-    size_a, size_b = norm(plane_a), norm(plane_b)
-    margin = _LOCK * float(jnp.finfo(plane_a.dtype).eps)
+    size_a, size_b = norm(xp.stack(plane_a, axis=-1)), norm(xp.stack(plane_b, axis=-1))
+    margin = _LOCK * float(xp.finfo(size_a.dtype).eps)
     lost_a, lost_b = size_a <= margin * size_b, size_b <= margin * size_a
     half_sum, half_difference = _argument(plane_a, lost_a), _argument(plane_b, lost_b)
     first, third = half_sum - half_difference, half_sum + half_difference
-    only = jnp.where(lost_a, half_difference if keep_third else -half_difference, half_sum)
+    only = xp.where(lost_a, half_difference if keep_third else -half_difference, half_sum)
     locked = lost_a | lost_b
     kept, dropped = (third, first) if keep_third else (first, third)
-    kept, dropped = jnp.where(locked, 2 * only, kept), jnp.where(locked, 0.0, dropped)
+    kept, dropped = xp.where(locked, 2 * only, kept), xp.where(locked, 0.0, dropped)
     first, third = (dropped, kept) if keep_third else (kept, dropped)
-    return first, 2 * jnp.arctan2(size_b, size_a), third
+    return first, 2 * xp.arctan2(size_b, size_a), third
 
 
 def _argument(plane: Pair, lost: Flag) -> Scalar:
     """Return the polar angle of a pair; 0 with zero derivative if `lost`, that is, if the pair is only round-off."""
-    return jnp.arctan2(jnp.where(lost, 0.0, plane[1]), jnp.where(lost, 1.0, plane[0]))
+    return xp.arctan2(xp.where(lost, 0.0, plane[1]), xp.where(lost, 1.0, plane[0]))
 
 
 def _wrap(angle: Scalar) -> Scalar:
     """Reduce an angle in [−2π, 2π] to [−π, π]."""
-    turns = jnp.where(angle > math.pi, 1.0, jnp.where(angle < -math.pi, -1.0, 0.0))
+    turns = xp.where(angle > math.pi, 1.0, xp.where(angle < -math.pi, -1.0, 0.0))
     return angle - 2 * math.pi * turns
 
 
 def _turn(axis: int, angle: Scalar) -> Quat:
     """Return the quaternion of a rotation by `angle` about a coordinate axis."""
-    parts = [jnp.cos(0.5 * angle)] + 3 * [jnp.zeros_like(angle)]
-    parts[1 + axis] = jnp.sin(0.5 * angle)
-    return jnp.stack(parts)
+    parts = [xp.cos(0.5 * angle)] + 3 * [xp.zeros_like(angle)]
+    parts[1 + axis] = xp.sin(0.5 * angle)
+    return xp.stack(parts, axis=-1)
 
 
 def _parse(seq: str) -> tuple[list[int], bool]:

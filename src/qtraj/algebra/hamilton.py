@@ -6,11 +6,10 @@
 from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra.sparse import add, mul, sub
+from qtraj.foundation.namespace import stop_gradient, xp
 
 Components = Any
 """Components w, x, y, z: a tuple of four arrays of one shape, or one array (4,).
@@ -45,17 +44,17 @@ def from_axes(
     and m as um/u, otherwise m as a square root and u as um/m. This avoids cancellation.
     """
     u_is_larger = tangent[0] >= 0
-    real = jnp.where(u_is_larger, binormal[2] + normal[1], binormal[2] - normal[1])
-    imaginary = jnp.where(u_is_larger, normal[2] - binormal[1], -normal[2] - binormal[1])
-    modulus = 1 + jnp.abs(tangent[0])
+    real = xp.where(u_is_larger, binormal[2] + normal[1], binormal[2] - normal[1])
+    imaginary = xp.where(u_is_larger, normal[2] - binormal[1], -normal[2] - binormal[1])
+    modulus = 1 + abs(tangent[0])
     real_is_larger = real >= 0
-    larger = modulus + jnp.abs(real)
+    larger = modulus + abs(real)
     scale = 0.5 * inverse_root(larger)
-    a, b = jnp.where(real_is_larger, larger, imaginary) * scale, jnp.where(real_is_larger, imaginary, larger) * scale
+    a, b = xp.where(real_is_larger, larger, imaginary) * scale, xp.where(real_is_larger, imaginary, larger) * scale
     inv_modulus = inverse_root(modulus) ** 2
     c, d = (tangent[1] * a + tangent[2] * b) * inv_modulus, (tangent[2] * a - tangent[1] * b) * inv_modulus
-    w, x = jnp.where(u_is_larger, a, c), jnp.where(u_is_larger, b, d)
-    z, y = jnp.where(u_is_larger, c, a), -jnp.where(u_is_larger, d, b)
+    w, x = xp.where(u_is_larger, a, c), xp.where(u_is_larger, b, d)
+    z, y = xp.where(u_is_larger, c, a), -xp.where(u_is_larger, d, b)
     return w, x, y, z
 
 
@@ -70,9 +69,9 @@ def continuous_signs(alignment: Float[Array, "*batch n"]) -> Float[Array, "*batc
 
     `alignment` contains the n scalar products ⟨λ_{k−1}, λ_k⟩. The signs are treated as constants in differentiation.
     """
-    flips = jnp.cumsum((alignment < 0).astype(jnp.int32), axis=-1)
-    flips = jnp.concatenate([jnp.zeros_like(flips, shape=(*flips.shape[:-1], 1)), flips], axis=-1)
-    return stop_gradient(jnp.where(flips % 2 == 0, 1.0, -1.0).astype(alignment.dtype))
+    flips = xp.cumsum((alignment < 0).astype(xp.int32), axis=-1)
+    flips = xp.concatenate([xp.zeros_like(flips, shape=(*flips.shape[:-1], 1)), flips], axis=-1)
+    return stop_gradient(xp.where(flips % 2 == 0, 1.0, -1.0).astype(alignment.dtype))
 
 
 def _negative(x: Any, next_is_negative: Any) -> Any:

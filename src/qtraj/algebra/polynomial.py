@@ -9,9 +9,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.algebra.sparse import is_zero
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.namespace import is_host, xp
 from qtraj.foundation.types import Scalar, ScalarLike
 
 
@@ -25,7 +28,9 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
 
     Coefficients of orders above the degree are zero.
     """
-    return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in split_taylor(coefficients, t, order)])
+    terms = split_taylor(coefficients, t, order)
+    zero = xp.zeros_like(terms[0])
+    return xp.stack([zero if is_zero(c) else c for c in terms])
 
 
 def split_taylor(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
@@ -34,8 +39,11 @@ def split_taylor(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: in
     Coefficients of orders above the degree are the integer 0. Additional axes of `coefficients` represent separate
     polynomials.
     """
-    c = [x.reshape(x.shape[1:]) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
-    return taylor_terms(c, as_float(t).astype(coefficients.dtype), order)
+    if is_host(coefficients, t):
+        return taylor_terms(list(coefficients), np.asarray(t, float), order)
+    t = as_float(t).astype(coefficients.dtype)
+    c = [x.reshape(x.shape[1:]) for x in jax.lax.split(jnp.asarray(coefficients), (1,) * coefficients.shape[0])]
+    return taylor_terms(c, t, order)
 
 
 def horner(coefficients: Sequence[Any], t: Any) -> Any:
@@ -64,7 +72,7 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     quintic.
     """
     m, n = start.shape[0], end.shape[0]
-    duration = as_float(duration).astype(start.dtype)
+    duration = xp.asarray(duration, start.dtype)
     if m == n == 2:
         return _cubic(start, end, duration)
     a = start * _unit_scales(m, duration)
@@ -73,9 +81,9 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     # u = 1.
     difference = b - taylor(a, 1.0, n - 1)
     series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # Taylor coefficients of u^(-m) about u = 1
-    about_one = jnp.stack([sum(series[j] * difference[k - j] for j in range(k + 1)) for k in range(n)])
-    c = jnp.concatenate([a, taylor(about_one, -1.0, n - 1)])
-    return c / duration ** jnp.arange(m + n, dtype=c.dtype)
+    about_one = xp.stack([sum(series[j] * difference[k - j] for j in range(k + 1)) for k in range(n)])
+    c = xp.concatenate([a, taylor(about_one, -1.0, n - 1)])
+    return c / duration ** np.arange(m + n).astype(c.dtype)
 
 
 def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar) -> Float[Array, " 4"]:
@@ -83,9 +91,9 @@ def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar)
     mean = (end[0] - start[0]) / duration
     second = (3 * mean - 2 * start[1] - end[1]) / duration
     third = (start[1] + end[1] - 2 * mean) / duration**2
-    return jnp.stack([start[0], start[1], second, third])
+    return xp.stack([start[0], start[1], second, third])
 
 
 def _unit_scales(count: int, duration: Scalar) -> Float[Array, " count"]:
     """Return duration^k / k! for k < `count`, which converts derivatives in t to Taylor coefficients in t/duration."""
-    return jnp.stack([duration**k / math.factorial(k) for k in range(count)])
+    return xp.stack([duration**k / math.factorial(k) for k in range(count)])

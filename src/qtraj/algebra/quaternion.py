@@ -15,16 +15,16 @@
 | scale                   | λ and cλ, c ≠ 0, represent the same attitude in every function; λ = 0 has no attitude    |
 | SciPy                   | `Rotation.from_quat(λ, scalar_first=True)`; its `as_matrix()` is R(λ) = αᵀ               |
 
-The functions accept single quaternions; use `jax.vmap` for arrays. Paper S writes α_k for λ_k; paper C writes λ.
+The functions accept single quaternions and arrays of quaternions (..., 4), components last. Paper
+S writes α_k for λ_k; paper C writes λ.
 """
 
 import math
 
-import jax.numpy as jnp
-
 from qtraj.algebra import hamilton, matrices
 from qtraj.algebra.polynomial import horner
-from qtraj.algebra.vector import balanced, norm, unit as unit_vector
+from qtraj.algebra.vector import balanced, cross, norm, unit as unit_vector
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Mat4, Quat, Scalar, Vec3
 
 __all__ = [
@@ -59,52 +59,67 @@ def __dir__() -> list[str]:
     return __all__
 
 
+def components(q: Quat) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Return the components of `q` one by one."""
+    return q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+
+
+@of_arrays
 def product(p: Quat, q: Quat) -> Quat:
     """Return the Hamilton product p∘q."""
-    return jnp.stack(hamilton.product(p, q))
+    return _joined(*hamilton.product(components(p), components(q)))
 
 
+@of_arrays
 def conjugate(q: Quat) -> Quat:
     """Return the conjugate q̄ = (q0, −q1, −q2, −q3)."""
-    return jnp.concatenate([q[:1], -q[1:]])
+    w, x, y, z = components(q)
+    return _joined(w, -x, -y, -z)
 
 
+@of_arrays
 def norm_squared(q: Quat) -> Scalar:
     """Return the squared norm |q|² = q∘q̄."""
-    return jnp.sum(q * q)
+    return xp.sum(q * q, axis=-1)
 
 
+@of_arrays
 def inverse(q: Quat) -> Quat:
     """Return the inverse q⁻¹ = q̄/|q|²."""
-    length = norm(q)
+    length = norm(q)[..., None]
     return conjugate(q) / length / length  # |q|² could underflow
 
 
+@of_arrays
 def unit(q: Quat) -> Quat:
     """Return the unit quaternion q/|q|; NaN for q = 0."""
-    return q / norm(q)
+    return q / norm(q)[..., None]
 
 
+@of_arrays
 def canonical(q: Quat) -> Quat:
     """Return q or −q, so that the first non-zero component is positive; the choice is unique at half turns too."""
-    return jnp.where(hamilton.is_negative(q), -q, q)
+    return xp.where(hamilton.is_negative(components(q))[..., None], -q, q)
 
 
+@of_arrays
 def from_xyzw(xyzw: Quat) -> Quat:
     """Move the scalar part from last to first. ROS, TUM files and, by default, SciPy store it last."""
-    return jnp.roll(xyzw, 1, axis=-1)
+    return xp.roll(xyzw, 1, axis=-1)
 
 
+@of_arrays
 def to_xyzw(q: Quat) -> Quat:
     """Move the scalar part of `q` from first to last."""
-    return jnp.roll(q, -1, axis=-1)
+    return xp.roll(q, -1, axis=-1)
 
 
+@of_arrays
 def rotate(q: Quat, v_body: Vec3) -> Vec3:
     """Return q∘v∘q⁻¹, the inertial components of a body vector v; `q` and `c*q` give the same result for any c ≠ 0."""
     q = balanced(q)
-    s, u = q[0], q[1:]
-    return v_body + 2 * jnp.cross(u, s * v_body + jnp.cross(u, v_body)) / norm_squared(q)
+    s, u = q[..., :1], q[..., 1:]
+    return v_body + 2 * cross(u, s * v_body + cross(u, v_body)) / norm_squared(q)[..., None]
 
 
 def left_matrix(q: Quat) -> Mat4:
@@ -117,17 +132,19 @@ def right_matrix(q: Quat) -> Mat4:
     return matrices.tat(q)
 
 
+@of_arrays
 def exp(v: Vec3) -> Quat:
     """Return (cos|v|, v sin|v|/|v|), the exponential of the pure quaternion (0, v): a rotation by 2|v| [rad]."""
-    square = jnp.sum(v * v)
+    square = xp.sum(v * v, axis=-1, keepdims=True)
     small = square < _SMALL_ANGLE_SQUARED
-    near = jnp.where(small, square, 0.0)
-    angle = jnp.sqrt(jnp.where(small, 1.0, square))
-    cosine = jnp.where(small, horner(_COS, near), jnp.cos(angle))
-    sinc = jnp.where(small, horner(_SINC, near), jnp.sin(angle) / angle)
-    return jnp.concatenate([cosine[None], sinc * v])
+    near = xp.where(small, square, 0.0)
+    angle = xp.sqrt(xp.where(small, 1.0, square))
+    cosine = xp.where(small, horner(_COS, near), xp.cos(angle))
+    sinc = xp.where(small, horner(_SINC, near), xp.sin(angle) / angle)
+    return xp.concatenate([cosine, sinc * v], axis=-1)
 
 
+@of_arrays
 def log(q: Quat) -> Vec3:
     """Return the vector part of ln q, which is half a rotation vector.
 
@@ -136,22 +153,24 @@ def log(q: Quat) -> Vec3:
     rotation use `rotation.to_rotation_vector`.
     """
     q = balanced(q)
-    s, u = q[0], q[1:]
-    square = jnp.sum(u * u)
+    s, u = q[..., :1], q[..., 1:]
+    square = xp.sum(u * u, axis=-1, keepdims=True)
     small = (s > 0) & (square < _SMALL_TANGENT_SQUARED * s * s)
-    cosine = jnp.where(small, s, 1.0)
-    tangent_squared = jnp.where(small, square, 0.0) / (cosine * cosine)
+    cosine = xp.where(small, s, 1.0)
+    tangent_squared = xp.where(small, square, 0.0) / (cosine * cosine)
     near = u * horner(_ATANC, tangent_squared) / cosine
-    first_axis = jnp.asarray([1.0, 0.0, 0.0], dtype=q.dtype)
-    far = unit_vector(u, first_axis) * jnp.arctan2(norm(u), s)
-    return jnp.where(small, near, far)
+    first_axis = xp.stack([xp.ones_like(s[..., 0]), *2 * [xp.zeros_like(s[..., 0])]], axis=-1)
+    far = unit_vector(u, first_axis) * xp.arctan2(norm(u)[..., None], s)
+    return xp.where(small, near, far)
 
 
+@of_arrays
 def log_norm(q: Quat) -> Scalar:
     """Return ln|q|, the scalar part of ln q."""
-    return jnp.log(norm(q))
+    return xp.log(norm(q))
 
 
+@of_arrays
 def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
     """Return the derivative λ̇ [1/s] of λ = `q` at the rate `omega` [rad/s].
 
@@ -160,9 +179,13 @@ def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
 
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
-    rate = omega if omega.shape == (4,) else jnp.concatenate([jnp.zeros_like(omega, shape=1), omega])
+    rate = omega if omega.shape[-1] == 4 else xp.concatenate([xp.zeros_like(omega[..., :1]), omega], axis=-1)
     if axes == "body":
         return 0.5 * product(q, rate)
     if axes == "inertial":
         return 0.5 * product(rate, q)
     raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
+
+
+def _joined(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Quat:
+    return xp.stack([w, x, y, z], axis=-1)

@@ -6,7 +6,6 @@ finite at every attitude, with two exceptions: the Gibbs vector of a half turn i
 of `gibbs_ratios` are not finite if one of their denominators is zero.
 """
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton
@@ -14,6 +13,7 @@ from qtraj.algebra.cosines import from_dcm, squares_from_dcm, to_dcm
 from qtraj.algebra.euler import from_euler, to_euler
 from qtraj.algebra.gibbs import from_gibbs, from_mrp, gibbs_from_dcm, gibbs_ratios, to_gibbs, to_mrp
 from qtraj.algebra.quaternion import canonical, exp, log
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Quat, Vec3
 
 __all__ = [
@@ -38,6 +38,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
+@of_arrays
 def to_rotation_vector(q: Quat) -> Vec3:
     """Return Φe [rad] of the shorter rotation, with the axis e and the angle Φ, 0 ≤ Φ ≤ π.
 
@@ -46,17 +47,19 @@ def to_rotation_vector(q: Quat) -> Vec3:
     return 2 * log(canonical(q))
 
 
+@of_arrays
 def from_rotation_vector(v: Vec3) -> Quat:
     """Return the unit quaternion cos Φ/2 + e sin Φ/2 of the rotation vector `v` = Φe [rad], axis e and angle Φ."""
     return exp(0.5 * v)
 
 
+@of_arrays
 def continuous(qs: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     """Return the quaternions `qs` with signs that make their sequence continuous; the first quaternion is unchanged.
 
     The scalar product of two consecutive quaternions of the result is not negative. The signs are treated as constants
     in differentiation.
     """
-    directions = qs / jnp.max(jnp.abs(qs), axis=1, keepdims=True)  # the products of small quaternions would underflow
-    alignment = jnp.sum(directions[1:] * directions[:-1], axis=1)
+    directions = qs / xp.max(abs(qs), axis=1, keepdims=True)  # the products of small quaternions would underflow
+    alignment = xp.sum(directions[1:] * directions[:-1], axis=1)
     return qs * hamilton.continuous_signs(alignment)[:, None]

@@ -10,6 +10,7 @@ from typing import Any
 
 def mul(a: Any, b: Any) -> Any:
     """Return a·b. A factor that is the integer 0 yields the integer 0; the integer 1 yields the other factor."""
+    # `type` is faster than `isinstance`, and these functions are called very often in NumPy.
     if type(a) is int and a in (0, 1):
         return 0 if a == 0 else b
     if type(b) is int and b in (0, 1):
@@ -19,7 +20,7 @@ def mul(a: Any, b: Any) -> Any:
 
 def add(terms: Sequence[Any]) -> Any:
     """Return the sum of the terms that are not the integer 0, or the integer 0 if there are none."""
-    kept = [term for term in terms if not (type(term) is int and term == 0)]
+    kept = [term for term in terms if type(term) is not int or term != 0]
     if not kept:
         return 0
     result = kept[0]
@@ -37,7 +38,7 @@ def sub(a: Any, b: Any) -> Any:
 
 def is_zero(x: Any) -> bool:
     """Return whether `x` is the integer 0, which represents a term that is identically zero."""
-    return isinstance(x, int) and x == 0
+    return type(x) is int and x == 0
 
 
 def is_one(x: Any) -> bool:

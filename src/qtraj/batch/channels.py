@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.batch.instants import Instants
+from qtraj.foundation.namespace import xp
 from qtraj.path.channel import CHANNELS
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame
@@ -29,6 +29,6 @@ def channels(
     at, shape = Instants(paths, t, *frame), (paths.duration.shape[0], t.shape[1])
 
     def components(value: Any) -> tuple[Array, ...]:
-        return tuple(jnp.broadcast_to(x, shape) for x in (value if isinstance(value, tuple) else (value,)))
+        return tuple(xp.broadcast_to(x, shape) for x in (value if isinstance(value, tuple) else (value,)))
 
     return {name: components(CHANNELS[name].formula(at)) for name in names}

@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.batch.at_once import evaluated, is_small
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.reduction import REDUCTIONS, Reduced
@@ -103,15 +104,12 @@ def evaluate(
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
     work = (paths, frame, vehicle)
-    traced = is_traced(work, instants)
-    values = run(
-        task,
-        work,
-        instants,
-        None if traced else devices,
-        traced,
-        _reused_arrays(reuse, task, (*rows, instants.shape[-1])),
-    )
+    reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
+    if devices is None and reused is None and is_small(task, work, instants):
+        values = evaluated(task, work, instants)
+    else:
+        traced = is_traced(work, instants)
+        values = run(task, work, instants, None if traced else devices, traced, reused)
     form: Any = {"batched": task.batched, "components": components, "frame": frame.name, "axes": axes}
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, **form)

@@ -11,13 +11,13 @@ from jax.experimental.layout import Format
 from jax.sharding import PartitionSpec, SingleDeviceSharding
 from jaxtyping import Array
 
-from qtraj.algebra import hamilton
 from qtraj.algebra.cpu import in_one_loop
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
+from qtraj.batch.stacking import results, stacked
 from qtraj.batch.sums import integrals, neighbours
 from qtraj.batch.task import Task
 from qtraj.foundation.derivatives import with_tangent_of
@@ -47,7 +47,7 @@ def run(
 @eqx.filter_jit  # under grad outside jit, the operations would be compiled one by one
 def _traced(task: Task, request: Any, times: Array) -> Any:
     """Return the results inside a trace, with derivatives."""
-    paths, frame = _stacked(task, request)
+    paths, frame = stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
     if task.reduce in ("max", "min"):
         return _finished(task, _differentiable_peaks(task, paths, frame, times), times)
@@ -59,7 +59,7 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     values = mapped(work, arrays, (times,), shape, _samples())
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
-    return _results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
+    return results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
 
 
 def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
@@ -114,7 +114,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
 
     def call(static: Any, dynamic: Any, times: Array, old: Any) -> Any:
         times = jnp.atleast_2d(times)
-        paths, frame = _stacked(task, eqx.combine(dynamic, static))
+        paths, frame = stacked(task, eqx.combine(dynamic, static))
 
         def local(paths: Any, times: Array) -> Any:
             count, instants = paths.duration.shape[0], times.shape[1]
@@ -130,7 +130,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
             out = {name: task.spec(name, over.lead, "first") for name in task.names}
             specs = (over.paths, over.columns(times.shape[0]))
             local = jax.shard_map(local, mesh=over.mesh, in_specs=specs, out_specs=out, check_vma=False)
-        return _results(task, local(paths, times))
+        return results(task, local(paths, times))
 
     formats = {name: Format(task.layout(name), _sharding(task, name, over)) for name in task.names}
     donated: dict[str, Any] = {"donate_argnums": (3,), "keep_unused": True} if donate else {}
@@ -144,7 +144,7 @@ def _reduction(task: Task, over: Spread | None) -> Any:
 
     def call(static: Any, dynamic: Any, times: Array) -> Any:
         times = jnp.atleast_2d(times)
-        paths, frame = _stacked(task, eqx.combine(dynamic, static))
+        paths, frame = stacked(task, eqx.combine(dynamic, static))
 
         def local(paths: Any, times: Array, around: Array) -> Any:
             if task.reduce in LINEAR:
@@ -209,18 +209,6 @@ def _joined(task: Task, parts: Any) -> Any:
     return {name: tuple(join(component) for component in parts[name]) for name in task.names}
 
 
-class Driven(eqx.Module):
-    """A stack of paths, and one vehicle for each path or None, so that a block contains the vehicles of its paths."""
-
-    paths: Any
-    vehicle: Any
-
-    @property
-    def duration(self) -> Array:
-        """The durations of the paths."""
-        return self.paths.duration
-
-
 def _finished(task: Task, parts: Any, times: Array) -> Any:
     """Return the values by name, and the times of peaks or None, from the reductions over the rows of `times`."""
     span = times[:, -1] - times[:, 0] if task.reduce == "mean" and times.shape[1] > 1 else 1
@@ -228,16 +216,6 @@ def _finished(task: Task, parts: Any, times: Array) -> Any:
     if task.reduce in LINEAR:
         return values, None
     return values, {name: task.shaped(name, jnp.stack([c[1] for c in parts[name]])) for name in task.names}
-
-
-def _stacked(task: Task, work: Any) -> Any:
-    """Return the paths and their own vehicles with a leading axis, and the tuple of frame, axes and shared vehicle."""
-    paths, frame, vehicle = work
-    lead = lambda x: jnp.asarray(x)[None] if eqx.is_array_like(x) else x  # noqa: E731
-    paths = paths if task.batched else jax.tree.map(lead, paths)
-    if vehicle is not None and vehicle.mass.ndim:
-        return Driven(paths, vehicle), (frame, task.axes, None)
-    return Driven(paths, None), (frame, task.axes, vehicle)
 
 
 def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
@@ -252,18 +230,6 @@ def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
         return structure.unflatten(in_one_loop(leaves))
 
     return arrays, work
-
-
-def _results(task: Task, raw: dict[str, Array]) -> dict[str, Array]:
-    """Return the results, with axes as requested, from arrays with components first."""
-    if task.continuous and "quaternion" in raw:
-        raw = raw | {"quaternion": _continuous(raw["quaternion"])}
-    return {name: task.ordered(name, x) for name, x in raw.items()}
-
-
-def _continuous(q: Array) -> Array:
-    """Return unit quaternions (4, …, instants) with signs that are continuous in time, as in `rotation.continuous`."""
-    return q * hamilton.continuous_signs(jnp.sum(q[..., 1:] * q[..., :-1], axis=0))[None]
 
 
 def _long() -> float:

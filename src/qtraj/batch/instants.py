@@ -13,19 +13,18 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jax.lax import split, stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial
 from qtraj.algebra.cpu import derivatives_in_one_loop, inverse_root, root
 from qtraj.batch.body_forces import path_force, turning_moment
+from qtraj.foundation.namespace import is_host, stop_gradient, xp
 from qtraj.path.components import Triple, add_vectors, dot, scaled
 from qtraj.path.frame_components import UP, Basis, FrameComponents, Quaternion, curvature, filled, torsion, triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
-from qtraj.path.path_quantity import Division, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.rate_axes import BODY
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
@@ -35,9 +34,6 @@ Times = Float[Array, "rows instants"]
 
 ORDER = 4
 """Order of the highest derivative of a path that any output needs."""
-
-DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
-"""Functions for quotients and inverse roots with positive divisors, used by the formulas of path quantities."""
 
 
 class Instants:
@@ -56,7 +52,8 @@ class Instants:
     ):
         self.frame, self.t, self.axes = frame, t, axes
         self.vehicle: Any = vehicle  # None only if no output needs a vehicle
-        polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
+        single = lambda path: path.polynomials()  # noqa: E731
+        polynomials = single(paths) if paths.supports_numpy else eqx.filter_vmap(single)(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
         else:
@@ -64,7 +61,7 @@ class Instants:
             rows, angle = _moving_derivatives(polynomials, t)
             shared = jax.tree.map(lambda x: x[:, None], polynomials.placement)  # the same for all instants of a path
             self.basis = Basis(angle, shared)
-        zero = jnp.zeros_like(rows[0][0])
+        zero = xp.zeros_like(rows[0][0])
         self.rows = [filled(row, zero) for row in rows]
         self.duration = paths.duration[:, None].astype(zero.dtype)
 
@@ -77,7 +74,7 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """Return the values of a path quantity."""
-        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants, DIVISION)
+        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants)
 
     @cached_property
     def invariants(self) -> Invariants:
@@ -94,8 +91,10 @@ class Instants:
     def _road(self) -> Any:
         if self.vehicle is None:
             return None
-        parameters = map(jnp.asarray, self.vehicle.parameters(self.duration.dtype))
-        return RoadParameters(*(x[:, None] if x.ndim else x for x in parameters))  # shared by all instants of a path
+        parameters = self.vehicle.parameters(self.duration.dtype)
+        return RoadParameters(
+            *(x[:, None] if xp.ndim(x) else x for x in parameters)
+        )  # shared by all instants of a path
 
     @property
     def force(self) -> Triple:
@@ -137,7 +136,7 @@ class Instants:
     def quaternion(self) -> Quaternion:
         """The unit quaternion, body to world; its first non-zero component is positive."""
         q = self.basis.world_quaternion(hamilton.from_axes(*self._frame.axes, inverse_root))
-        sign = jnp.where(hamilton.is_negative(q), -1.0, 1.0).astype(q[0].dtype)
+        sign = xp.where(hamilton.is_negative(q), -1.0, 1.0).astype(q[0].dtype)
         return sign * q[0], sign * q[1], sign * q[2], sign * q[3]
 
     @property
@@ -169,14 +168,14 @@ class Instants:
 
     @cached_property
     def _frame(self) -> FrameComponents:
-        found = self.frame.components(self.invariants, self.basis, self.duration)
+        found = self.frame.components_at(self.t, self.invariants, self.basis, self.duration)
         return self._other() if found is None else found
 
     def _other(self) -> FrameComponents:
         """Evaluate, instant by instant, a frame that does not provide components."""
-        rows = jnp.stack([jnp.stack(self.derivative(k), axis=-1) for k in range(ORDER + 1)], axis=-2)
-        durations = jnp.broadcast_to(self.duration, rows.shape[:2])
-        t = jnp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
+        rows = xp.stack([xp.stack(self.derivative(k), axis=-1) for k in range(ORDER + 1)], axis=-2)
+        durations = xp.broadcast_to(self.duration, rows.shape[:2])
+        t = xp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
         at = jax.vmap(jax.vmap(self.frame.at))(t, rows, durations)
         vectors = (at.tangent, at.normal, at.binormal, at.rate, at.acceleration)
         tangent, normal, binormal, rate, acceleration = (triple(v) for v in vectors)
@@ -187,8 +186,8 @@ class Instants:
 def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
     """Return the derivatives of orders 0 to 4 of the paths in the moving basis, and the angle of the basis [rad]."""
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
-    single = [c for p in present for c in split(p.astype(t.dtype), [1] * p.shape[1], axis=1)]
-    coefficients = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
+    single = [p[:, k : k + 1].astype(t.dtype) for p in present for k in range(p.shape[1])]
+    coefficients = iter(derivatives_in_one_loop([xp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
     x, z, angle, *y = (
         polynomial.taylor_terms([next(coefficients) for _ in range(p.shape[1])], t, ORDER) for p in present
     )
@@ -197,8 +196,11 @@ def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple
 
 def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
     """Return the derivatives of orders 0 to 4 of paths that are not polynomial, in world axes."""
+    if is_host(t) and paths.supports_numpy:  # one path
+        path = jax.tree.map(lambda x: x[0], paths)
+        return [triple(x[None]) for x in path.sampled(t[0], ORDER)]
     along = lambda path, t: jax.vmap(lambda t: path.derivatives(t, ORDER))(t)  # noqa: E731
-    each = jnp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
+    each = xp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
     r = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, each)
     return [triple(r[..., k, :]) for k in range(ORDER + 1)]
 
@@ -207,9 +209,7 @@ def _gibbs(q: Quaternion) -> tuple[Array, ...]:
     """Return the Gibbs vector λ_k/λ0, computed without a division; at half turns as in `rotation.to_gibbs`."""
     s = q[0]
     square = s * s
-    regular = square >= jnp.finfo(s.dtype).tiny
+    regular = square >= float(xp.finfo(s.dtype).tiny)
     inverse = s * inverse_root(square, regular) ** 2
-    infinite = [
-        stop_gradient(jnp.where(u > 0, jnp.inf, jnp.where(u < 0, -jnp.inf, 0.0)).astype(s.dtype)) for u in q[1:]
-    ]
-    return tuple(jnp.where(regular, u * inverse, x) for u, x in zip(q[1:], infinite, strict=True))
+    infinite = [stop_gradient(xp.where(u > 0, xp.inf, xp.where(u < 0, -xp.inf, 0.0)).astype(s.dtype)) for u in q[1:]]
+    return tuple(xp.where(regular, u * inverse, x) for u, x in zip(q[1:], infinite, strict=True))

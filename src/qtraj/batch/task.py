@@ -9,6 +9,7 @@ from jax.experimental.layout import Layout
 from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
+from qtraj.foundation.namespace import xp
 from qtraj.path.channel import CHANNELS
 from qtraj.path.rate_axes import BODY
 
@@ -49,7 +50,7 @@ class Task:
         inner = len(CHANNELS[name].axes)
         if self.components == "first" or not inner:
             return raw
-        return jnp.moveaxis(raw, range(inner), range(raw.ndim - inner, raw.ndim))
+        return xp.moveaxis(raw, range(inner), range(raw.ndim - inner, raw.ndim))
 
     def spec(self, name: str, lead: tuple[str | None, str | None], components: str) -> PartitionSpec:
         """Return the partition of a result over devices; `components`, "last" or "first", is the order of its axes.

@@ -15,16 +15,22 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.proof.maxima import find_maxima
+from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
-from qtraj.path.vehicle import Vehicle, require
+from qtraj.path.vehicle import RoadParameters, Vehicle, require
 from qtraj.path.vehicle_data import batch_of
 
 NEWTON_STEPS = 4
+REFINED, SAMPLES = 64, 5
+"""In NumPy, the number of cells in which the maximum is refined, and the number of samples in each of them."""
+
 CELLS = 1025
 """Number of cells in which `peak` searches on a path that is neither a route nor a retimed path."""
 
@@ -32,7 +38,6 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 """A function that returns a quantity of a path at one instant [s]."""
 
 
-@eqx.filter_jit
 def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Return the time [s] and the value of the maximum of one path quantity over the whole path.
 
@@ -48,7 +53,46 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
     if path.duration.ndim or batch_of(used):
         shapes = f"batch shapes {path.duration.shape} and {batch_of(vehicle)}"
         raise ValueError(f"peak accepts one path and one vehicle, but {shapes} were given: use jax.vmap")
+    return (_peak if path.supports_numpy else _compiled_peak)(path, name, road)
+
+
+@eqx.filter_jit
+def _compiled_peak(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Scalar, Scalar]:
     return maximum(lambda path, t: value(path, t, name, road), path, CELLS)
+
+
+def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Scalar, Scalar]:
+    """Return the time [s] and the value of the maximum, in NumPy; only cells with the highest values are refined."""
+    duration = path.duration
+    low, high = _divided(*_cells(path, CELLS)[1:])
+
+    def quantity_at(u: Float[Array, ...]) -> Float[Array, ...]:
+        found = value(path, (u * duration).ravel(), name, road)
+        return np.broadcast_to(found, u.size).reshape(u.shape)
+
+    values = quantity_at(np.stack([low, 0.5 * (low + high), high]))
+    highest = np.max(np.where(np.isnan(values), np.inf, values), axis=0)
+    neighbours = np.maximum(np.append(highest[1:], -np.inf), np.append(-np.inf, highest[:-1]))
+    cells = np.flatnonzero(highest >= neighbours)
+    cells = cells[np.argsort(-highest[cells], kind="stable")][:REFINED]
+    start, width = low[cells], high[cells] - low[cells]
+    inside = lambda u: quantity_at(np.clip(start + u * width, start, high[cells]))  # noqa: E731
+    grid = np.linspace(0.0, 1.0, SAMPLES)
+    at, refined = find_maxima(inside, grid, inside(grid[:, None] + 0.0 * width))
+    best = np.argmax(refined)
+    time = np.clip(start + at * width, start, high[cells])[best] * duration
+    return time, quantity_at(np.asarray(time / duration))[()]
+
+
+def _divided(low: Float[Array, " n"], high: Float[Array, " n"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Divide cells into equal parts, so that there are at least about `CELLS` of them."""
+    parts = -(-CELLS // len(low))
+    u = np.arange(parts + 1) / parts
+    ends = low[:, None] * (1 - u) + high[:, None] * u
+    return ends[:, :-1].ravel(), ends[:, 1:].ravel()
+
+
+_peak = in_numpy(_peak_at_once, _compiled_peak)
 
 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
@@ -78,11 +122,11 @@ def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
     knots = path.nodes()
     if knots is None:
         half = 0.5 / (cells - 1)
-        nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
-        return nodes, jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
-    low = jax.lax.stop_gradient(knots / path.duration)
-    ends = jnp.concatenate([low[1:], jnp.ones_like(low[:1])])
-    high = jnp.maximum(jnp.nextafter(ends, jnp.zeros_like(ends)), low)
+        nodes = np.linspace(0.0, 1.0, cells).astype(path.duration.dtype)
+        return nodes, np.clip(nodes - half, 0.0, 1.0), np.clip(nodes + half, 0.0, 1.0)
+    low = stop_gradient(knots / path.duration)
+    ends = xp.concatenate([low[1:], xp.ones_like(low[:1])])
+    high = xp.maximum(xp.nextafter(ends, xp.zeros_like(ends)), low)
     return 0.5 * (low + high), low, high
 
 

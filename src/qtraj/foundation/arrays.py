@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput, ScalarLike
 
 COARSE_METRES = 1e-3
@@ -24,16 +25,21 @@ _warned: set[str] = set()
 
 
 def as_float(x: ArrayInput) -> Array:
-    """Convert `x` to a float array; float dtypes are kept, and other dtypes become JAX's default float.
+    """Return a JAX array of floats unchanged, other JAX arrays in JAX's default float, anything else in NumPy, float64.
 
     **Raises:** ValueError for complex numbers, objects, strings and dates.
     """
-    x = x if isinstance(x, jax.Array) else np.asarray(x)
+    if is_host(x):
+        x = np.asarray(x)
+        if x.dtype.kind not in "fiub":
+            raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
+        return np.array(x, np.float64)  # a copy, because the caller may overwrite its memory
+    x = jnp.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
-        return x if isinstance(x, jax.Array) else as_array(x, x.dtype)
-    if jnp.issubdtype(x.dtype, jnp.complexfloating) or x.dtype == object or x.dtype.kind in "USM":
+        return x
+    if not jnp.issubdtype(x.dtype, jnp.integer) and x.dtype != bool:
         raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
-    return as_array(x, float)
+    return x.astype(jnp.result_type(float))
 
 
 def as_array(x: ArrayInput, dtype: Any) -> Array:
@@ -161,10 +167,12 @@ def require_element(index: Any, count: int, what: str) -> None:
         raise IndexError(f"index {index} is out of range: there are {count} {what}")
 
 
-def warn_if_coarse(x: Array, name: str) -> None:
+def warn_if_coarse(x: ArrayInput, name: str) -> None:
     """Warn if positions in float32 have a resolution coarser than a millimetre, once for each `name`."""
+    if getattr(x, "dtype", None) != np.float32:  # lists and numbers are float64
+        return
     value = concrete(x)
-    if value is None or value.dtype != np.float32 or value.size == 0:
+    if value is None or value.size == 0:
         return
     resolution = float(np.spacing(np.max(np.abs(value))))
     if resolution > COARSE_METRES and name not in _warned:

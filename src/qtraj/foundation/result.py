@@ -100,7 +100,9 @@ def times_text(times: Any) -> str:
 def _record(result: AbstractResult) -> Record | None:
     """Return the record of a result, or None if the result is traced, or incomplete after a JAX transformation."""
     leaves = jax.tree.leaves(result)
-    if not leaves or not all(isinstance(x, jax.Array | np.ndarray) and not isinstance(x, Tracer) for x in leaves):
+    if not leaves or not all(
+        isinstance(x, jax.Array | np.ndarray | np.generic) and not isinstance(x, Tracer) for x in leaves
+    ):
         return None
     try:
         return result.record()

@@ -31,7 +31,7 @@ def shown(module: Any, **units: str) -> str:
 def _text(value: Any, unit: str) -> str:
     if isinstance(value, jax.tree_util.Partial) and not (value.args or value.keywords):
         return getattr(value.func, "__qualname__", repr(value.func))
-    if not isinstance(value, jax.Array | np.ndarray):
+    if not isinstance(value, jax.Array | np.ndarray | np.generic):
         return repr(value)
     if isinstance(value, Tracer):
         return eqx.tree_pformat(value)

@@ -10,8 +10,9 @@ import equinox.internal as eqxi  # for `unvmap_max`, which JAX does not provide
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
+from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import Scalar
 
 NODES, PANELS = 16, 32
@@ -20,6 +21,11 @@ NODES, PANELS = 16, 32
 The panels of a subinterval are evaluated together. For a smooth path whose speed is not near zero, the length computed
 with one subinterval is exact to round-off.
 """
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
+PLACES = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
+WEIGHTS = np.tile(_WEIGHTS, PANELS) / (2 * PANELS)
+"""The nodes of a subinterval of length 1, and their weights."""
 
 MAX_RUNS, RUN = 32, 64
 """Maximum number of runs in which the subintervals are summed, and number of subintervals in a run.
@@ -38,11 +44,14 @@ MAX_CHANGE = 1e-6
 In float32, the maximum is `ROUNDINGS` machine epsilons (4e-6) instead.
 """
 
-Speed = Callable[[Scalar], Scalar]
+Speed = Callable[[Float[Array, " n"]], Float[Array, " n"]]
+"""A function that returns the speeds [m/s] at several instants [s]."""
 
 
 def arc_length(speed: Speed, duration: Scalar) -> Scalar:
-    """Return ∫ speed dt [m] over the `duration` [s], in the precision of the duration; `speed(t)` is in m/s."""
+    """Return ∫ speed dt [m] over the `duration` [s], in the precision of the duration."""
+    if is_host(duration):
+        return _refined(speed, duration)
     pieces, converged = _refine(lambda t: jax.lax.stop_gradient(speed(t)), jax.lax.stop_gradient(duration))
     pieces = eqxi.unvmap_max(pieces)  # one number for the whole batch, so that the loops below can stop early
 
@@ -58,6 +67,20 @@ def arc_length(speed: Speed, duration: Scalar) -> Scalar:
 
     total, _ = jax.lax.scan(add_run, jnp.zeros((), duration.dtype), jnp.arange(MAX_RUNS, dtype=jnp.int32))
     return jnp.where(converged, total, jnp.nan)
+
+
+def _refined(speed: Speed, duration: Scalar) -> Scalar:
+    """Return the length computed in NumPy, with the same refinement as `_refine`."""
+    pieces, previous, current = 0, np.nan, np.nan
+    while not abs(current - previous) <= TOLERANCE * current:
+        if pieces and not (np.isfinite(current) and pieces < MAX_RUNS * RUN):
+            break
+        pieces = max(2 * pieces, 1)
+        previous, current = (
+            current,
+            sum(_piece(speed, duration, np.float64(k), np.float64(pieces)) for k in range(pieces)),
+        )
+    return current if abs(current - previous) <= MAX_CHANGE * current else np.float64(np.nan)
 
 
 def _refine(speed: Speed, duration: Scalar) -> tuple[Int[Array, ""], Array]:
@@ -89,8 +112,6 @@ def _refine(speed: Speed, duration: Scalar) -> tuple[Int[Array, ""], Array]:
 
 def _piece(speed: Speed, duration: Scalar, k: Int[Array, ""], pieces: Int[Array, ""]) -> Scalar:
     """Return the length of subinterval `k` of `pieces` subintervals of equal duration."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    places = ((np.arange(PANELS)[:, None] + (nodes + 1) / 2) / PANELS).ravel()
     part, dtype = duration / pieces.astype(duration.dtype), duration.dtype
-    speeds = jax.vmap(speed)(part * (k.astype(dtype) + jnp.asarray(places, dtype)))
-    return part * (jnp.asarray(np.tile(weights, PANELS) / (2 * PANELS), dtype) @ speeds)
+    speeds = speed(part * (k.astype(dtype) + PLACES.astype(dtype)))
+    return part * (WEIGHTS.astype(dtype) @ speeds)

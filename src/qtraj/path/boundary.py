@@ -1,12 +1,12 @@
 """Define boundary states: position, velocity and optional acceleration at the start or the end of a path."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from qtraj.algebra.vector import norm, unit
+from qtraj.algebra.vector import dot, norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import in_numpy_or_jit, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
@@ -32,7 +32,7 @@ class BoundaryState(AbstractResult):
         self.acceleration = (
             None if acceleration is None else real_vector(acceleration, "the acceleration of a boundary state", 3)
         )
-        warn_if_coarse(self.position, "the position of a boundary state")
+        warn_if_coarse(position, "the position of a boundary state")
 
     def record(self) -> Record:
         """Return labelled arrays of the fields that are not None; for a batch of states, batch axes come first."""
@@ -75,7 +75,7 @@ class Cylindrical(eqx.Module):
 
         If ρ is zero, the divisor is 1.
         """
-        return self.velocity[1] / jnp.where(self.radius > 0, self.radius, 1.0)
+        return self.velocity[1] / xp.where(self.radius > 0, self.radius, 1.0)
 
     @property
     def radial_acceleration(self) -> Scalar:
@@ -94,37 +94,41 @@ class Cylindrical(eqx.Module):
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
-@eqx.filter_jit
-def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
-    """Convert `state` to cylindrical components about the axis of `placement`; None means the world's z axis."""
+@in_numpy_or_jit
+def cylindrical(state: BoundaryState, placement: Placement | None, eps: float | None = None) -> Cylindrical:
+    """Convert `state` to cylindrical components about the axis of `placement`; None means the world's z axis.
+
+    `eps` is the machine epsilon of the coordinates, by default the machine epsilon of the computation.
+    """
     placement = Placement() if placement is None else placement
     x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
-    planar = jnp.stack([x, y, jnp.zeros_like(x)])
+    planar = xp.stack([x, y, xp.zeros_like(x)])
     radius = norm(planar)
     # On the axis the radial direction is undefined. A fixed direction keeps the derivatives finite.
-    cos, sin, _ = unit(planar, jnp.zeros_like(planar).at[0].set(1.0))
-    largest = jnp.maximum(jnp.max(jnp.abs(state.position)), jnp.max(jnp.abs(placement.origin.astype(x.dtype))))
+    cos, sin, _ = unit(planar, xp.stack([xp.ones_like(x), xp.zeros_like(x), xp.zeros_like(x)]))
+    largest = xp.maximum(xp.max(abs(state.position)), xp.max(abs(placement.origin.astype(x.dtype))))
 
     def components(v: Vec3) -> Vec3:
         a, b, c = placement.to_local(v)
-        return jnp.stack([a * cos + b * sin, b * cos - a * sin, c])
+        return xp.stack([a * cos + b * sin, b * cos - a * sin, c])
 
     return Cylindrical(
         radius=radius,
-        azimuth=jnp.arctan2(sin, cos),
+        azimuth=xp.arctan2(sin, cos),
         height=z,
         velocity=components(state.velocity),
         acceleration=None if state.acceleration is None else components(state.acceleration),
         planar=planar,
-        rounding=jnp.finfo(x.dtype).eps * (1 + largest / jnp.where(radius > 0, radius, 1.0)),
+        rounding=(float(xp.finfo(x.dtype).eps) if eps is None else eps)
+        * (1 + largest / xp.where(radius > 0, radius, 1.0)),
     )
 
 
 def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
     """Return the azimuth of `end` minus the azimuth of `start`, in (−π, π] [rad]."""
     a, b = start.planar, end.planar
-    difference = jnp.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
-    return jnp.where(difference <= -jnp.pi, -difference, difference)
+    difference = xp.arctan2(a[0] * b[1] - a[1] * b[0], dot(a, b))
+    return xp.where(difference <= -xp.pi, -difference, difference)
 
 
 def _required(acceleration: Vec3 | None) -> Vec3:

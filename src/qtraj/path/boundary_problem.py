@@ -4,12 +4,12 @@ from __future__ import annotations  # so that `help` shows short names
 
 import operator
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import concrete
+from qtraj.foundation.namespace import in_numpy, with_component, xp
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, cylindrical
 from qtraj.path.placement import Placement
@@ -29,29 +29,31 @@ PARALLEL_TOLERANCE = 1e-9
 Coefficients = Float[Array, "_"]
 
 
+@in_numpy
 def uniform(
-    start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None
+    start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None, eps: float
 ) -> tuple[Coefficients, Coefficients, Coefficients, Scalar, Placement | None, Scalar]:
     """Return the spiral-helix with a constant angular rate V_φ/ρ, as the arguments of `SpiralHelix`.
 
     V_φ is the azimuthal velocity. The arguments are the ascending coefficients of the radius ρ, the azimuth φ and the
     height h, the duration, the placement, and the mismatch. The mismatch is the relative difference of V_φ/ρ between
     the two ends; it is infinite if there is no solution. The coefficients satisfy the boundary conditions of paper S.
+    `eps` is the machine epsilon of the states.
     """
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError(
             "a path with a constant rate about its axis cannot satisfy prescribed boundary accelerations. Omit them, "
             "or use SpiralHelix.hermite."
         )
-    a, b = cylindrical(start, placement), cylindrical(end, placement)
+    a, b = cylindrical(start, placement, eps), cylindrical(end, placement, eps)
     _require_off_axis(a, b)
     mismatch = _rate_mismatch(a, b)
     turn = directed_turn(a, b, turns)
-    _require_solvable(a, b, turn, mismatch)
-    solvable = (jnp.abs(turn) > 0) & (a.rate != 0)
-    duration = jnp.where(solvable, turn / jnp.where(solvable, a.rate, 1.0), jnp.inf)
+    _require_solvable(a, b, turn, mismatch, max(RATE_TOLERANCE, 16 * eps))
+    solvable = (abs(turn) > 0) & (a.rate != 0)
+    duration = xp.where(solvable, turn / xp.where(solvable, a.rate, 1.0), xp.inf)
     radius, angle, height = polynomials(a, b, turn, duration, uniform=True)
-    return radius, angle, height, duration, placement, jnp.where(solvable, mismatch, jnp.inf)
+    return radius, angle, height, duration, placement, xp.where(solvable, mismatch, xp.inf)
 
 
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
@@ -66,11 +68,11 @@ def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
             "turns is the number of additional whole turns in the direction of V_phi and must be 0 or more, but "
             f"{turns} was given"
         )
-    sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
+    sense = xp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
     ahead = sense * azimuth_difference(a, b)
-    equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * (a.rounding + b.rounding)
-    ahead = jnp.where(equal, 0.0 * ahead, jnp.where(ahead < 0, ahead + 2 * jnp.pi, ahead))
-    return sense * (ahead + 2 * jnp.pi * turns)
+    equal = abs(ahead) <= AZIMUTH_TOLERANCE * (a.rounding + b.rounding)
+    ahead = xp.where(equal, 0.0 * ahead, xp.where(ahead < 0, ahead + 2 * xp.pi, ahead))
+    return sense * (ahead + 2 * xp.pi * turns)
 
 
 def whole_turns(turns: int) -> int:
@@ -84,6 +86,7 @@ def whole_turns(turns: int) -> int:
         raise ValueError(f"turns must be an integer, the number of whole turns, but {turns!r} was given") from None
 
 
+@in_numpy
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
@@ -96,7 +99,7 @@ def hermite(
         raise ValueError("only one boundary state has an acceleration: pass accelerations for both ends or for neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
-    turn = azimuth_difference(a, b) + 2 * jnp.pi * whole_turns(turns)
+    turn = azimuth_difference(a, b) + 2 * xp.pi * whole_turns(turns)
     return polynomials(a, b, turn, duration, uniform=False)
 
 
@@ -111,8 +114,8 @@ def polynomials(
     ends = [_boundary_values(a), _boundary_values(b)]
     radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
     if uniform:
-        return radius, jnp.stack([a.azimuth, turn / duration]), height
-    angle = polynomial.hermite(ends[0][1], ends[1][1].at[0].set(a.azimuth + turn), duration)
+        return radius, xp.stack([a.azimuth, turn / duration]), height
+    angle = polynomial.hermite(ends[0][1], with_component(ends[1][1], 0, a.azimuth + turn), duration)
     return radius, angle, height
 
 
@@ -125,9 +128,10 @@ def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Co
     if state.acceleration is not None:
         rows.append((state.radial_acceleration, state.angular_acceleration, state.acceleration[2]))
     radius, angle, height = zip(*rows, strict=True)
-    return jnp.stack(radius), jnp.stack(angle), jnp.stack(height)
+    return xp.stack(radius), xp.stack(angle), xp.stack(height)
 
 
+@in_numpy
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
     """Return a placement with a vertical axis about which the radial velocities at both ends are zero.
 
@@ -144,14 +148,14 @@ def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
     a, b = va @ (start.position[:2] - middle), vb @ (end.position[:2] - middle)
     determinant = va[0] * vb[1] - va[1] * vb[0]
     _require_crossing(va, vb)
-    point = middle + jnp.stack([a * vb[1] - b * va[1], b * va[0] - a * vb[0]]) / determinant
-    return Placement(jnp.concatenate([point, jnp.zeros_like(point[:1])]))
+    point = middle + xp.stack([a * vb[1] - b * va[1], b * va[0] - a * vb[0]]) / determinant
+    return Placement(xp.concatenate([point, xp.zeros_like(point[:1])]))
 
 
 def _rate_mismatch(a: Cylindrical, b: Cylindrical) -> Scalar:
-    largest = jnp.maximum(jnp.abs(a.rate), jnp.abs(b.rate))
-    safe = jnp.where(largest > 0, largest, 1.0)
-    return jnp.where(largest > 0, jnp.abs(a.rate - b.rate) / safe, jnp.inf)
+    largest = xp.maximum(abs(a.rate), abs(b.rate))
+    safe = xp.where(largest > 0, largest, 1.0)
+    return xp.where(largest > 0, abs(a.rate - b.rate) / safe, xp.inf)
 
 
 def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
@@ -164,7 +168,7 @@ def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
             )
 
 
-def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Scalar) -> None:
+def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Scalar, tolerance: float) -> None:
     mismatch_value, turn_value = concrete(mismatch), concrete(turn)
     if mismatch_value is None or turn_value is None:
         return
@@ -174,7 +178,6 @@ def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Sc
             "path with a constant rate about the axis. Pass another placement, or use SpiralHelix.hermite with a "
             "duration."
         )
-    tolerance = max(RATE_TOLERANCE, 16 * float(jnp.finfo(mismatch.dtype).eps))
     if mismatch_value > tolerance:
         raise ValueError(
             f"the boundary rates disagree: V_phi/rho is {float(a.rate):.6g} rad/s at the start and {float(b.rate):.6g} "

@@ -6,10 +6,11 @@ A triple contains x, y and z as separate arrays over all instants, so that all p
 
 from typing import Any
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
+from qtraj.algebra import vector
 from qtraj.algebra.sparse import add, mul, sub
+from qtraj.foundation.namespace import xp
 
 Triple = tuple[Any, Any, Any]
 """Components x, y, z as arrays of one shape; a component that is identically zero may be the integer 0."""
@@ -26,7 +27,7 @@ def cross(a: Any, b: Any) -> Any:
     """Return a × b of two triples, two vectors (3,), or two vectors of another type with a method `cross`."""
     if isinstance(a, tuple):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return a.cross(b) if hasattr(a, "cross") else jnp.cross(a, b)
+    return a.cross(b) if hasattr(a, "cross") else vector.cross(a, b)
 
 
 def add_vectors(a: Triple, b: Triple) -> Triple:
@@ -47,4 +48,4 @@ def rotated_z(v: Any, cos: Any, sin: Any) -> Triple:
 
 def select(condition: Array, a: Triple, b: Triple) -> Triple:
     """Select `a` where the condition is true, and `b` elsewhere."""
-    return (jnp.where(condition, a[0], b[0]), jnp.where(condition, a[1], b[1]), jnp.where(condition, a[2], b[2]))
+    return (xp.where(condition, a[0], b[0]), xp.where(condition, a[1], b[1]), xp.where(condition, a[2], b[2]))

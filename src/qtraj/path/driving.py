@@ -7,25 +7,28 @@ rates after the stop. If the direction of the velocity changes by more than 90°
 between forward motion and reverse. In reverse, the forward axis is opposite to the tangent.
 """
 
-import dataclasses
+from typing import ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.algebra.polynomial import evaluate
+from qtraj.algebra.polynomial import taylor_terms
+from qtraj.algebra.vector import cross
 from qtraj.foundation.arrays import as_float, concrete, is_traced, real_scalar, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.path import headings, pieces
+from qtraj.path.components import Triple, add_vectors, scaled, select
 from qtraj.path.frame_axes import UPRIGHT
+from qtraj.path.frame_components import Basis, FrameComponents, triple
+from qtraj.path.frenet import Invariants
 from qtraj.path.headings import level
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
-from qtraj.path.trihedral import AbstractFrame, Natural, Trihedral, Upright
+from qtraj.path.trihedral import AbstractFrame, Natural, Trihedral, Upright, from_rows
 from qtraj.path.vehicle import Vehicle
 
 ZERO_SPEED = 1e-9
@@ -50,6 +53,7 @@ class Driving(AbstractFrame):
     signs: Float[Array, " rows"]
     angles: Float[Array, "rows 2 6"]
     up: Vec3
+    supports_numpy: ClassVar[bool] = True
 
     def __repr__(self) -> str:
         return shown(self, starts="s", angles="rad")
@@ -97,32 +101,53 @@ class Driving(AbstractFrame):
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the trihedral at `t` [s]; x is opposite to the tangent in reverse, and follows `angles` at a stop."""
-        i = jnp.maximum(jnp.searchsorted(self.starts, t.astype(self.starts.dtype), side="right") - 1, 0)
-        sign = self.signs[i].astype(r.dtype)
-        held = self._held(t.astype(r.dtype), self.starts[i].astype(r.dtype), self.angles[i].astype(r.dtype))
-        derivatives = jnp.where(sign == 0, held, sign * r.at[0].set(0.0))
-        frame, path = self.trihedral(derivatives, duration), self.trihedral(r, duration)
-        return dataclasses.replace(frame, speed=path.speed, curvature=path.curvature, torsion=path.torsion)
+        return from_rows(self, t, r, duration)
 
-    def _held(self, t: Scalar, start: Scalar, angles: Float[Array, "2 6"]) -> Float[Array, "5 3"]:
-        """Return the derivatives (5, 3) of a fictitious motion at unit speed, with the heading and pitch of a stop.
+    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+        """Return the frame in components at the times `t` [s]."""
+        dtype = i.S.dtype
+        row = xp.maximum(xp.searchsorted(self.starts, t.astype(self.starts.dtype), side="right") - 1, 0)
+        sign = self.signs[row].astype(dtype)
+        held = self._held(t.astype(dtype), self.starts[row].astype(dtype), self.angles[row].astype(dtype))
+        directions = [
+            select(sign == 0, basis.local(v), scaled(own, sign)) for v, own in zip(held, i.r[1:4], strict=True)
+        ]
+        upright = Upright(self.up)
+        return upright.components(Invariants([i.r[0], *directions, i.r[4]]), basis, duration)
 
-        The rows of `angles` are the ascending coefficients of heading and pitch in the time since `start`. Rows 0
-        (position) and 4 (fourth derivative) of the result are zero, because the upright frame does not depend on them.
+    def _held(self, t: Array, start: Array, angles: Float[Array, "*times 2 6"]) -> tuple[Triple, Triple, Triple]:
+        """Return the first three derivatives of a fictitious motion at unit speed with the heading and pitch of a stop.
+
+        The rows of `angles` are the ascending coefficients of heading and pitch in the time since `start`. Let h be the
+        heading, p the pitch, and e(h) the horizontal unit vector at h. The velocity is cos p·e(h) + sin p·up.
         """
         up = Upright(self.up).unit_up(t.dtype)
         reference = level(up)
-        elapsed = jnp.where(jnp.isfinite(start), t - start, 0.0)
+        forward, left = triple(reference), triple(cross(up, reference))
+        elapsed = xp.where(xp.isfinite(start), t - start, 0.0)
+        (h, h1, h2), (p, p1, p2) = (
+            taylor_terms([angles[..., k, n] for n in range(angles.shape[-1])], elapsed, 2) for k in (0, 1)
+        )
+        h2, p2 = 2 * h2, 2 * p2  # Taylor coefficients to derivatives
+        ahead = _combined(forward, xp.cos(h), left, xp.sin(h))
+        aside = _combined(left, xp.cos(h), forward, -xp.sin(h))
+        cos, sin = xp.cos(p), xp.sin(p)
+        # The components along e(h), e'(h) and up of the velocity and its first two derivatives; e'' = −e.
+        rows = (
+            (cos, 0.0 * cos, sin),
+            (-sin * p1, cos * h1, cos * p1),
+            (-sin * p2 - cos * (p1**2 + h1**2), cos * h2 - 2 * sin * p1 * h1, cos * p2 - sin * p1**2),
+        )
+        vertical = triple(up)
+        first, second, third = (
+            add_vectors(_combined(ahead, row[0], aside, row[1]), scaled(vertical, row[2])) for row in rows
+        )
+        return first, second, third
 
-        def forward(s: Scalar) -> Vec3:
-            heading, pitch = evaluate(angles[0], s), evaluate(angles[1], s)
-            horizontal = jnp.cos(heading) * reference + jnp.sin(heading) * jnp.cross(up, reference)
-            return jnp.cos(pitch) * horizontal + jnp.sin(pitch) * up
 
-        with_rate = lambda s: jax.jvp(forward, (s,), (jnp.ones_like(s),))  # noqa: E731
-        (d, d1), (_, d2) = jax.jvp(with_rate, (elapsed,), (jnp.ones_like(elapsed),))
-        zero = jnp.zeros_like(d)
-        return jnp.stack([zero, d, d1, d2, zero])
+def _combined(a: Triple, x: Array, b: Triple, y: Array) -> Triple:
+    """Return x·a + y·b."""
+    return add_vectors(scaled(a, x), scaled(b, y))
 
 
 def default_frame(path: AbstractHodograph) -> AbstractFrame:

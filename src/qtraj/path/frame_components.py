@@ -7,11 +7,11 @@ over the instants. Where a frame does not exist, `defined` is false, but all val
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
 from qtraj.algebra import hamilton, quaternion, rotation
 from qtraj.algebra.cpu import cos_sin, inverse_root, root
+from qtraj.foundation.namespace import xp
 from qtraj.path.components import Triple, cross, dot, rotated_z, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.placement import Placement
@@ -53,10 +53,10 @@ class Basis:
         if placement is not None:
             dtype = placement.origin.dtype if angle is None else angle.dtype
             self.origin = triple(placement.origin.astype(dtype))
-            unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(dtype))
-            self.orientation = tuple(unit[..., k] for k in range(4))
+            unit = quaternion.unit(placement.orientation.astype(dtype))
+            self.orientation = quaternion.components(unit)
             # The rows of the direction cosine matrix are the axes of the placement in world components.
-            dcm = jnp.vectorize(rotation.to_dcm, signature="(q)->(i,j)")(unit)
+            dcm = rotation.to_dcm(unit)
             self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
 
     def world(self, v: Triple) -> Triple:
@@ -90,7 +90,7 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
     rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
-    zero = jnp.zeros_like(i.S)
+    zero = xp.zeros_like(i.S)
     axes = _axes(basis, i.r[1], scaled(i.c, inv_cross_norm), exists)
     return FrameComponents(axes, (rate[0], zero, rate[1]), (acceleration[0], zero, acceleration[1]), exists)
 
@@ -101,7 +101,7 @@ def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameCo
     i = Invariants(i.r, up)
     exists = has_upright_frame(i, duration)
     rate, acceleration = upright_rates(i, inverse_root(i.S, exists), inverse_root(i.H, exists))
-    return FrameComponents(_axes(basis, i.r[1], up, ~_vanishes(i.H)), rate, acceleration, exists)
+    return FrameComponents(_axes(basis, i.r[1], up, ~vanishes(i.H)), rate, acceleration, exists)
 
 
 def curvature(i: Invariants, duration: Array) -> Array:
@@ -131,7 +131,7 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple
     perpendicular to τ; if τ is steep, b is the direction closest to world x.
     """
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
-    stopped = _vanishes(S)
+    stopped = vanishes(S)
     tangent = select(stopped, forward, scaled(r1, inverse_root(S, ~stopped)))
     reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
     x, y, z = scaled(tangent, dot(reference, tangent))
@@ -142,5 +142,6 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple
     return tangent, normal, cross(tangent, normal)
 
 
-def _vanishes(square: Array) -> Array:
-    return square < float(jnp.finfo(square.dtype).tiny)
+def vanishes(square: Array) -> Array:
+    """Return whether a squared norm is below the smallest normal number."""
+    return square < float(xp.finfo(square.dtype).tiny)

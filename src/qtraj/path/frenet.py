@@ -9,8 +9,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-import jax.numpy as jnp
-
+from qtraj.foundation.namespace import xp
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import Contact
 
@@ -18,7 +17,7 @@ from qtraj.path.contact import Contact
 def safe_root(x: Any) -> Any:
     """Return √x, with derivative 0 where x is 0."""
     zero = x <= 0
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
+    return xp.where(zero, 0.0, xp.sqrt(xp.where(zero, 1.0, x)))
 
 
 class Invariants:
@@ -48,6 +47,7 @@ class Invariants:
         self.vehicle = vehicle
         self.root = root
         self.pace = pace
+        self.references: Any = None  # the squares to which S and N are compared (`regularity`), computed once
 
     @cached_property
     def v(self) -> Any:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.foundation.namespace import xp
 from qtraj.path import pieces
 from qtraj.path.stops import Segments, stops
 
@@ -145,11 +146,10 @@ def basis(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 
 def level(up: Any) -> Any:
     """Return the direction of zero heading: the horizontal projection of world x, or of y if x is nearly vertical."""
-    np_ = pieces.arithmetic(up)
-    x, y = (np_.asarray(axis, up.dtype) for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    reference = np_.where(np_.abs(up[0]) > 0.9, y, x)
+    x, y, _ = np.eye(3, dtype=up.dtype)
+    reference = xp.where(abs(up[0]) > 0.9, y, x)
     horizontal = reference - up * (up @ reference)
-    return horizontal / np_.sqrt(horizontal @ horizontal)
+    return horizontal / xp.sqrt(horizontal @ horizontal)
 
 
 def _rows(segments: Segments, intervals: list[tuple[float, float]], end: float, axes: np.ndarray) -> list[_Row]:

@@ -3,7 +3,7 @@
 import abc
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.drawing import draw
+from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
@@ -28,6 +29,11 @@ class AbstractHodograph(eqx.Module):
     """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`."""
 
     duration: eqx.AbstractVar[Scalar]
+    supports_numpy: ClassVar[bool] = False
+    """Whether the methods of the class accept and return NumPy arrays if all fields are NumPy arrays.
+
+    Paths that do not support this are computed by JAX, which compiles their functions.
+    """
 
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
@@ -46,6 +52,11 @@ class AbstractHodograph(eqx.Module):
         None means that the path is smooth everywhere. At the end of the array, several times may equal the duration.
         """
         return None
+
+    def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
+        """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
+        rows = jax.vmap(lambda t: self.derivatives(t, order))(t)
+        return [rows[:, k] for k in range(order + 1)]
 
     def position(self, t: ScalarLike) -> Vec3:
         """Return the position r(t), (3,) [m]."""
@@ -73,7 +84,7 @@ class AbstractHodograph(eqx.Module):
         4e-6), the result is NaN. The first estimates use about a thousand instants, so details of the speed between
         these instants may be missed.
         """
-        return _length(self)
+        return (_length if self.supports_numpy else _compiled_length)(self)
 
     def plot(self, frame: Any = None, trihedra: int = 6) -> "Figure":
         """Plot the path in space and trihedra along it, as a matplotlib figure (extra `viz`).
@@ -95,9 +106,12 @@ class AbstractHodograph(eqx.Module):
         document.save(self, file)
 
 
-@eqx.filter_jit
-def _length(path: AbstractHodograph) -> Scalar:
-    return arc_length(lambda t: norm(path.velocity(t)), as_float(path.duration))
+def _arc_length(path: AbstractHodograph) -> Scalar:
+    return arc_length(lambda t: norm(path.sampled(t, 1)[1]), as_float(path.duration))
+
+
+_compiled_length = eqx.filter_jit(_arc_length)
+_length = in_numpy(_arc_length, _compiled_length)
 
 
 class Curve(AbstractHodograph):

@@ -11,22 +11,23 @@ So the square of each moment is a ratio of polynomials times the square of a fac
 
 from typing import Any
 
+from qtraj.algebra.cpu import inverse_root
 from qtraj.path.frenet import binormal_acceleration, binormal_numerator, natural_acceleration, tangential_numerator
-from qtraj.path.path_quantity import PRINCIPAL, Division, PathQuantity, inverse_root, squared
+from qtraj.path.path_quantity import PRINCIPAL, PathQuantity, squared
 
 
-def _accelerations(i: Any, by: Division) -> tuple[Any, Any]:
+def _accelerations(i: Any) -> tuple[Any, Any]:
     """Return the angular acceleration of the trihedral along τ and b; zeros where the trihedral does not exist."""
-    inv_speed, inv_cross_norm = _inverses(i, by)
+    inv_speed, inv_cross_norm = _inverses(i)
     return natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
 
 
-def _inverses(i: Any, by: Division) -> tuple[Any, Any]:
-    return inverse_root(i.S, by), inverse_root(i.N, by)
+def _inverses(i: Any) -> tuple[Any, Any]:
+    return inverse_root(i.S), inverse_root(i.N)
 
 
-def _normal_square(i: Any, by: Division) -> Any:
-    inv_speed, inv_cross_norm = _inverses(i, by)
+def _normal_square(i: Any) -> Any:
+    inv_speed, inv_cross_norm = _inverses(i)
     return squared(i.T * (inv_speed * inv_cross_norm))
 
 
@@ -39,7 +40,7 @@ MOMENT_QUANTITIES = (
         "magnitude of the moment about τ that rotates a body with the natural trihedral",
         numerator=lambda i: squared(tangential_numerator(i)),
         denominator=lambda i: i.S * squared(squared(i.N)),
-        square=lambda i, by: squared(_accelerations(i, by)[0]),
+        square=lambda i: squared(_accelerations(i)[0]),
         divisor="cross_norm",
         needs=PRINCIPAL,
         factor_unit="kg m2",
@@ -67,7 +68,7 @@ MOMENT_QUANTITIES = (
         "magnitude of the moment about b that rotates a body with the natural trihedral",
         numerator=lambda i: squared(binormal_numerator(i)),
         denominator=lambda i: i.N * squared(squared(i.S)),
-        square=lambda i, by: squared(binormal_acceleration(i, *_inverses(i, by))),
+        square=lambda i: squared(binormal_acceleration(i, *_inverses(i))),
         divisor="cross_norm",
         needs=PRINCIPAL,
         factor_unit="kg m2",

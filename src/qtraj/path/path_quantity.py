@@ -2,26 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
-import jax.numpy as jnp
-
+from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation import units
+from qtraj.foundation.namespace import is_host, xp
 
 Formula = Callable[[Any], Any]
 """A function of `Invariants` of any numeric type."""
-
-
-class Division(NamedTuple):
-    """Functions for division: the quotient of two numbers with a positive divisor, and 1/√x for x > 0."""
-
-    quotient: Callable[[Any, Any], Any]
-    inverse_root: Callable[[Any], Any]
-
-
-PLAIN = Division(lambda numerator, denominator: numerator / denominator, lambda x: x**-0.5)
 
 
 LOAD = "load"
@@ -59,11 +47,11 @@ class PathQuantity:
     numerator: Formula
     denominator: Formula | None = None
     divisor: str | None = None
-    square: Callable[[Any, Division], Any] | None = None
+    square: Formula | None = None
     output: str = ""
     upright: bool = False
     bounds_speed: bool = False
-    signed: Callable[[Any, Division], Any] | None = None
+    signed: Formula | None = None
     infinite: Formula | None = None
     needs: str = ""
     factor: Formula | None = None
@@ -103,18 +91,18 @@ class PathQuantity:
         """Return the value of `factor` for the parameters of this vehicle, or 1 if there is no factor."""
         return 1.0 if self.factor is None else self.factor(vehicle)
 
-    def squared(self, i: Any, by: Division = PLAIN) -> Any:
+    def squared(self, i: Any) -> Any:
         """Return the square of `value`, at one instant or many: `inf` at a pole, 0 if the quantity is negative."""
         if self.signed is not None:
-            return squared(jnp.maximum(self.signed(i, by), 0.0))
+            return squared(xp.maximum(self.signed(i), 0.0))
         if self.square is not None:
-            return self.square(i, by)
+            return self.square(i)
         numerator = self.numerator(i)
-        return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
+        return numerator if self.denominator is None else ratio(numerator, self.denominator(i))
 
-    def value(self, i: Any, by: Division = PLAIN) -> Any:
+    def value(self, i: Any) -> Any:
         """Return the quantity, divided by its `factor`, in floating point at one instant or many; `inf` at a pole."""
-        return i.root(self.squared(i, by)) if self.signed is None else self.signed(i, by)
+        return i.root(self.squared(i)) if self.signed is None else self.signed(i)
 
     def exceeds(self, i: Any, bound: Any) -> Any:
         """Return whether the quantity, divided by its `factor`, is larger than `bound`; computed without division."""
@@ -123,16 +111,13 @@ class PathQuantity:
         return above if self.infinite is None else above | self.infinite(i)
 
 
-def ratio(numerator: Any, denominator: Any, by: Division = PLAIN) -> Any:
+def ratio(numerator: Any, denominator: Any) -> Any:
     """Return numerator/denominator; 0/0 is 0, and x/0 is `inf` with zero gradient; NaN remains NaN."""
-    return _ratio(jnp.asarray(numerator), jnp.asarray(denominator), by)
-
-
-@partial(jax.jit, static_argnames="by")
-def _ratio(numerator: Any, denominator: Any, by: Division) -> Any:
     zero = denominator <= 0
-    quotient = by.quotient(numerator, jnp.where(zero, 1.0, denominator))
-    return jnp.where(zero, jnp.where(numerator > 0, jnp.inf, 0.0 * numerator), quotient)
+    divisor = xp.where(zero, 1.0, denominator)
+    # XLA's compiler for CPUs splits the loop over the instants at each division, but not at the products of a root.
+    quotient = numerator / divisor if is_host(numerator, divisor) else numerator * inverse_root(divisor) ** 2
+    return xp.where(zero, xp.where(numerator > 0, xp.inf, 0.0 * numerator), quotient)
 
 
 def squared(x: Any) -> Any:
@@ -143,10 +128,3 @@ def squared(x: Any) -> Any:
 def cubed(x: Any) -> Any:
     """Return the cube of x."""
     return x * (x * x)
-
-
-@partial(jax.jit, static_argnames="by")
-def inverse_root(x: Any, by: Division) -> Any:
-    """Return 1/√x, and 0 where x is not positive."""
-    zero = x <= 0
-    return jnp.where(zero, 0.0, by.inverse_root(jnp.where(zero, 1.0, x)))

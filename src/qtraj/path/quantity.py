@@ -7,25 +7,26 @@ datasets, figures, proofs and tuning use this registry.
 
 from typing import Any, NamedTuple
 
+from qtraj.algebra.cpu import inverse_root
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
-from qtraj.path.path_quantity import Division, PathQuantity, cubed, inverse_root, ratio, squared
+from qtraj.path.path_quantity import PathQuantity, cubed, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
 
-def _rate_square(i: Any, by: Division) -> Any:
-    return i.S * ratio(squared(i.T), squared(i.N), by) + ratio(i.N, squared(i.S), by)
+def _rate_square(i: Any) -> Any:
+    return i.S * ratio(squared(i.T), squared(i.N)) + ratio(i.N, squared(i.S))
 
 
-def _acceleration_square(i: Any, by: Division) -> Any:
+def _acceleration_square(i: Any) -> Any:
     """Return the squared angular acceleration of the natural trihedral, or zero where the trihedral does not exist."""
-    inv_speed, inv_cross_norm = (inverse_root(x, by) for x in (i.S, i.N))
+    inv_speed, inv_cross_norm = (inverse_root(x) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return squared(along) + squared(across)
 
 
-def _yaw_acceleration_square(i: Any, by: Division) -> Any:
-    return squared(yaw(i, inverse_root(i.S, by), inverse_root(i.H, by))[1])
+def _yaw_acceleration_square(i: Any) -> Any:
+    return squared(yaw(i, inverse_root(i.S), inverse_root(i.H))[1])
 
 
 def _acceleration_numerator(i: Any) -> Any:

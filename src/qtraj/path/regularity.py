@@ -3,13 +3,14 @@
 The functions accept numbers or triples of arrays, as in `frenet`.
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from qtraj.path.components import dot
+from qtraj.algebra.sparse import is_one
+from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 
 Numbers = Float[Array, "..."]
@@ -61,18 +62,35 @@ def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
     """Return the values to which S = |r'|² and N = |r' × r''|² are compared, to decide whether they are zero."""
-    square = i.A
-    speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
-    return speed_scale, i.S * (square + i.S / duration**2)
+    known = i.references
+    if known is None or known[0] is not duration:
+        span = duration**2
+        squares = i.S + span * i.A + span**2 * i.J, cross_norm_reference(i, span)
+        i.references = known = (duration, squares)
+    return known[1]
+
+
+def cross_norm_reference(i: Invariants, span: Any) -> Any:
+    """Return the value to which N = |r' × r''|² is compared, for the square of the duration.
+
+    The invariants are numbers or, if `span` is the integer 1, polynomials.
+    """
+    return i.S * (i.A + (i.S if is_one(span) else i.S / span))
 
 
 def is_significant(square: Any, reference: Any) -> Flags:
     """Return whether `square` exceeds both `reference` times the squared tolerance and the smallest normal number."""
-    limits = jnp.finfo(square.dtype)
-    tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
-    return jnp.maximum(reference * tolerance, float(limits.tiny)) < square
+    tolerance, tiny = _limits(square.dtype)
+    return xp.maximum(reference * tolerance, tiny) < square
+
+
+@functools.cache
+def _limits(dtype: Any) -> tuple[float, float]:
+    """Return the squared tolerance, and the smallest normal number."""
+    limits = xp.finfo(dtype)
+    return (DEFINED_TOLERANCE * float(limits.eps)) ** 2, float(limits.tiny)
 
 
 def _ratio(square: Any, reference: Any) -> Any:
     positive = reference > 0
-    return jnp.where(positive, square / jnp.where(positive, reference, 1.0), 0.0)
+    return xp.where(positive, square / xp.where(positive, reference, 1.0), 0.0)

@@ -2,30 +2,30 @@
 
 from typing import Any
 
-import jax.numpy as jnp
-
+from qtraj.algebra.cpu import inverse_root
+from qtraj.foundation.namespace import xp
 from qtraj.path import contact
-from qtraj.path.path_quantity import LOAD, VEHICLE, Division, PathQuantity, inverse_root, ratio, squared
+from qtraj.path.path_quantity import LOAD, VEHICLE, PathQuantity, ratio, squared
 
 
-def _friction_square(i: Any, by: Division) -> Any:
+def _friction_square(i: Any) -> Any:
     """Return the square of the friction demand.
 
     It is infinite where the normal load is negative, or is zero although a force acts in the plane of the road.
     """
     load = i.contact.onto
     # On a vertical path the load is zero, so any force along the path makes the friction demand infinite.
-    numerator = jnp.where(i.H > 0, contact.friction_numerator(i), squared(i.contact.along))
-    return jnp.where(load < 0, jnp.inf, ratio(numerator, squared(jnp.where(load < 0, 1.0, load)), by))
+    numerator = xp.where(i.H > 0, contact.friction_numerator(i), squared(i.contact.along))
+    return xp.where(load < 0, xp.inf, ratio(numerator, squared(xp.where(load < 0, 1.0, load))))
 
 
-def _normal_load(i: Any, by: Division) -> Any:
-    return i.vehicle.mass * (i.contact.onto * (inverse_root(i.S, by) * inverse_root(i.H, by)))
+def _normal_load(i: Any) -> Any:
+    return i.vehicle.mass * (i.contact.onto * (inverse_root(i.S) * inverse_root(i.H)))
 
 
-def _power(i: Any, by: Division) -> Any:
+def _power(i: Any) -> Any:
     p = i.vehicle
-    return i.pace * (p.mass * (i.contact.along + p.rolling * (i.contact.onto * inverse_root(i.H, by))))
+    return i.pace * (p.mass * (i.contact.along + p.rolling * (i.contact.onto * inverse_root(i.H))))
 
 
 ROAD_QUANTITIES = (

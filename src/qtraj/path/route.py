@@ -1,13 +1,14 @@
 """Define routes, which represent a whole drive or flight as one path of polynomial segments."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, concrete, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
+from qtraj.foundation.methods import method
+from qtraj.foundation.namespace import in_numpy, is_host, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
@@ -60,6 +61,7 @@ class Route(AbstractHodograph, AbstractResult):
     coefficients: Float[Array, "rows terms 3"]
     duration: Scalar
     origin: Vec3
+    supports_numpy: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -71,25 +73,25 @@ class Route(AbstractHodograph, AbstractResult):
     ):
         orders = [position, velocity, acceleration, *([] if jerk is None else [jerk])]
         self.starts, self.coefficients, self.duration, self.origin = route_input.from_states(times, orders)
-        warn_if_coarse(self.origin, "the position of a route")
+        warn_if_coarse(position, "the position of a route")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return position and derivatives up to `order` at one instant `t` [s]; row k in [m s^-k]."""
-        t = one_instant(t).astype(self.duration.dtype)
-        i = self.index(t)
+        return _derivatives(self, one_instant(t).astype(self.duration.dtype), order)
+
+    def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
+        """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
+        i = _index(self.starts, t)
         rows = pieces.values(self.coefficients[i], t - self.starts[i], order)
-        return jnp.stack([rows[0] + self.origin, *rows[1:]])
+        return [rows[0] + self.origin.reshape((1,) * t.ndim + (3,)), *rows[1:]]
 
     def index(self, t: ScalarLike) -> Int[Array, ""]:
         """Return the index of the segment at the time `t` [s]; at a joint, the index of the later segment."""
-        t = one_instant(t).astype(self.duration.dtype)
-        return jnp.maximum(jnp.searchsorted(self.starts, t, side="right") - 1, 0)
+        return _index(self.starts, one_instant(t).astype(self.duration.dtype))
 
     def nodes(self) -> Float[Array, " nodes"]:
         """Return the times [s] of the joints and of three instants in each segment; padding repeats the duration."""
-        parts = jnp.asarray(np.arange(4) / 4, self.duration.dtype)
-        h = pieces.durations(self.starts, self.duration)
-        return (jnp.minimum(self.starts, self.duration)[:, None] + h[:, None] * parts[None]).ravel()
+        return _nodes(self.starts, self.duration)
 
     @property
     def segments(self) -> int:
@@ -105,7 +107,7 @@ class Route(AbstractHodograph, AbstractResult):
 
         **Raises:** ValueError inside a trace, where their number is unknown.
         """
-        return as_array(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts.dtype)
+        return _like(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts)
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
         """Return position and derivatives up to `order` at all joints; at inner joints the later segment is used."""
@@ -114,7 +116,7 @@ class Route(AbstractHodograph, AbstractResult):
         last = np.stack(pieces.values(c[-1], _concrete(self.duration) - starts[-1], order))
         states = np.concatenate([first, last[None]])
         states[:, 0] += _concrete(self.origin)
-        return as_array(states, c.dtype)
+        return _like(states, self.coefficients)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
         """Return the jumps of r and its derivatives at each inner joint (value after minus value before the joint)."""
@@ -122,7 +124,7 @@ class Route(AbstractHodograph, AbstractResult):
         c = _concrete(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
         starts = np.stack(pieces.values(c[1:], np.zeros_like(h[1:]), order), axis=1)
-        return as_array(starts - ends, c.dtype)
+        return _like(starts - ends, self.coefficients)
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.
@@ -269,6 +271,23 @@ class Route(AbstractHodograph, AbstractResult):
         return np.diff(_concrete(self.times))
 
 
+@in_numpy
+def _derivatives(route: Route, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
+    return xp.stack(method(route, "sampled")(t, order))
+
+
+@of_arrays
+def _index(starts: Float[Array, " rows"], t: Array) -> Int[Array, "..."]:
+    return xp.maximum(xp.searchsorted(starts, t, side="right") - 1, 0)
+
+
+@of_arrays
+def _nodes(starts: Float[Array, " rows"], duration: Scalar) -> Float[Array, " nodes"]:
+    parts = (np.arange(4) / 4).astype(duration.dtype)
+    h = pieces.durations(starts, duration)
+    return (xp.minimum(starts, duration)[:, None] + h[:, None] * parts[None]).ravel()
+
+
 def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
     """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
     if c.ndim != 3 or c.shape[2] != 3 or c.shape[0] != starts.shape[0] or c.shape[1] > pieces.TERMS[-1]:
@@ -283,6 +302,11 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
     ):
         object.__setattr__(route, name, as_float(value))
     return route
+
+
+def _like(values: np.ndarray, x: Any) -> Any:
+    """Return the values as an array of the same kind and dtype as `x`."""
+    return values if is_host(x) else as_array(values, x.dtype)
 
 
 def _concrete(x: Any) -> np.ndarray:

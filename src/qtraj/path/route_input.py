@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Array
 from numpy.polynomial import polynomial as power
 
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import ArrayInput
 from qtraj.path import pieces
 from qtraj.path.moving_basis import MovingPolynomials
@@ -32,14 +33,16 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
     """
     joints: Any = _times(times)
     states = [_states(x, name, joints) for x, name in zip(orders, NAMES, strict=False)]
-    np_ = pieces.arithmetic(joints, *states)
-    if np_ is np:
-        joints, states = np.asarray(joints), [np.asarray(x) for x in states]
+    return _joined(joints, states)
+
+
+@in_numpy
+def _joined(joints: Any, states: list[Any]) -> Pieces:
     elapsed, origin = joints - joints[0], states[0][0]
-    local = np_.stack([states[0] - origin[None], *states[1:]], axis=1)
+    local = xp.stack([states[0] - origin[None], *states[1:]], axis=1)
     c = pieces.hermite(elapsed[1:] - elapsed[:-1], local)
     starts, c = pieces.padded(elapsed[:-1], c)
-    return as_float(starts), as_float(c), as_float(elapsed[-1]), as_float(origin)
+    return starts, c, xp.asarray(elapsed[-1]), origin
 
 
 def from_piecewise(spline: Any) -> Pieces:
@@ -125,20 +128,13 @@ def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
 
 
 def _states_at(path: Any, times: np.ndarray) -> np.ndarray:
-    """Return position, velocity, acceleration and jerk at `times` (n,), as (n, 4, 3).
-
-    The evaluated times are padded, so that different numbers of times share an executable.
-    """
-    rows = pieces.padded_size(len(times))
-    padded = np.pad(times, (0, rows - len(times)), mode="edge")
-    return np.array(_derivatives(path, padded), float)[: len(times)]
+    """Return position, velocity, acceleration and jerk at `times` (n,), as (n, 4, 3)."""
+    compute = in_numpy(_sampled) if path.supports_numpy else eqx.filter_jit(_sampled)
+    return np.array(compute(path, times), float)
 
 
-def _derivatives(path: Any, times: np.ndarray) -> Array:
-    import equinox as eqx
-    import jax
-
-    return eqx.filter_jit(jax.vmap(lambda t: path.derivatives(t, 3)))(as_float(times))
+def _sampled(path: Any, times: Any) -> Any:
+    return xp.stack(path.sampled(times, 3), axis=1)
 
 
 def _moving(polynomials: MovingPolynomials) -> tuple[Any, Any, Any, Any]:

@@ -4,16 +4,12 @@
 `Route`. A local time is measured from the start of a segment.
 """
 
-from typing import Any
-
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.types import Scalar, Vec3
+from qtraj.foundation.namespace import in_numpy_or_jit, repeat, stop_gradient, xp
+from qtraj.foundation.types import Scalar
 from qtraj.path import pieces
 
 NODES, PANELS = 12, 8
@@ -27,61 +23,60 @@ POINTS = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
 WEIGHTS = np.tile(_WEIGHTS / (2 * PANELS), PANELS)
 
 
-@jax.jit
+@in_numpy_or_jit
 def total(starts: Array, c: Array, duration: Scalar) -> Scalar:
     """Return the length [m] of the whole route."""
-    return jnp.sum(lengths(starts, c, duration))
+    return xp.sum(lengths(starts, c, duration))
 
 
-@jax.jit
+@in_numpy_or_jit
 def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
     """Return the length [m] from the start to the time `t` [s]."""
-    i = jnp.maximum(jnp.searchsorted(starts, t, side="right") - 1, 0)
-    before = jnp.where(jnp.arange(starts.shape[0], dtype=i.dtype) < i, lengths(starts, c, duration), 0.0)
-    return jnp.sum(before) + _length(c[i], t - starts[i])
+    i = xp.maximum(xp.searchsorted(starts, t, side="right") - 1, 0)
+    before = xp.where(np.arange(starts.shape[0]) < i, lengths(starts, c, duration), 0.0)
+    return xp.sum(before) + _length(c[i], t - starts[i])
 
 
-@jax.jit
+@in_numpy_or_jit
 def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
     """Return the time [s] at which the arc length from the start is `s` [m].
 
     The result is differentiable where the speed is not zero.
     """
     each = lengths(starts, c, duration)
-    before = jnp.concatenate([jnp.zeros((1,), each.dtype), jnp.cumsum(each)])
-    i = jnp.clip(jnp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)
-    i = jnp.minimum(i, jnp.sum(jnp.isfinite(starts), dtype=i.dtype) - 1)
+    before = xp.concatenate([0.0 * each[:1], xp.cumsum(each)])
+    i = xp.clip(xp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)
+    i = xp.minimum(i, xp.sum(xp.isfinite(starts), dtype=i.dtype) - 1)
     piece, h, rest = c[i], pieces.durations(starts, duration)[i], s - before[i]
     fixed = stop_gradient((piece, h, rest))
 
-    def halve(_: Any, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+    def halve(bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = bounds
         middle = 0.5 * (low + high)
         is_low = _length(fixed[0], middle) < fixed[2]
-        return jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)
+        return xp.where(is_low, middle, low), xp.where(is_low, high, middle)
 
-    _, time = jax.lax.fori_loop(0, STEPS, halve, (jnp.zeros_like(fixed[1]), fixed[1]))
-    time = jnp.where(fixed[2] <= 0, 0.0, time)
+    _, time = repeat(STEPS, halve, (xp.zeros_like(fixed[1]), fixed[1]))
+    time = xp.where(fixed[2] <= 0, 0.0, time)
     # Bisection is not differentiable. One final Newton step leaves the value unchanged and supplies the derivatives.
     speed = _speed(fixed[0], time)
     inside = (fixed[2] > 0) & (time < fixed[1]) & (speed > 0)
     error = _length(piece, time) - rest
-    change = jnp.where(inside, (error - stop_gradient(error)) / jnp.where(inside, speed, 1.0), 0.0)
+    change = xp.where(inside, (error - stop_gradient(error)) / xp.where(inside, speed, 1.0), 0.0)
     return starts[i] + time - change
 
 
-@jax.jit
+@in_numpy_or_jit
 def lengths(starts: Array, c: Array, duration: Scalar) -> Float[Array, " rows"]:
     """Return the length [m] of each segment; the length of padding is zero."""
-    return jax.vmap(_length)(c, pieces.durations(starts, duration))
+    return _length(c, pieces.durations(starts, duration))
 
 
-def _length(c: Float[Array, "terms 3"], h: Scalar) -> Scalar:
-    """Return the length [m] of a segment from its start to the local time `h` [s]."""
-    points, weights = (jnp.asarray(x, h.dtype) for x in (POINTS, WEIGHTS))
-    return h * (weights @ jax.vmap(lambda x: _speed(c, h * x))(points))
+def _length(c: Float[Array, "*rows terms 3"], h: Array) -> Array:
+    """Return the lengths [m] of segments from their starts to the local times `h` (rows) [s]."""
+    points, weights = (x.astype(h.dtype) for x in (POINTS, WEIGHTS))
+    return h * (_speed(c[..., None, :, :], h[..., None] * points.reshape((1,) * h.ndim + (-1,))) @ weights)
 
 
-def _speed(c: Float[Array, "terms 3"], s: Scalar) -> Scalar:
-    velocity: Vec3 = pieces.values(c, s, 1)[1]
-    return norm(velocity)
+def _speed(c: Float[Array, "*rows terms 3"], s: Array) -> Array:
+    return norm(pieces.values(c, s, 1)[1])

@@ -1,14 +1,12 @@
 """Find the point on a route nearest to a given point."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array
 
 from qtraj.algebra.vector import norm
+from qtraj.foundation.namespace import in_numpy_or_jit, repeat, stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
@@ -31,7 +29,7 @@ class Nearest(NamedTuple):
         return shown(self, time="s", position="m", distance="m")
 
 
-@jax.jit
+@in_numpy_or_jit
 def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
     """Find the nearest point on a route; `point` and the resulting position are relative to the origin of the route.
 
@@ -40,28 +38,28 @@ def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
     """
     fixed, target = stop_gradient((c, point))
     h = stop_gradient(pieces.durations(starts, duration))
-    u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)
+    u = np.linspace(0.0, 1.0, PARTS + 1).astype(c.dtype)
     s = h[:, None] * u[None]  # the axes are the segments and the samples
-    spread = jnp.broadcast_to(fixed[:, None], (*s.shape, *fixed.shape[1:]))
+    spread = xp.broadcast_to(fixed[:, None], (*s.shape, *fixed.shape[1:]))
     offset = pieces.values(spread, s, 0)[0] - target[None, None]
-    best = jnp.argmin(jnp.sum(offset**2, axis=-1), axis=1)
-    middle = jnp.take_along_axis(s, best[:, None], axis=1)[:, 0]
-    low, high = jnp.maximum(middle - h / PARTS, 0.0), jnp.minimum(middle + h / PARTS, h)
+    best = xp.argmin(xp.sum(offset**2, axis=-1), axis=1)
+    middle = xp.take_along_axis(s, best[:, None], axis=1)[:, 0]
+    low, high = xp.maximum(middle - h / PARTS, 0.0), xp.minimum(middle + h / PARTS, h)
 
-    def newton(_: Any, s: Array) -> Array:
+    def newton(s: Array) -> Array:
         r, v, a = pieces.values(fixed, s, 2)
         offset = r - target[None]
-        gradient, hessian = jnp.sum(offset * v, axis=-1), jnp.sum(v * v + offset * a, axis=-1)
+        gradient, hessian = xp.sum(offset * v, axis=-1), xp.sum(v * v + offset * a, axis=-1)
         convex = hessian > 0
-        step = jnp.where(convex, -gradient / jnp.where(convex, hessian, 1.0), -jnp.sign(gradient) * h / PARTS)
-        return jnp.clip(s + step, low, high)
+        step = xp.where(convex, -gradient / xp.where(convex, hessian, 1.0), -xp.sign(gradient) * h / PARTS)
+        return xp.clip(s + step, low, high)
 
-    refined = jax.lax.fori_loop(0, STEPS, newton, middle)
-    times = jnp.stack([middle, refined])
-    both = jnp.broadcast_to(fixed[None], (2, *fixed.shape))
-    squares = jnp.sum((pieces.values(both, times, 0)[0] - target[None, None]) ** 2, axis=-1)
-    squares = jnp.where(jnp.isfinite(starts)[None], squares, jnp.inf)
-    best = jnp.argmin(squares)
+    refined = repeat(STEPS, newton, middle)
+    times = xp.stack([middle, refined])
+    both = xp.broadcast_to(fixed[None], (2, *fixed.shape))
+    squares = xp.sum((pieces.values(both, times, 0)[0] - target[None, None]) ** 2, axis=-1)
+    squares = xp.where(xp.isfinite(starts)[None], squares, xp.inf)
+    best = xp.argmin(squares)
     row = best % starts.shape[0]
     s = times.reshape(-1)[best]
     position = pieces.values(c[row], s, 0)[0]

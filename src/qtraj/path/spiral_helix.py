@@ -3,24 +3,25 @@
 The radius ρ, the azimuth φ and the height h are polynomials in t; i, j and k are the axes of the placement.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.methods import method
+from qtraj.foundation.namespace import in_numpy, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.components import rotated_z
+from qtraj.path.frame_components import filled
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
 
 
@@ -48,6 +49,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     duration: Scalar
     placement: Placement | None
     mismatch: Scalar
+    supports_numpy: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -87,21 +89,30 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
-        rows = self.rotating_derivatives(t, order)
-        phi = polynomial.evaluate(self.angle, t)
-        local = jnp.stack(rotated_z((rows[:, 0], rows[:, 1], rows[:, 2]), jnp.cos(phi), jnp.sin(phi)), axis=-1)
+        return _derivatives(self, one_instant(t), order)
+
+    def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
+        """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
+        polynomials = method(self, "polynomials")()
+        x, y, z, angle = method(polynomials, "series")(t, order)
+        cos, sin, zero = xp.cos(angle[0]), xp.sin(angle[0]), xp.zeros_like(angle[0])
+        rows = [rotated_z(filled(row, zero), cos, sin) for row in in_moving_basis(x, y, z, angle)]
+        world = [xp.stack(row, axis=-1) for row in rows]
         if self.placement is None:
-            return local
-        world = jax.vmap(self.placement.to_world)(local)
-        return world.at[0].add(self.placement.origin.astype(world.dtype))
+            return world
+        to_world = method(self.placement, "to_world")
+        world = [to_world(row) for row in world]
+        return [
+            world[0] + self.placement.origin.astype(world[0].dtype).reshape((1,) * angle[0].ndim + (3,)),
+            *world[1:],
+        ]
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its derivatives at `t` in radial, azimuthal and axial components; row k in [m s^-k].
 
         r is relative to the placement's origin.
         """
-        rows = self.polynomials().components(one_instant(t), order)
-        return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
+        return _rotating(self, one_instant(t), order)
 
     def polynomials(self) -> MovingPolynomials:
         """Return the coefficients of the components radius, 0 and height in the rotating basis, and of its angle."""
@@ -110,7 +121,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     @property
     def turn(self) -> Scalar:
         """The signed angle of rotation [rad] about the axis from start to end."""
-        return polynomial.evaluate(self.angle, self.duration) - self.angle[0]
+        return _turn(self.angle, self.duration)
 
     @classmethod
     def from_boundary(
@@ -128,7 +139,8 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         integer ≥ 0, or an acceleration is given. Traced values are not checked; check the `mismatch` of the path
         instead.
         """
-        return cls(*problem.uniform(start, end, turns, placement))
+        eps = float(np.finfo(np.result_type(start.position, end.position)).eps)
+        return cls(*problem.uniform(start, end, turns, placement, eps))
 
     @classmethod
     def hermite(
@@ -161,11 +173,27 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         return cls.hermite(start, end, duration, turns, axis)
 
 
+@in_numpy
+def _derivatives(path: SpiralHelix, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
+    return xp.stack(method(path, "sampled")(t, order))
+
+
+@in_numpy
+def _rotating(path: SpiralHelix, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
+    rows = path.polynomials().components(t, order)
+    return xp.stack([xp.stack([xp.asarray(x, path.duration.dtype) for x in row]) for row in rows])
+
+
 def _ends(coefficients: Array, duration: Array) -> np.ndarray:
     """Return the values of polynomials (*batch, n) at time 0 and at the durations (*batch), in this order."""
     c, t = np.asarray(coefficients), np.asarray(duration)
     powers = t[..., None] ** np.arange(c.shape[-1])
     return np.stack([c[..., 0], np.sum(c * powers, axis=-1)])
+
+
+@of_arrays
+def _turn(angle: Float[Array, " n"], duration: Scalar) -> Scalar:
+    return polynomial.evaluate(angle, duration) - angle[0]
 
 
 def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:

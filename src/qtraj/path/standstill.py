@@ -9,9 +9,9 @@ direction, the forces at the stop are the limiting values of the forces during t
 from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
+from qtraj.foundation.namespace import xp
 from qtraj.path.components import Triple, dot, scaled, select
 from qtraj.path.frame_components import filled
 from qtraj.path.frenet import Invariants, safe_root
@@ -35,10 +35,10 @@ def driven_invariants(
     in the direction of the motion after the stop. At the end of the path, the direction of the motion before the stop
     is used instead. If all derivatives are zero, as for a parked vehicle, the vector is horizontal.
     """
-    zero = jnp.zeros_like(rows[0][0])
+    zero = xp.zeros_like(rows[0][0])
     rows = [filled(row, zero) for row in rows]
     moving = has_tangent(Invariants(rows, up), duration)
-    direction, pace = _direction(rows, up, t, duration), jnp.where(moving, 1.0, 0.0).astype(zero.dtype)
+    direction, pace = _direction(rows, up, t, duration), xp.where(moving, 1.0, 0.0).astype(zero.dtype)
     rows = [rows[0], select(moving, rows[1], direction), *rows[2:]]
     return Invariants(rows, up, vehicle, root, pace)
 
@@ -49,10 +49,10 @@ def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array)
     The vector is the first derivative of order 2 or higher that differs significantly from zero. If `t` is the end of
     the path and the order is even, the sign is reversed. If there is no such derivative, the vector is horizontal.
     """
-    at_end = t >= duration * (1 - DEFINED_TOLERANCE * float(jnp.finfo(rows[0][0].dtype).eps))
-    backwards = jnp.where(at_end, -1.0, 1.0).astype(rows[0][0].dtype)
+    at_end = t >= duration * (1 - DEFINED_TOLERANCE * float(xp.finfo(rows[0][0].dtype).eps))
+    backwards = xp.where(at_end, -1.0, 1.0).astype(rows[0][0].dtype)
     squares = [dot(row, row) for row in rows[2:]]
-    found, reference = _horizontal(rows[0][0], up), jnp.zeros_like(squares[0])
+    found, reference = _horizontal(rows[0][0], up), xp.zeros_like(squares[0])
     for k in reversed(range(len(squares))):
         reference = squares[k] + duration**2 * reference
         # Before a stop, the motion is opposite to the first nonzero derivative if the order of this derivative is even.
@@ -63,7 +63,7 @@ def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array)
 
 def _horizontal(like: Array, up: Triple | None) -> Triple:
     """Return a horizontal vector, with components shaped like `like`; `up` None means that the third axis is up."""
-    zero, one = jnp.zeros_like(like), jnp.ones_like(like)
+    zero, one = xp.zeros_like(like), xp.ones_like(like)
     if up is None:
         return one, zero, zero
     return select(up[0] ** 2 + up[1] ** 2 > 0.5, (-up[1], up[0], zero), (up[2] + zero, zero, -up[0] + zero))

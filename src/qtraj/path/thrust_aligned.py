@@ -17,21 +17,25 @@ from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
 from qtraj.algebra.cpu import inverse_root
-from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Flag, Scalar, Vec3
+from qtraj.foundation.types import ArrayInput, Scalar, Vec3
+from qtraj.path.components import Triple, add_vectors, cross, dot, scaled, select
 from qtraj.path.frame_axes import THRUST_ALIGNED
-from qtraj.path.frame_components import STEEP
+from qtraj.path.frame_components import FORWARD, STEEP, UP, Basis, FrameComponents, triple, vanishes
 from qtraj.path.frenet import Invariants
 from qtraj.path.regularity import has_tangent, is_significant
-from qtraj.path.trihedral import AbstractFrame, Trihedral, axis, with_axes
+from qtraj.path.trihedral import AbstractFrame, Trihedral, from_rows
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
-Three = tuple[Vec3, Vec3, Vec3]
+LEFT = (0, 1, 0)
+"""World y."""
+
+Three = tuple[Triple, Triple, Triple]
 """A vector and its first two time derivatives."""
 
 Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
@@ -75,43 +79,55 @@ class ThrustAligned(AbstractFrame):
         """The name of the frame in labelled data."""
         return THRUST_ALIGNED
 
+    @property
+    def supports_numpy(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether the heading is not a function, because JAX differentiates functions."""
+        return not callable(self.heading)
+
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the trihedral at t = 0; the time is relevant only if the heading is a function of time."""
-        return self.at(jnp.zeros_like(duration), r, duration)
+        return self.at(xp.zeros_like(duration), r, duration)
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the trihedral at the time `t` [s] from r and its first four time derivatives, in world axes."""
-        i, duration = Invariants(r), duration.astype(r.dtype)
-        gravity = self.gravity.astype(r.dtype)
-        f = (r[2] - gravity, r[3], r[4])
-        exists = has_tangent(i, duration) if self.heading is None else jnp.asarray(True)
-        c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(r.dtype))
+        return from_rows(self, t.astype(r.dtype), r, duration)
+
+    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+        """Return the frame in components at the times `t` [s]."""
+        r, dtype = i.r, i.S.dtype
+        gravity = basis.local(triple(self.gravity.astype(dtype)))
+        f = (add_vectors(r[2], scaled(gravity, -1)), r[3], r[4])
+        c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(dtype), basis)
         w = _cross(f, c)
-        F, C, W = f[0] @ f[0], c[0] @ c[0], w[0] @ w[0]
-        exists &= is_significant(F, r[2] @ r[2] + gravity @ gravity + duration**2 * (r[3] @ r[3])) & is_significant(
-            W, F * C
-        )
-        z = unit(f[0], axis(r[2], 2))
-        side = w[0] - z * (z @ w[0])  # orthogonal to the thrust to within round-off, even if w has lost most digits
-        y = unit(jnp.where(exists, side, 0.0), _fallback_y(z))
-        x = jnp.cross(y, z)
+        F, C, W = dot(f[0], f[0]), dot(c[0], c[0]), dot(w[0], w[0])
+        exists = is_significant(F, i.A + dot(gravity, gravity) + duration**2 * i.J) & is_significant(W, F * C)
+        if self.heading is None:
+            exists = exists & has_tangent(i, duration)
+        z = _unit(f[0], F, basis.local(UP))
+        # Orthogonal to the thrust to within round-off, even if w has lost most digits.
+        side = add_vectors(w[0], scaled(z, -dot(z, w[0])))
+        y = select(exists, _unit(side, dot(side, side), FORWARD), _fallback_y(z, basis))
+        x = cross(y, z)
         rate, acceleration = _rates((x, y, z), f, w, inverse_root(F, exists), inverse_root(W, exists))
-        return with_axes(i, duration, x, y, rate, acceleration, exists)
+        return FrameComponents((x, y, z), rate, acceleration, exists)
 
-    def _level(self, t: Scalar) -> Three:
-        """Return the direction of the heading and its first two time derivatives."""
+    def _level(self, t: Array, basis: Basis) -> Three:
+        """Return the direction of the heading and its first two time derivatives, in the moving basis."""
+        zero = xp.zeros_like(t)
         if not callable(self.heading):
-            psi = self.heading.astype(t.dtype)
-            still = jnp.zeros((3,), t.dtype)
-            return _direction(psi), still, still
-        psi = lambda t: jnp.asarray(self.heading(t)).astype(t.dtype)  # noqa: E731
-        along = lambda t: _direction(psi(t))  # noqa: E731
-        once = lambda t: jax.jvp(along, (t,), (jnp.ones_like(t),))  # noqa: E731
-        (c, c1), (_, c2) = jax.jvp(once, (t,), (jnp.ones_like(t),))
-        return c, c1, c2
+            psi = self.heading.astype(t.dtype) + zero
+            return basis.local((xp.cos(psi), xp.sin(psi), zero)), (zero, zero, zero), (zero, zero, zero)
+        user_heading: Any = self.heading
+        angle = jnp.vectorize(lambda t: jnp.asarray(user_heading(t)).astype(t.dtype))
+        once = lambda t: jax.jvp(angle, (t,), (jnp.ones_like(t),))  # noqa: E731
+        (psi, rate), (_, change) = jax.jvp(once, (t,), (jnp.ones_like(t),))
+        cos, sin = jnp.cos(psi), jnp.sin(psi)
+        first = (-sin * rate, cos * rate, zero)
+        second = (-sin * change - cos * rate**2, cos * change - sin * rate**2, zero)
+        return basis.local((cos, sin, zero)), basis.local(first), basis.local(second)
 
 
-def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tuple[Vec3, Vec3]:
+def _rates(axes: Three, f: Three, w: Three, inv_f: Any, inv_w: Any) -> tuple[Triple, Triple]:
     """Return the angular rate ω [rad/s] and acceleration ε [rad/s²] of the frame in its own axes x, y and z.
 
     `f` is the acceleration minus gravity, and `w` is f × c with the forward reference c, each with two derivatives. The
@@ -121,33 +137,33 @@ def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tup
     first two components by h_ω.)
     """
     x, y, z = axes
-    log_f_rate, log_w_rate = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # logarithmic derivatives of |f| and |w|
-    p, q, s = -(f[1] @ y) * inv_f, (f[1] @ x) * inv_f, -(w[1] @ x) * inv_w
-    return jnp.stack([p, q, s]), jnp.stack(
-        [
-            -(f[2] @ y) * inv_f - 2 * p * log_f_rate + q * s,
-            (f[2] @ x) * inv_f - 2 * q * log_f_rate - p * s,
-            -(w[2] @ x) * inv_w - 2 * s * log_w_rate + q * (w[1] @ z) * inv_w,
-        ]
+    log_f_rate, log_w_rate = dot(f[1], z) * inv_f, dot(w[1], y) * inv_w  # logarithmic derivatives of |f| and |w|
+    p, q, s = -dot(f[1], y) * inv_f, dot(f[1], x) * inv_f, -dot(w[1], x) * inv_w
+    return (p, q, s), (
+        -dot(f[2], y) * inv_f - 2 * p * log_f_rate + q * s,
+        dot(f[2], x) * inv_f - 2 * q * log_f_rate - p * s,
+        -dot(w[2], x) * inv_w - 2 * s * log_w_rate + q * dot(w[1], z) * inv_w,
     )
 
 
 def _cross(a: Three, b: Three) -> Three:
     """Return a × b and its first two time derivatives."""
-    first = jnp.cross(a[1], b[0]) + jnp.cross(a[0], b[1])
-    second = jnp.cross(a[2], b[0]) + 2 * jnp.cross(a[1], b[1]) + jnp.cross(a[0], b[2])
-    return jnp.cross(a[0], b[0]), first, second
+    first = add_vectors(cross(a[1], b[0]), cross(a[0], b[1]))
+    second = add_vectors(add_vectors(cross(a[2], b[0]), scaled(cross(a[1], b[1]), 2)), cross(a[0], b[2]))
+    return cross(a[0], b[0]), first, second
 
 
-def _direction(psi: Scalar) -> Vec3:
-    return jnp.stack([jnp.cos(psi), jnp.sin(psi), jnp.zeros_like(psi)])
+def _unit(v: Triple, square: Array, fallback: Triple) -> Triple:
+    """Return the direction of `v`, whose squared norm is `square`, or `fallback` if it is zero."""
+    zero = vanishes(square)
+    return select(zero, fallback, scaled(v, inverse_root(square, ~zero)))
 
 
-def _fallback_y(z: Vec3) -> Vec3:
+def _fallback_y(z: Triple, basis: Basis) -> Triple:
     """Return the y axis for a fallback heading along world x, or along world y if `z` is close to world x."""
-    steep: Flag = z[0] ** 2 > STEEP
-    side = jnp.cross(z, jnp.where(steep, axis(z, 1), axis(z, 0)))
-    return unit(side, axis(z, 1))
+    forward, left = basis.local(FORWARD), basis.local(LEFT)
+    side = cross(z, select(dot(forward, z) ** 2 > STEEP, left, forward))
+    return _unit(side, dot(side, side), left)
 
 
 def _heading(user_heading: Any) -> Any:
@@ -177,5 +193,5 @@ def _gravity(user_gravity: ArrayInput) -> Vec3:
                 f"the gravity of a thrust-aligned frame must be a magnitude ≥ 0 [m/s²], along −z, or a vector (3,) "
                 f"[m/s²] in world axes, but {value} was given"
             )
-        user_gravity = jnp.zeros_like(size, shape=3).at[2].set(-size)
+        user_gravity = xp.stack([xp.zeros_like(size), xp.zeros_like(size), -size])
     return real_vector(user_gravity, "the gravity of a thrust-aligned frame", 3)

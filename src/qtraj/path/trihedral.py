@@ -7,18 +7,20 @@ the natural trihedral has the angular rate ω⁰ = (vχ, 0, |c|/v²) and the ang
 
 import abc
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.algebra.cpu import in_one_loop, root
 from qtraj.algebra.vector import unit
-from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
+from qtraj.foundation.arrays import concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.methods import method
+from qtraj.foundation.namespace import in_numpy, matmul, xp
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.shown import shown
@@ -59,7 +61,7 @@ class Trihedral(AbstractResult):
 
     def dcm(self) -> Mat3:
         """Return the direction cosines α of paper S, with the rows τ, n and b; they map world to body components."""
-        return jnp.stack([self.tangent, self.normal, self.binormal])
+        return _stacked((self.tangent, self.normal, self.binormal))
 
     def quaternion(self) -> Quat:
         """Return the unit quaternion, trihedral to world; its first non-zero component is positive.
@@ -78,21 +80,17 @@ class Trihedral(AbstractResult):
         **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
         """
         require_axes(axes)
-        if axes == self.axes:
-            return self
-        turn = self.dcm().T if axes == INERTIAL else self.dcm()
-        vectors = (jnp.matmul(turn, x, precision="highest") for x in (self.rate, self.acceleration))
-        return dataclasses.replace(self, **dict(zip(("rate", "acceleration"), vectors, strict=True)), axes=axes)
+        return self if axes == self.axes else _in_axes(self, axes)
 
     def record(self) -> Record:
         """Return the fields with the names used in `qtraj.evaluate`, batch axes first.
 
         The rows of `dcm` are the axes τ, n and b in world components.
         """
-        dcm = jnp.stack([self.tangent, self.normal, self.binormal], axis=-2)
+        dcm = self.dcm()
         values = {
             "dcm": dcm,
-            "quaternion": jnp.vectorize(rotation.from_dcm, signature="(i,j)->(q)")(dcm),
+            "quaternion": rotation.from_dcm(dcm),
             "speed": self.speed,
             "curvature": self.curvature,
             "torsion": self.torsion,
@@ -109,6 +107,9 @@ class Trihedral(AbstractResult):
 
 class AbstractFrame(eqx.Module):
     """A rule that assigns a trihedral to each instant of a path."""
+
+    supports_numpy: ClassVar[bool] = False
+    """Whether `components_at` accepts NumPy arrays, and is not None; other frames are computed by JAX."""
 
     @property
     def name(self) -> str:
@@ -130,6 +131,10 @@ class AbstractFrame(eqx.Module):
         """
         return None
 
+    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
+        """Return `components` at the times `t` [s]; only frames that depend on time override this method."""
+        return method(self, "components")(i, basis, duration)
+
 
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
@@ -146,57 +151,93 @@ def trihedral(
         frame = Upright() if isinstance(path, Route) else Natural()
     if not isinstance(frame, AbstractFrame):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
-    return _trihedral(path, one_instant(t), frame, axes)
+    compute = _trihedral if path.supports_numpy and frame.supports_numpy else _compiled_trihedral
+    return compute(path, one_instant(t), frame, axes)
 
 
-@eqx.filter_jit
-def _trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
-    duration, polynomials = as_float(path.duration), path.polynomials()
-    found = None
-    if polynomials is not None:
-        x, y, z, angle = polynomials.series(t, 4)
-        basis = Basis(angle[0], polynomials.placement)
-        i = basis.invariants([filled(row, jnp.zeros_like(angle[0])) for row in in_moving_basis(x, y, z, angle)])
-        found = _from_components(frame, i, basis, duration)
+def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Any, Basis, Any, FrameComponents | None]:
+    """Return invariants, moving basis, duration and frame at the times `t` [s], of any shape."""
+    polynomials = method(path, "polynomials")()
+    if polynomials is None:
+        rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, 4)
+        basis, rows = Basis(), [triple(row) for row in rows]
+    else:
+        x, y, z, angle = method(polynomials, "series")(t, 4)
+        basis, rows = Basis(angle[0], polynomials.placement), in_moving_basis(x, y, z, angle)
+    zero = xp.zeros_like(rows[0][0])
+    i = basis.invariants([filled(row, zero) for row in rows])
+    duration = xp.asarray(path.duration).astype(i.S.dtype)
+    return i, basis, duration, method(frame, "components_at")(t, i, basis, duration)
+
+
+def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
+    """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`."""
+    _, basis, _, found = frames(path, times, frame)
     if found is None:
-        found = frame.at(t, path.derivatives(t, 4), duration)
-    return found.in_axes(axes)
+        return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
+    rows = [xp.stack(basis.world(v), axis=-1) for v in found.axes]
+    return xp.stack(rows, axis=-2)
 
 
-def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration: Scalar) -> Trihedral | None:
-    """Return the trihedral of a frame that provides components; all numbers are computed in one loop."""
-    duration = duration.astype(i.S.dtype)
-    found = frame.components(i, basis, duration)
-    if found is None:
-        return None
+def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
+    i, basis, duration, found = frames(path, t, frame)
+    at = frame.at(t, path.derivatives(t, 4), duration) if found is None else _assembled(i, basis, found, duration)
+    return at if axes == BODY else at.in_axes(axes)
+
+
+_compiled_trihedral = eqx.filter_jit(_jax_trihedral)
+_trihedral = in_numpy(_jax_trihedral, _compiled_trihedral)
+
+
+def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Scalar) -> Trihedral:
+    """Return the trihedral of a frame in components; all numbers are computed in one loop."""
     axes = [basis.world(v) for v in found.axes]
     numbers = in_one_loop(
         [
             root(i.S),
             curvature(i, duration),
             torsion(i, duration),
-            jnp.where(found.defined, jnp.ones_like(i.S), 0.0),  # an array of bool would need a second loop
-            *(jnp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
+            xp.where(found.defined, xp.ones_like(i.S), 0.0),  # an array of bool would need a second loop
+            *(xp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
         ]
     )
-    tangent, normal, binormal, rate, acceleration = (jnp.stack(numbers[k : k + 3]) for k in range(4, 19, 3))
+    tangent, normal, binormal, rate, acceleration = (xp.stack(numbers[k : k + 3]) for k in range(4, 19, 3))
     return Trihedral(
         tangent, normal, binormal, numbers[0], numbers[1], numbers[2], rate, acceleration, defined=numbers[3] > 0
     )
 
 
-def _from_rows(frame: AbstractFrame, r: Float[Array, "5 3"], duration: Scalar) -> Any:
+def from_rows(frame: AbstractFrame, t: Scalar | None, r: Float[Array, "5 3"], duration: Scalar) -> Any:
     """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
-    return _from_components(frame, Invariants([triple(row) for row in r]), Basis(), duration)
+    basis = Basis()
+    i = basis.invariants([triple(row) for row in r])
+    duration = duration.astype(r.dtype)
+    found: Any = frame.components_at(t, i, basis, duration)
+    return _assembled(i, basis, found, duration)
+
+
+@in_numpy
+def _in_axes(frame: Trihedral, axes: str) -> Trihedral:
+    dcm = frame.dcm()
+    turn = dcm.mT if axes == INERTIAL else dcm
+    rate, acceleration = (matmul(turn, x[..., None])[..., 0] for x in (frame.rate, frame.acceleration))
+    return dataclasses.replace(frame, rate=rate, acceleration=acceleration, axes=axes)
+
+
+@in_numpy
+def _stacked(axes: tuple[Vec3, Vec3, Vec3]) -> Mat3:
+    return xp.stack(axes, axis=-2)
 
 
 @storable
 class Natural(AbstractFrame):
     """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, errata corrected)."""
 
+    supports_numpy: ClassVar[bool] = True
+
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the natural trihedral from r and its first four time derivatives, in world axes."""
-        return _from_rows(self, r, duration)
+        return from_rows(self, None, r, duration)
 
     def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
         """Return the natural trihedral in components."""
@@ -214,6 +255,7 @@ class Upright(AbstractFrame):
     """
 
     up: Vec3
+    supports_numpy: ClassVar[bool] = True
 
     def __init__(self, up: ArrayInput = (0.0, 0.0, 1.0)):
         self.up = real_vector(up, "the up direction of an upright frame", 3)
@@ -226,7 +268,7 @@ class Upright(AbstractFrame):
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """Return the upright trihedral from r and its first four time derivatives, in world axes."""
-        return _from_rows(self, r, duration)
+        return from_rows(self, None, r, duration)
 
     def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
         """Return the upright frame in components."""
@@ -235,27 +277,4 @@ class Upright(AbstractFrame):
     def unit_up(self, dtype: Any) -> Vec3:
         """Return the unit vector along `up`."""
         up = self.up.astype(dtype)
-        return unit(up, axis(up, 2))
-
-
-def with_axes(
-    i: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
-) -> Trihedral:
-    """Create a trihedral from the unit axes x and y, for a path with the invariants `i` and the `duration` [s]."""
-    duration = duration.astype(x.dtype)
-    return Trihedral(
-        tangent=x,
-        normal=y,
-        binormal=jnp.cross(x, y),
-        speed=root(i.S),
-        curvature=curvature(i, duration),
-        torsion=torsion(i, duration),
-        rate=rate,
-        acceleration=acceleration,
-        defined=defined,
-    )
-
-
-def axis(v: Vec3, k: int) -> Vec3:
-    """Return the unit vector along axis `k` (0, 1 or 2), in the precision of `v`."""
-    return jnp.zeros_like(v).at[k].set(1.0)
+        return unit(up, np.eye(3, dtype=dtype)[2])

@@ -1,10 +1,12 @@
-"""Compute path quantities at one instant."""
+"""Compute path quantities at one instant, or in NumPy at many."""
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
+from qtraj.foundation.methods import method
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, rotated_z
+from qtraj.path.frame_components import triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
@@ -19,18 +21,20 @@ def invariants_at(
 ) -> Invariants:
     """Return the invariants of the derivatives up to `order` at `t` [s], in the moving basis of the path if it has one.
 
+    Instants `t` (n,) are accepted for paths that support NumPy.
     With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
     """
-    polynomials = path.polynomials()
+    polynomials = method(path, "polynomials")()
     order = order if vehicle is None else max(order, STANDSTILL_ORDER)
     if polynomials is None:
-        up, rows = None, [(row[0], row[1], row[2]) for row in path.derivatives(t, order)]
+        rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, order)
+        up, rows = None, [triple(row) for row in rows]
     else:
-        x, y, z, angle = polynomials.series(t, order)
+        x, y, z, angle = method(polynomials, "series")(t, order)
         rows, up = in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0])
     if vehicle is None:
         return Invariants(rows, up)
-    return driven_invariants(rows, up, vehicle, jnp.asarray(t, path.duration.dtype), path.duration)
+    return driven_invariants(rows, up, vehicle, xp.asarray(t, path.duration.dtype), path.duration)
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
@@ -40,24 +44,24 @@ def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadPara
     """
     entry = quantity(name)
     i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
-    return jnp.asarray(entry.squared(i), path.duration.dtype)
+    return xp.asarray(entry.squared(i), path.duration.dtype)
 
 
 def value(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
     """Return the path quantity `name` at one instant `t` [s], in its unit; infinite at a pole."""
     entry = quantity(name)
     i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
-    return jnp.asarray(entry.scale(vehicle) * entry.value(i), path.duration.dtype)
+    return xp.asarray(entry.scale(vehicle) * entry.value(i), path.duration.dtype)
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:
     """Return the world's vertical in the moving basis at this `angle`, or None if the vertical is the third axis."""
     if placement is None:
         return None
-    zero = jnp.zeros_like(angle)
-    return to_turned_basis(placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)])), angle)
+    zero = xp.zeros_like(angle)
+    return to_turned_basis(placement.to_local(xp.stack([zero, zero, xp.ones_like(zero)], axis=-1)), angle)
 
 
 def to_turned_basis(vector: Array, angle: Array) -> Triple:
     """Return the components of a vector in a basis that is rotated about the third axis by `angle`."""
-    return rotated_z(vector, jnp.cos(angle), -jnp.sin(angle))
+    return rotated_z(triple(vector), xp.cos(angle), -xp.sin(angle))

@@ -24,6 +24,12 @@ class Coning(eqx.Module):
         vertical = -2 * self.speed * jnp.sin(self.angle / 2) ** 2
         return jnp.stack([-level * jnp.sin(phase), level * jnp.cos(phase), vertical * jnp.ones_like(t)])
 
+    def rate(self, t):
+        """ω in body axes, in NumPy."""
+        beta, speed = float(self.angle), float(self.speed)
+        level, phase, vertical = speed * np.sin(beta), speed * t, -2 * speed * np.sin(beta / 2) ** 2
+        return np.array([-level * np.sin(phase), level * np.cos(phase), vertical])
+
     def quaternion(self, t):
         level, phase = jnp.sin(self.angle / 2), self.speed * t
         return jnp.stack([jnp.cos(self.angle / 2), level * jnp.cos(phase), level * jnp.sin(phase), jnp.zeros_like(t)])

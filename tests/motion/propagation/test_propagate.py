@@ -10,8 +10,6 @@ import qtraj as qt
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
 from qtraj.motion.propagation.magnus import Magnus
-from qtraj.motion.propagation.mesh import uniform
-from qtraj.motion.propagation.problem import checked, solve
 from qtraj.motion.propagation.propagate import propagate, propagate_with_estimate
 
 from ...path.test_reference import CASES, build
@@ -40,11 +38,10 @@ TIMES = np.array([0.0, 0.4, 1.0, 2.5])
 
 
 def final_errors(coning, end, method, evaluations):
-    """Errors with these numbers of rate evaluations, in equal steps; empty slots save compilations."""
-    times = np.array([0.0, end])
-    problem = checked(coning, coning.quaternions([0.0])[0], times, method, "body", None)
+    """Errors with these numbers of rate evaluations, in equal steps."""
     steps = [count // len(method.nodes) for count in evaluations]
-    qs = [solve(problem, uniform(1, count, max(steps), problem.times.dtype))[-1] for count in steps]
+    first = coning.quaternions([0.0])[0]
+    qs = [propagate(coning.rate, first, [0.0, end], method, steps=count)[-1] for count in steps]
     return angles(np.stack(qs), coning.quaternions(np.full(len(qs), end)))
 
 

@@ -10,8 +10,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
+
+from qtraj.foundation.namespace import is_host
 
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
@@ -21,13 +24,22 @@ Choice = Bool[Array, "..."] | bool
 # of the estimate is at most 3.5 % (Lomont 2003, Robertson 2012). Each iteration changes a relative error e to 1.5 e².
 _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
+_TINY, _MAX = float(np.finfo(np.float64).tiny), float(np.finfo(np.float64).max)
 
-@partial(jax.jit, inline=True)  # traced once for each shape
+
 def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
     """Return 1/√x where `exists` is true and x is a positive normal number, otherwise 0 with derivative 0.
 
     Where `exists` is true and x is NaN, the result is NaN.
     """
+    if not is_host(x, exists):
+        return _compiled(x, exists)
+    normal = exists & (x >= _TINY) & (x <= _MAX)
+    return np.where(normal, 1 / np.sqrt(np.where(normal, x, 1.0)), np.where(exists & (x != x), x, 0.0))
+
+
+@partial(jax.jit, inline=True)  # traced once for each shape
+def _compiled(x: Numbers, exists: Choice) -> Numbers:
     return _inverse_root(x, exists)
 
 
@@ -51,9 +63,16 @@ def _inverse_root_jvp(primals: tuple[Numbers, Choice], tangents: tuple[Numbers, 
     return y, -0.5 * (y * (y * (y * tangents[0])))
 
 
-@partial(jax.jit, inline=True)
 def root(x: Numbers) -> Numbers:
     """Return √x, or 0 with derivative 0 where x is not a positive normal number; infinity and NaN are unchanged."""
+    if not is_host(x):
+        return _compiled_root(x)
+    too_small = x < _TINY
+    return np.where(too_small, 0.0, np.sqrt(np.where(too_small, 0.0, x)))
+
+
+@partial(jax.jit, inline=True)
+def _compiled_root(x: Numbers) -> Numbers:
     return _root(x)
 
 

@@ -15,9 +15,13 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import Array
 
+from qtraj.foundation.namespace import is_host
+
 
 def in_one_loop(arrays: Sequence[Array]) -> list[Array]:
     """Return arrays of one shape unchanged, but compute the float arrays in one loop, in which −0 may become 0."""
+    if is_host(*arrays):
+        return list(arrays)
     floats = [jnp.issubdtype(x.dtype, jnp.inexact) for x in arrays]
     float_arrays = [x for x, is_float in zip(arrays, floats, strict=True) if is_float]
     outputs = iter(_identity.bind(*float_arrays, joined="values") if float_arrays else [])
@@ -26,7 +30,7 @@ def in_one_loop(arrays: Sequence[Array]) -> list[Array]:
 
 def derivatives_in_one_loop(arrays: Sequence[Array]) -> list[Array]:
     """Return float arrays of one shape unchanged; in reverse mode their cotangents are computed in one loop."""
-    return _identity.bind(*arrays, joined="cotangents")
+    return list(arrays) if is_host(*arrays) else _identity.bind(*arrays, joined="cotangents")
 
 
 def _unchanged(*arrays: Array, joined: str) -> list[Array]:

@@ -8,9 +8,11 @@ one machine epsilon if the angle is less than 2^20 quarter turns in float64, or 
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import horner
+from qtraj.foundation.namespace import is_host
 
 Angles = Float[Array, "..."]
 
@@ -35,9 +37,13 @@ _COS = {
 }  # fmt: skip
 
 
-@jax.custom_jvp
 def cos_sin(angle: Angles) -> tuple[Angles, Angles]:
     """Return cos and sin of `angle` [rad], elementwise, in float32 or float64."""
+    return (np.cos(angle), np.sin(angle)) if is_host(angle) else _cos_sin(angle)
+
+
+@jax.custom_jvp
+def _cos_sin(angle: Angles) -> tuple[Angles, Angles]:
     kind = angle.dtype.name
     turns = jnp.round(angle * 0.6366197723675814)
     rest = angle
@@ -52,7 +58,7 @@ def cos_sin(angle: Angles) -> tuple[Angles, Angles]:
     return jnp.where((quadrant == 1) | (quadrant == 2), -cos, cos), jnp.where(quadrant >= 2, -sin, sin)
 
 
-@cos_sin.defjvp
+@_cos_sin.defjvp
 def _derivative(primals: tuple[Angles], tangents: tuple[Angles]) -> tuple:
     cos, sin = cos_sin(*primals)
     return (cos, sin), (-sin * tangents[0], cos * tangents[0])

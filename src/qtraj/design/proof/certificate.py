@@ -27,8 +27,8 @@ STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 - proved: the limit is proved to be satisfied on the whole path.
 - sampled: the limit is satisfied at the refined maxima of a fine grid. This is strong evidence, but not a proof.
 - broken: the limit is violated at the reported time.
-- undecided: neither satisfaction nor violation is proved, because the largest value equals the limit to within rounding
-  errors, or because it is not proved that the quantity is defined everywhere.
+- undecided: neither satisfaction nor violation is proved, because the quantity touches the limit, or because it is not
+  proved that the quantity is defined everywhere.
 - undefined: at the reported time, the divisor of the quantity cannot be distinguished from zero.
 """
 PROVED, SAMPLED, BROKEN, UNDECIDED, UNDEFINED = range(len(STATUSES))
@@ -52,16 +52,6 @@ WHERE_UNDEFINED = {
     LOAD: "the speed or the load on the road is zero",
 }
 """Descriptions of the places where a divisor is zero, by divisor."""
-
-
-def contradicted(names: Sequence[str], codes: Any, values: Any, bounds: Any) -> Any:
-    """Return a mask of the limits that have the status "broken" although the value does not exceed the limit.
-
-    This occurs only for quantities with a factor, because the limit divided by the factor is rounded down. Rounding
-    down is safe for proofs that the limit is satisfied, but not for the status "broken".
-    """
-    has_factor = np.broadcast_to([quantity(name).factor is not None for name in names], np.shape(codes))
-    return has_factor & (codes == BROKEN) & (values <= bounds)
 
 
 class Finding(NamedTuple):
@@ -97,6 +87,8 @@ class Finding(NamedTuple):
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         rounds_to_limit = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
         violation = f" (relative violation {self.value / self.limit - 1:.1e})" if rounds_to_limit else ""
+        if self.status == STATUSES[BROKEN] and self.value <= self.limit:
+            violation = " (violated by less than the rounding error of the value)"
         return f"{texts[0]} of {texts[1]}{violation} at t = {self.time:.4g} s"
 
     @property

@@ -1,8 +1,8 @@
 """Proof that a path stays within a corridor about a reference path.
 
-The two paths are compared at equal fractions of their durations, that is, at equal s = 2t/duration − 1. The squared
-distance, with the difference of the azimuths measured along the arc, is a polynomial in s (see `CORRIDOR`). This
-polynomial is an upper bound on the true squared distance if both radii have the same sign. This is proved, too.
+The two paths are compared at equal fractions u of their durations. The squared distance, with the difference of the
+azimuths measured along the arc, is a polynomial in u (see `CORRIDOR`). This polynomial is an upper bound on the true
+squared distance if both radii have the same sign. This is proved, too.
 """
 
 from typing import Any, NamedTuple
@@ -10,25 +10,26 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
-from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.algebra.cells import Cells, PerPath
-from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, add_rounding, multiple
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
+from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.polynomial import horner
+from qtraj.algebra.surd import Claim
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
-from qtraj.design.proof.inequalities import centred, in_units, squared_bound
-from qtraj.design.proof.search import find_maximum
-from qtraj.foundation.arrays import concrete, is_traced, require_positive
+from qtraj.design.proof.deciding import decided
+from qtraj.design.proof.maxima import find_maxima
+from qtraj.design.proof.sources import powers
+from qtraj.foundation.arrays import concrete, constants, is_traced, require_positive
+from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import safe_root as root
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import CORRIDOR, Offset
 from qtraj.path.spiral_helix import SpiralHelix
 
-MAX_CELL_WIDTH = 2.0
-CHUNKS = 8
-"""Number of blocks of 30 intervals in the search for the maximum distance."""
+GRID = np.linspace(0.0, 1.0, 193)
+"""The instants at which the distance is sampled, as fractions of the durations."""
 
 
 class Coefficients(NamedTuple):
@@ -38,18 +39,18 @@ class Coefficients(NamedTuple):
     [s], and the duration [s].
     """
 
-    radius: Array
-    angle: Array
-    height: Array
-    duration: Array
+    radius: Any
+    angle: Any
+    height: Any
+    duration: Any
 
 
 def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
     """Return the coefficients of a batch of paths with one flat batch axis; a single path is repeated."""
-    batch_ndim = len(path.duration.shape)
+    batch_ndim, np_ = len(path.duration.shape), jnp if is_traced(path) else np
 
-    def flat(x: Array) -> Array:
-        return jnp.broadcast_to(x, (*batch, *x.shape[batch_ndim:])).reshape(-1, *x.shape[batch_ndim:])
+    def flat(x: Any) -> Any:
+        return np_.broadcast_to(np_.asarray(x), (*batch, *x.shape[batch_ndim:])).reshape(-1, *x.shape[batch_ndim:])
 
     return Coefficients(*map(flat, (path.radius, path.angle, path.height, path.duration)))
 
@@ -77,19 +78,20 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
     if not all(map(_may_be_equal, *map(jax.tree.leaves, axes))):
         raise ValueError("a corridor needs a path and a reference about the same axis, but their placements differ")
 
-    ours, theirs = coefficients(path, batch), coefficients(reference, batch)
-    widths = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
-    codes, times, values = judge_corridor(*jax.lax.stop_gradient((ours, theirs, widths.reshape(-1))))
+    ours, theirs, widths = coefficients(path, batch), coefficients(reference, batch), _broadcast(width, batch)
+    codes, times, values = _findings(*constants((ours, theirs, widths)))
     if is_traced(path, reference, width):
         values = _distances(ours, theirs, times)
-    columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
-    pairs = (
-        (certificate.codes, certificate.times, certificate.values, certificate.limits),
-        (*columns, widths[..., None]),
-    )
-    return Certificate(
-        (*certificate.names, CORRIDOR.name), *(jnp.concatenate(x, axis=-1) for x in zip(*pairs, strict=True))
-    )
+    columns = [x.reshape(*batch, 1) for x in (codes, times, values, widths)]
+    pairs = zip((certificate.codes, certificate.times, certificate.values, certificate.limits), columns, strict=True)
+    np_: Any = jnp if is_traced(certificate, columns) else np
+    joined = (np_.concatenate([np_.asarray(old), np_.asarray(new, old.dtype)], axis=-1) for old, new in pairs)
+    return Certificate((*certificate.names, CORRIDOR.name), *joined)
+
+
+def _broadcast(width: Any, batch: tuple[int, ...]) -> Any:
+    np_: Any = jnp if is_traced(width) else np
+    return np_.broadcast_to(np_.asarray(width), batch).reshape(-1)
 
 
 def _may_be_equal(one: Array, other: Array) -> bool:
@@ -98,32 +100,69 @@ def _may_be_equal(one: Array, other: Array) -> bool:
     return a is None or b is None or bool(np.all(a == b))
 
 
-@jax.jit
-def judge_corridor(
-    path: Coefficients, reference: Coefficients, width: Float[Array, " paths"]
-) -> tuple[Int[Array, " paths"], PerPath, PerPath]:
-    """Return status code, time [s] and distance [m] of the finding on each path of a batch."""
-    offset, radii = _offsets(path, reference)
-    bound = squared_bound(width, jnp.ones_like(width))
+def _findings(path: Coefficients, reference: Coefficients, widths: Any) -> Any:
+    """Return status codes, times [s] and distances [m] of n paths, computed on the host."""
+    if not is_traced(path, reference, widths):
+        return judge_corridor(*jax.tree.map(np.asarray, (path, reference, widths)))
+    dtype, shape = jnp.result_type(float), widths.shape
+    result = tuple(jax.ShapeDtypeStruct(shape, x) for x in (np.int32, dtype, dtype))
 
-    def slack(centre: Cells, half: Cells) -> ChebyshevModel:
-        p, radius = offset.on(centre, half), radii.on(centre, half)[1]
-        return multiple(radius.one(), *bound) - CORRIDOR.numerator(Offset(p[0], p[1], p[2], radius))
+    def on_host(*data: Any) -> Any:
+        batch = np.shape(data[2])
+        flat = jax.tree.map(lambda x: np.asarray(x).reshape(-1, *np.shape(x)[len(batch) :]), data)
+        found = judge_corridor(*flat)
+        return tuple(x.reshape(batch).astype(like.dtype) for x, like in zip(found, result, strict=True))
 
-    def radius_product(centre: Cells, half: Cells) -> ChebyshevModel:
-        p = radii.on(centre, half)
-        return p[0] * p[1]
+    return jax.pure_callback(on_host, result, path, reference, widths, vmap_method="broadcast_all")
 
-    def squared_distance(s: Cells) -> Cells:
-        radial, angle, up = offset.at(s)
-        return CORRIDOR.numerator(Offset(radial, angle, up, radii.at(s)[1]))
 
-    widest = jnp.full_like(width, MAX_CELL_WIDTH)
-    proof, radii_positive = prove_positive(slack, widest), prove_positive(radius_product, widest)
-    square, at = find_maximum(squared_distance, jnp.stack([proof.at] * 3), jnp.asarray(CHUNKS))
-    proved = (proof.code == POSITIVE) & (radii_positive.code == POSITIVE)
-    code = jnp.where(proved, PROVED, jnp.where(proof.code == NEGATIVE, BROKEN, UNDECIDED))
-    return code.astype(jnp.int32), (at + 1) * 0.5 * path.duration, root(square)
+def judge_corridor(path: Coefficients, reference: Coefficients, widths: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return status codes, times [s] and distances [m] of the findings on n paths."""
+    turns = _whole_turns(path, reference)
+
+    def offset(polynomials: Any, turns: Any) -> Offset:
+        ours, theirs = polynomials(path), polynomials(reference)
+        radial, angle, up = (a - b for a, b in zip(ours, theirs, strict=True))
+        return Offset(radial, angle - turns, up, theirs[0])
+
+    def in_floats(p: Coefficients) -> list[BoundedPolynomial]:
+        return [BoundedPolynomial(c.T * powers(p.duration, c.shape[1]), k=c.shape[1] + 1) for c in p[:3]]
+
+    def in_integers(p: Coefficients, k: int) -> list[ExactPolynomial]:
+        return [ExactPolynomial.from_floats(c[k]).substituted(float(p.duration[k])) for c in p[:3]]
+
+    def within(width: Any, of: Offset) -> Claim:
+        return Claim(width * width - CORRIDOR.numerator(of))
+
+    def floats() -> Offset:
+        return offset(in_floats, BoundedPolynomial.constant(turns))
+
+    def integers(k: int) -> Offset:
+        return offset(lambda p: in_integers(p, k), ExactPolynomial.of(turns[k]))
+
+    every = np.isfinite(widths)
+    inside = decided(
+        every,
+        lambda: within(BoundedPolynomial.constant(widths), floats()),
+        lambda k: within(ExactPolynomial.of(widths[k]), integers(k)),
+    )
+    same_sign = decided(every, lambda: _radii(floats()), lambda k: _radii(integers(k)), strict=True).proved
+
+    def squared_distance(u: np.ndarray) -> np.ndarray:
+        def at(p: Coefficients) -> list[np.ndarray]:
+            return [horner([*c.T], u * p.duration) for c in p[:3]]
+
+        return CORRIDOR.numerator(offset(at, turns))
+
+    grid = np.repeat(GRID[:, None], len(widths), axis=1)
+    at, square = find_maxima(squared_distance, GRID, squared_distance(grid), inside.at)
+    codes = np.where(inside.proved & same_sign, PROVED, np.where(inside.refuted, BROKEN, UNDECIDED))
+    return codes.astype(np.int32), at * path.duration, np.sqrt(np.maximum(square, 0.0))
+
+
+def _radii(of: Offset) -> Claim:
+    """Return the product of both radii."""
+    return Claim((of.outwards + of.radius) * of.radius)
 
 
 def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
@@ -143,41 +182,10 @@ def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
 _distances = jax.jit(jax.vmap(distance))
 
 
-def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:
-    """Return the differences of ρ, φ and h, and both radii, as polynomials in s = 2t/duration − 1.
-
-    The polynomials include bounds on the rounding errors.
-    """
-    # With half the duration as the unit of time, these are coefficients of powers of 1 + s = 2t/duration.
-    ours = [in_units(c.T, 0.5 * path.duration) for c in (path.radius, path.angle, path.height)]
-    theirs = [in_units(c.T, 0.5 * reference.duration) for c in (reference.radius, reference.angle, reference.height)]
-    terms = max(c.shape[0] for c in (*ours, *theirs))
-    ours, theirs = (jnp.stack([_pad(c, terms) for c in each]) for each in (ours, theirs))
-    radii = jnp.stack([ours[0], theirs[0]])
-    theirs = theirs.at[1, 0].add(_whole_turns(path, reference))
-    return _polynomial(ours - theirs, jnp.abs(ours) + jnp.abs(theirs)), _polynomial(radii, jnp.abs(radii))
-
-
-def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
+def _whole_turns(path: Coefficients, reference: Coefficients) -> Any:
     """Return the multiple of 2π [rad] that is closest to the difference of the initial azimuths of two paths.
 
     Adding this angle to an azimuth does not change the positions.
     """
-    turns = jnp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * jnp.pi))
-    return 2 * jnp.pi * jax.lax.stop_gradient(turns)
-
-
-def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:
-    """Return polynomials in s = 2t/duration − 1 from coefficients of powers of 1 + s, with a bound on rounding errors.
-
-    Each element of `sizes` is the sum of the magnitudes of the numbers from which a coefficient was computed. The bound
-    includes the rounding errors of the conversion to s.
-    """
-    centre_all = jax.vmap(lambda c: centred(c[:, None]))
-    count = 3 * numbers.shape[1] + 6
-    size = jnp.max(jnp.sum(centre_all(sizes), axis=AXIS), axis=0)
-    return cell_polynomial(centre_all(numbers), add_rounding(jnp.full_like(size, TINY), count, size))
-
-
-def _pad(c: Float[Array, "k paths"], terms: int) -> Any:
-    return jnp.pad(c, ((0, terms - c.shape[0]), (0, 0)))
+    turns = xp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * np.pi))
+    return 2 * np.pi * stop_gradient(turns)

@@ -1,259 +1,237 @@
-"""Compute the findings on a batch of paths, with one executable for any set of limits.
+"""Judge limits on a batch of paths: prove or refute each limit, and find the largest value of its quantity.
 
-The set of limits is an argument of the executable. A loop runs over the indices of the limits; in each iteration one
-switch selects the inequality, and another switch selects the quantity. The index is never batched, so a switch compiles
-to a branch, and limits that are not set cost no time.
+A limit is decided for all paths at once in bounded floats; what remains open is decided in exact integers, one path at
+a time. The largest values come from floats; no status of a provable limit depends on them.
 """
 
-from collections.abc import Callable
-from functools import partial
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 
-from qtraj.algebra.cells import PerPath
-from qtraj.algebra.chebyshev_model import ChebyshevModel
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED as NOT_PROVED, Answer, prove_positive
-from qtraj.design.proof import road
+from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.inequalities import ORDER, PathDerivatives, bounds, slack
-from qtraj.design.proof.road import Bound
-from qtraj.design.proof.search import find_maximum
-from qtraj.foundation.indexing import element, with_element
-from qtraj.path.frenet import Invariants, safe_root as root
+from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.limit_claims import (
+    DIVISOR_ORDER,
+    MIN_RELATIVE_DIVISOR,
+    UPRIGHT_DIVISORS,
+    Bound,
+    Formulas,
+    sizes,
+)
+from qtraj.design.proof.maxima import find_maxima
+from qtraj.design.proof.sources import Source
+from qtraj.foundation.namespace import xp
+from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD, PathQuantity
-from qtraj.path.quantity import QUANTITIES
-from qtraj.path.regularity import Regularity, regularity
-from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
-MIN_RELATIVE_DIVISOR = 1e-9
-"""A divisor that is not proved positive counts as zero if its relative size is below this value."""
-
-CHUNKS = (8, 35)
-"""Number of blocks of 30 intervals in the search for the maximum, with and without a proof."""
-
-DIVISORS = ("S", "N", "H")
-DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
-"""The divisors of quantities: their names in `Invariants`, and the names of their relative sizes.
-
-The load on the road has no name in `Invariants`.
-"""
-
-LIMITS = tuple(QUANTITIES.values())
-LIMIT_COUNT = len(LIMITS)
-ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
-"""Number of entries; the entries are the limits in the order of the registry, followed by the divisors."""
-
-UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
-"""The index of the first divisor that depends on the vertical."""
-
-NO_DIVISOR = ENTRY_COUNT
-"""The index of the divisor for quantities without a divisor."""
-
-TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
-ROAD = ORDER + 1
-"""The value in `ORDERS` for entries that depend on the road; they share the derivatives and the forces."""
-
-ORDERS = [*(ROAD if entry.on_road else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
-PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
-"""The index of each entry among the entries of the same order; entries of the same order share their derivatives."""
-
-BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
-"""The index of each entry's branch in `_squares`; all entries that depend on the road share the last branch."""
+GRIDS = {True: np.linspace(0.0, 1.0, 97), False: np.linspace(0.0, 1.0, 1153)}
+"""The instants at which quantities are sampled, with and without a proof."""
 
 
-class Entry(NamedTuple):
-    """The integer constants of one entry.
+class Limit(NamedTuple):
+    """A limit on one quantity: its value and the factor of the quantity (see `PathQuantity.factor`) for each path."""
 
-    `unit` is the index of its unit in `_units`, `upright` indicates whether it depends on the vertical, `divisor` is
-    the index of its divisor, and `pieces` is the minimum number of cells; `order`, `place` and `branch` are elements of
-    `ORDERS`, `PLACES` and `BRANCHES`.
-    """
-
-    unit: Any
-    upright: Any
-    divisor: Any
-    pieces: Any
-    order: Any
-    place: Any
-    branch: Any
-
-
-def _entries() -> np.ndarray:
-    entries = []
-    for k, x in enumerate(LIMITS):
-        unit = (x.length + 1) * TIME_POWERS + x.per_time
-        divisor = LIMIT_COUNT + DIVISOR_SIZES.index(x.divisor) if x.divisor else NO_DIVISOR
-        entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k], BRANCHES[k]))
-    entries += [
-        Entry(TIME_POWERS, k >= LIMIT_COUNT + UPRIGHT_DIVISOR, NO_DIVISOR, 1, ORDERS[k], PLACES[k], BRANCHES[k])
-        for k in range(LIMIT_COUNT, ENTRY_COUNT)
-    ]
-    return np.array(entries, np.int32)
-
-
-ENTRIES = _entries()
-
-Evaluate = Callable[[Float[Array, "instants paths"], int, bool], Invariants]
-"""A function that returns invariants in units of `Scale`.
-
-The arguments are instants in [−1, 1], the order of the derivatives, and whether the vertical is needed.
-"""
-
-
-class Scale(NamedTuple):
-    """The units of length [m] and time [s] of each path; the unit of time is half the duration."""
-
-    length: PerPath
-    time: PerPath
+    entry: PathQuantity
+    bounds: Float[np.ndarray, " n"]
+    factors: Float[np.ndarray, " n"]
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
+    """Status codes, times [s] and values for each path and limit."""
 
-    codes: Int[Array, "entries paths"]
-    times: Float[Array, "entries paths"]
-    values: Float[Array, "entries paths"]
-
-
-def indices(names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the entries to judge (divisors first, padded with zeros), and their number."""
-    limits = [k for k, entry in enumerate(LIMITS) if entry.name in names]
-    divisors = sorted({int(Entry(*ENTRIES[k]).divisor) for k in limits} - {NO_DIVISOR})
-    index = np.zeros(ENTRY_COUNT, np.int32)
-    index[: len(divisors) + len(limits)] = divisors + limits
-    return index, np.asarray(len(divisors) + len(limits), np.int32)
+    codes: Int[np.ndarray, "n limits"]
+    times: Float[np.ndarray, "n limits"]
+    values: Float[np.ndarray, "n limits"]
 
 
 def judge(
-    evaluate: Evaluate,
-    scale: Scale,
-    limits: Float[Array, "limits paths"],
-    upright: Bool[Array, " paths"],
-    derivatives: PathDerivatives | None,
-    index: Int[Array, " entries"],
-    count: Int[Array, ""],
-    vehicle: RoadParameters | None,
+    source: Source,
+    limits: Sequence[Limit],
+    vehicle: RoadParameters | None = None,
 ) -> Findings:
-    """Compute the findings on the first `count` entries of `index`, for the paths that `evaluate` evaluates.
-
-    `upright` marks the paths with a vertical axis. Without polynomial `derivatives` no limit is proved. The parameters
-    in `vehicle` have one value for each path, in SI units. If no limit depends on the road, `vehicle` is None, and the
-    branches for limits on forces, friction and power are not compiled.
-    """
-    paths, dtype = scale.time.shape, scale.time.dtype
-    shape = (ENTRY_COUNT + 1, *paths)
-    start = Findings(jnp.full(shape, PROVED, jnp.int32), jnp.zeros(shape, dtype), jnp.zeros(shape, dtype))
-    units = _units(scale)
-    vehicle = None if vehicle is None else road.in_units(vehicle, scale.length, scale.time)
-
-    def step(k: Array, findings: Findings) -> Findings:
-        entry_index = element(index, k)
-        entry = Entry(*element(ENTRIES, entry_index))
-        divisor: Findings = element(findings, entry.divisor)
-        bound, unit = element(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), element(units, entry.unit)
-        provable = (upright | (entry.upright == 0)) & (derivatives is not None)
-        answer = _proof(derivatives, entry, bounds(bound, unit), vehicle, paths, dtype)
-        chunks = jnp.where(jnp.all(provable), *CHUNKS)
-        chunks = jnp.where((entry_index >= LIMIT_COUNT) & jnp.all(provable & (answer.code == POSITIVE)), 0, chunks)
-        hints = jnp.stack([answer.at, jnp.clip(divisor.times / scale.time - 1, -1.0, 1.0), answer.at])
-        square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry, s), hints, chunks)
-        proved = answer.code == POSITIVE
-        # The "square" of a signed quantity has the sign of the quantity.
-        value = jnp.sign(square) * root(jnp.abs(square)) / unit
-        sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
-        proved_or_open = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
-        code = jnp.where(provable, proved_or_open, sampled)
-        code = jnp.where((divisor.codes == UNDECIDED) & (code != BROKEN), UNDECIDED, code)
-        undefined = divisor.codes == UNDEFINED
-        code = jnp.where(undefined, UNDEFINED, code)
-        # The status of a divisor that is not proved positive depends on its smallest relative size at the samples.
-        evidence = jnp.where(-square < MIN_RELATIVE_DIVISOR**2, UNDEFINED, jnp.where(provable, UNDECIDED, SAMPLED))
-        code = jnp.where(entry_index < LIMIT_COUNT, code, jnp.where(provable & proved, PROVED, evidence))
-        time = jnp.where(undefined, divisor.times, (at + 1) * scale.time)
-        finding = Findings(code.astype(jnp.int32), time, jnp.where(undefined, jnp.nan, value))
-        return with_element(findings, entry_index, finding)
-
-    return jax.lax.fori_loop(0, count, step, start)
+    """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units."""
+    task = _Task(source, limits, vehicle)
+    columns = [task.finding(limit) for limit in limits]
+    return Findings(*(xp.stack(x, axis=1) for x in zip(*columns, strict=True)))
 
 
-def _units(scale: Scale) -> Float[Array, "units paths"]:
-    """Return the products of powers of both units: the powers −1 to 2 of 1/length times nonnegative powers of time."""
-    inverse = 1 / scale.length
-    lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse])
-    times = [jnp.ones_like(scale.time)]
-    for _ in range(TIME_POWERS - 1):
-        times.append(times[-1] * scale.time)
-    return (lengths[:, None] * jnp.stack(times)[None]).reshape(-1, *scale.time.shape)
+class _Task:
+    """The shared data of the findings on one batch of paths."""
+
+    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: RoadParameters | None):
+        self.source, self.vehicle = source, vehicle
+        entries = [limit.entry for limit in limits]
+        self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
+        self._exact: dict[int, Formulas] = {}
+        self._divisors: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._grids: dict[int, Invariants] = {}
+
+    def finding(self, limit: Limit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return codes, times and values of one limit."""
+        entry = limit.entry
+        provable = self.source.provable(entry.upright)
+        proved, refuted, hints = self._decided(limit, provable)
+        at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
+        with np.errstate(invalid="ignore"):
+            sampled = xp.where(values <= limit.bounds, SAMPLED, xp.where(values > limit.bounds, BROKEN, UNDECIDED))
+        codes = xp.where(provable, np.where(proved, PROVED, np.where(refuted, BROKEN, UNDECIDED)), sampled)
+        values = xp.where(proved, xp.minimum(values, limit.bounds), values)
+        if entry.divisor is not None:
+            state, zero_at = self._divisor(entry.divisor)
+            codes = xp.where((state == UNDECIDED) & (codes != BROKEN), UNDECIDED, codes)
+            undefined = state == UNDEFINED
+            codes = xp.where(undefined, UNDEFINED, codes)
+            at, values = xp.where(undefined, zero_at, at), xp.where(undefined, np.nan, values)
+        return codes.astype(np.int32), at * self.source.duration, values
+
+    def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
+        """Decide whether the quantity does not exceed its limit."""
+        entry, factors = limit.entry, limit.factors
+
+        def in_floats() -> Any:
+            factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
+            bound = Bound(self._in_floats(limit.bounds, entry.length, entry.per_time), factor)
+            return None if self._bounded is None else self._bounded.within(entry, bound)
+
+        def in_integers(k: int) -> Any:
+            bound = _times_power(ExactPolynomial.of(limit.bounds[k]), self.source.duration[k], entry.per_time)
+            factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
+            return self._exact_formulas(k).within(entry, Bound(bound, factor))
+
+        if not np.any(wanted):
+            return Decided(*2 * [np.zeros(wanted.shape, bool)], np.zeros(wanted.shape))
+        return decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
+
+    def _divisor(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the state of a divisor (PROVED positive, UNDECIDED or UNDEFINED), and the instant of its minimum."""
+        if name not in self._divisors:
+            provable = self.source.provable(name in UPRIGHT_DIVISORS)
+            found = decided(
+                provable,
+                lambda: None if self._bounded is None else self._bounded.divisor(name, self._fastest_in_floats()),
+                lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
+                strict=True,
+            )
+            self._divisors[name] = np.full(provable.shape, PROVED), np.zeros(provable.shape)
+            if not np.all(found.proved):
+                self._divisors[name] = self._zero(name, provable, found)
+        return self._divisors[name]
+
+    def _zero(self, name: str, provable: np.ndarray, found: Decided) -> tuple[np.ndarray, np.ndarray]:
+        """Return the result of `_divisor` for divisors of which some are not proved positive."""
+        grid, function = self._grid(provable), lambda u: -self._sizes(name, u)
+        at, negative_size = find_maxima(function, grid, function(grid), found.at if np.any(found.refuted) else None)
+        zero = found.refuted | (xp.sqrt(xp.maximum(-negative_size, 0.0)) < MIN_RELATIVE_DIVISOR)
+        rest = np.where(provable, UNDECIDED, PROVED)
+        return xp.where(found.proved, PROVED, xp.where(zero, UNDEFINED, rest)), at
+
+    @cached_property
+    def _bounded(self) -> Formulas | None:
+        """The formulas in bounded floats, for all paths."""
+        with np.errstate(all="ignore"):
+            derivatives, vehicle = self.source.bounded(self.order), None
+            if self.vehicle is not None:
+                vehicle = _constants(self._scaled_vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
+        constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, x), k=1)  # noqa: E731
+        return None if derivatives is None else Formulas(derivatives, constant, vehicle)
+
+    def _in_floats(self, x: np.ndarray, length: int, per_time: int) -> BoundedPolynomial:
+        source = self.source
+        return BoundedPolynomial.constant(x * source.duration**per_time / source.length**length, k=12)
+
+    def _exact_formulas(self, k: int) -> Formulas:
+        """Return the formulas in exact integers for path k."""
+        if k not in self._exact:
+            vehicle = None
+            if self.vehicle is not None:
+                vehicle = _constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
+                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self.source.duration[k], 2))
+            self._exact[k] = Formulas(self.source.exact(k, self.order), ExactPolynomial.of, vehicle)
+        return self._exact[k]
+
+    @cached_property
+    def _scaled_vehicle(self) -> RoadParameters:
+        """The parameters of the vehicle in the units of `source`."""
+        vehicle: Any = self.vehicle
+        h, length = self.source.duration, self.source.length
+        return vehicle._replace(gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length)
+
+    def _largest(self, limit: Limit, hints: np.ndarray, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the instant and the largest value of a quantity, in SI units."""
+        entry, source, grid = limit.entry, self.source, self._grid(provable)
+
+        def function(u: np.ndarray) -> np.ndarray:
+            with np.errstate(all="ignore"):
+                return xp.broadcast_to(entry.value(self._at(u)), (len(u), source.count))
+
+        at, values = find_maxima(function, grid, function(grid), hints)
+        with np.errstate(all="ignore"):
+            return at, limit.factors * values * source.length**entry.length / source.duration**entry.per_time
+
+    def _grid(self, provable: np.ndarray) -> np.ndarray:
+        return GRIDS[bool(np.all(provable))]
+
+    def _at(self, u: np.ndarray) -> Invariants:
+        """Return the invariants at instants (k, n), or on a grid (k,), for which they are computed only once."""
+        if u.ndim == 1:
+            return self._on_grid(len(u))
+        found, vehicle = self.source.at(u, self.order), None if self.vehicle is None else self._scaled_vehicle
+        return Invariants(found.rows, found.up, vehicle, root=_root, pace=found.pace)
+
+    def _on_grid(self, count: int) -> Invariants:
+        if count not in self._grids:
+            u = np.linspace(0.0, 1.0, count)
+            self._grids[count] = self._at(np.repeat(u[:, None], self.source.count, axis=1))
+        return self._grids[count]
+
+    @cached_property
+    def _fastest(self) -> np.ndarray:
+        """The largest squared speed at the instants of the grid, in the units of `source`."""
+        with np.errstate(all="ignore"):
+            return xp.max(self._at(self._grid(self.source.provable(False))).S, axis=0)
+
+    def _fastest_in_floats(self) -> BoundedPolynomial:
+        return BoundedPolynomial.constant(self._fastest)
+
+    def _fastest_in_integers(self, k: int) -> ExactPolynomial:
+        return _times_power(ExactPolynomial.of(self._fastest[k]), self.source.length[k], 2)
+
+    def _sizes(self, name: str, u: np.ndarray) -> np.ndarray:
+        """Return the squared relative size of a divisor."""
+        with np.errstate(all="ignore"):
+            i = self._at(u)
+            if name != LOAD:
+                square, scale = sizes(name, i, self._fastest)
+                return xp.where(scale > 0, square / xp.where(scale > 0, scale, 1.0), 0.0)
+            p, load = i.vehicle, xp.maximum(i.contact.onto, 0.0)
+            largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
+            return xp.where(largest > 0, load * load / xp.where(largest > 0, largest, 1.0), 0.0)
 
 
-def _proof(
-    derivatives: PathDerivatives | None,
-    entry: Entry,
-    bound: Bound,
-    vehicle: RoadParameters | None,
-    paths: tuple[int, ...],
-    dtype: Any,
-) -> Answer:
-    if derivatives is None:
-        nothing = jnp.zeros(paths, dtype)
-        return Answer(jnp.full(paths, NOT_PROVED, jnp.int32), nothing, nothing, nothing)
-    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
-
-    def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
-        builds = [build for build, needed in zip(slacks, ORDERS, strict=False) if needed == order]
-
-        def build(centre: Array, half: Array) -> ChebyshevModel:
-            vectors = [r.on(centre, half) for r in derivatives.derivatives[:order]]
-            chosen = [lambda r, build=build: build(Invariants([None, *r]), bound) for build in builds]
-            return jax.lax.switch(entry.place, chosen, vectors)
-
-        return build
-
-    def on_road(centre: Array, half: Array) -> ChebyshevModel:
-        vectors = [r.on(centre, half) for r in derivatives.derivatives[:2]]
-        pace = 1 if derivatives.pace is None else derivatives.pace.on(centre, half)[0]
-        return road.road_slack(entry.place, Invariants([None, *vectors], vehicle=vehicle, pace=pace), bound, half)
-
-    branches = [*(of_order(order) for order in range(1, ORDER + 1)), *([] if vehicle is None else [on_road])]
-    build = lambda centre, half: jax.lax.switch(entry.order - 1, branches, centre, half)  # noqa: E731
-    max_width = jnp.full(paths, 2.0, dtype) / entry.pieces.astype(dtype)
-    return prove_positive(build, max_width)
+def _times_power(x: Any, base: float, exponent: int) -> Any:
+    """Return x·base^exponent, exactly."""
+    factor = ExactPolynomial.of(base)
+    for _ in range(exponent):
+        x = x * factor
+    return x
 
 
-def _divisor(name: str, i: Invariants, bound: Bound) -> ChebyshevModel:
-    return getattr(i, name)
+def _root(x: Any) -> Any:
+    return xp.sqrt(xp.maximum(x, 0.0))
 
 
-def _squares(
-    evaluate: Evaluate, vehicle: RoadParameters | None, entry: Entry, s: Float[Array, "instants paths"]
-) -> Float[Array, "instants paths"]:
-    """Return the square of a quantity (with its sign, if it is signed), or the negative relative size of a divisor."""
+def _constants(vehicle: RoadParameters, constant: Any) -> RoadParameters:
+    """Return the parameters as constant polynomials; a parameter that is 0 or 1 for all paths is that integer."""
 
-    @jax.jit
-    def sizes(s: Array) -> Regularity:
-        return regularity(evaluate(s, 3, True), jnp.asarray(2.0, s.dtype))
+    def of(x: np.ndarray) -> Any:
+        return int(np.ravel(x)[0]) if np.all(x == 0) or np.all(x == 1) else constant(x)
 
-    def on_road(s: Array) -> Array:
-        i = evaluate(s, 2, True)
-        i.vehicle = jax.tree.map(lambda x: x[None], vehicle)
-        i.contact.compute()
-        return jax.lax.switch(entry.place, [partial(of, x, i) for x in ROAD_QUANTITIES] + [partial(_no_load, i)])
-
-    def of(x: PathQuantity, i: Invariants) -> Array:
-        if x.signed is None:
-            return jnp.broadcast_to(x.squared(i), s.shape)
-        value = x.value(i)
-        return value * jnp.abs(value)
-
-    limits = [lambda s, x=x: of(x, evaluate(s, x.order, x.upright)) for x in LIMITS if not x.on_road]
-    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES[:-1]]
-    return jax.lax.switch(entry.branch, [*limits, *divisors, *([] if vehicle is None else [on_road])], s)
-
-
-def _no_load(i: Invariants) -> Array:
-    return -road.relative_load(i)
+    return RoadParameters(*(of(np.asarray(x, float)) for x in vehicle))

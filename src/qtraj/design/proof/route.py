@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, UNDECIDED, Certificate, contradicted
+from qtraj.design.proof.certificate import BROKEN, Certificate
+from qtraj.design.proof.judge import Limit
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_segments import findings, worst
 from qtraj.foundation.arrays import is_traced
@@ -42,7 +43,6 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     if limits.on_road:
         require_one_direction(route, limits.vehicle)
     bounds_by_name = {name: float(np.asarray(x)) for name, x in limits.given().items()}
-    reduced = {name: float(np.asarray(x)) for name, x in limits.reduced().items()}
     count = route.segments
     starts, c = np.asarray(route.starts)[:count], np.asarray(route.coefficients)[:count]
     segments = Segments(starts, c, np.diff(np.asarray(route.times)))
@@ -51,10 +51,9 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road = limits.road() if limits.on_road else None
-    results = findings(segments, reduced, road)
-    results.values[:] *= np.array([float(np.asarray(x)) for x in limits.factors()])
-    results.codes[contradicted(names, results.codes, results.values, bounds)] = UNDECIDED
+    road = limits.road(float) if limits.on_road else None
+    factors = np.array([float(np.asarray(x)) for x in limits.factors(float)])
+    results = findings(segments, [Limit(quantity(n), *x) for n, *x in zip(names, bounds, factors, strict=True)], road)
     times = results.times + starts[:, None]
     codes, column = worst(results.codes), np.arange(len(names))
     candidates = np.where(results.codes == codes[None], results.values, -np.inf)
@@ -64,7 +63,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     broken, broken_limits = [], []
     for k, name in enumerate(names):
         rows = np.flatnonzero(results.codes[:, k] == BROKEN)
-        intervals = _intervals(segments, name, reduced[name], road, rows, results.times[rows, k])
+        bound = bounds[k] / factors[k]
+        intervals = _intervals(segments, name, bound, road, rows, results.times[rows, k])
         broken += intervals
         broken_limits += [k] * len(intervals)
     return RouteCertificate(whole, parts, starts, broken, broken_limits)

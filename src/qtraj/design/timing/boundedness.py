@@ -18,13 +18,14 @@ length of the path and the speeds at its ends. So the result does not depend on 
 from typing import Any
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD
-from qtraj.foundation.types import Flag, Scalar
+from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
@@ -51,112 +52,122 @@ def largest(
     power imply the rates of the accelerations that they allow, and the bounds `ends` on a imply |r'|√a/L. The highest
     rate counts; L times this rate is the typical speed. Infinite limits and bounds are ignored.
     """
-    square = jnp.sum(r1 * r1, axis=0)
-    highest = jnp.max(square)
-    length = span * jnp.sqrt(highest)
-    rates = [jnp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
+    xp = namespace(r1, span, ends, *bounds.values(), *(vehicle or ()))
+    square = xp.sum(r1 * r1, axis=0)
+    highest = xp.max(square)
+    length = span * xp.sqrt(highest)
+    rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
         entry = QUANTITIES[name]
         if name not in ROAD:
             rates.append((bound / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
-            gravity = jnp.sqrt(bound * vehicle.gravity / length)
-            rates.append(gravity if name == "friction" else jnp.cbrt(bound / vehicle.mass / length**2))
-    known = jnp.stack(rates)
-    rate = jnp.max(jnp.where(jnp.isfinite(known), known, 0.0))
-    rate = jnp.where(rate > 0, rate, 1 / span)
-    return LARGEST * (length * rate) ** 2 / jnp.maximum(square, STANDING**2 * highest)
+            gravity = xp.sqrt(bound * vehicle.gravity / length)
+            rates.append(gravity if name == "friction" else xp.cbrt(bound / vehicle.mass / length**2))
+    known = xp.stack(rates)
+    rate = xp.max(xp.where(xp.isfinite(known), known, 0.0))
+    rate = xp.where(rate > 0, rate, 1 / span)
+    return LARGEST * (length * rate) ** 2 / xp.maximum(square, STANDING**2 * highest)
 
 
-@jax.jit
-def unbounded(program: Program, a: Float[Array, "2 cells+1"], stops: Bool[Any, " 2"]) -> Flag:
+def unbounded(
+    program: Program, a: Float[np.ndarray, "batch 2 cells+1"], stops: Bool[np.ndarray, " 2"]
+) -> Bool[np.ndarray, " batch"]:
     """Return whether the speed is unbounded, or the solution `a` exceeds half of `program.largest` at some node.
 
     `a` contains u̇² at the nodes. `stops` indicates whether r' = 0 at the start and at the end.
     """
     c: Constraints = jax.tree.map(_in_order, program.constraints)
-    of_nodes = program.largest, jnp.asarray(program.nodes.place), jnp.asarray(program.nodes.standing)
+    of_nodes = program.largest, program.nodes.place, program.nodes.standing
     most, place, standing = map(_in_order, of_nodes)
-    at_end = jnp.zeros(place.shape, bool).at[0].set(stops[0]).at[-1].set(stops[1])
+    at_end = np.zeros(place.shape, bool)
+    at_end[0], at_end[-1] = stops
     low, high = _slopes(c, most)
     possible = (c.upper <= 2 / most) & (standing == 0) & ~at_end & (low <= high)
     found = _any(possible, low, high) if c.jerk is None else _linear(c.jerk, place, most, possible, low, high)
-    return found | jnp.any((_in_order(a) > 0.5 * most) & (standing == 0))
+    return found | ((_in_order(a) > 0.5 * most) & (standing == 0)).any(axis=-1)
 
 
-def _in_order(x: Float[Array, "*rows 2 cells+1"]) -> Float[Array, "*rows nodes"]:
+def _in_order(x: Float[np.ndarray, "*rows 2 cells+1"]) -> Float[np.ndarray, "*rows nodes"]:
     """Return the values at all nodes in the order of the path, without the padding."""
-    return jnp.swapaxes(x, -1, -2).reshape(*x.shape[:-2], -1)[..., :-1]
+    return np.swapaxes(x, -1, -2).reshape(*x.shape[:-2], x.shape[-2] * x.shape[-1])[..., :-1]
 
 
-def _slopes(c: Constraints, a: Float[Array, " nodes"]) -> tuple[Float[Array, " nodes"], Float[Array, " nodes"]]:
+Nodes = Float[np.ndarray, "batch nodes"]
+
+
+def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
     """Return bounds on a' = da/du at each node for a large `a` = u̇²; low > high if no a' is possible."""
-    low, high = jnp.full_like(c.upper, -jnp.inf), jnp.full_like(c.upper, jnp.inf)
-    for aa, ab, bb in c.forms:
+    low, high = np.full_like(c.upper, -np.inf), np.full_like(c.upper, np.inf)
+    for (aa, ab), (_, bb) in c.forms:
         limited = bb * a**2 > 1
-        size = jnp.where(limited, bb, 1.0)
-        rest = aa - jnp.where(limited, ab * ab / size, 0.0)
-        left = 1 - jnp.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
+        size = np.where(limited, bb, 1.0)
+        rest = aa - np.where(limited, ab * ab / size, 0.0)
+        left = 1 - np.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
         low, high = _within(low, high, limited | (left < 0), -a * ab / size, left / size)
     if c.road is None:
         return low, high
     x0, x1, x2 = c.road.along
     y, z = (p[0] + p[1] * a for p in (c.road.across, c.road.onto))
-    limited, size = x2 * a > 1, jnp.where(x2 > 0, x2, 1.0)
+    limited, size = x2 * a > 1, np.where(x2 > 0, x2, 1.0)
     low, high = _within(low, high, limited, -(x0 + x1 * a) / size, (z * z - y * y) / size**2)
     p0, p1, p2 = c.road.power
-    limited, size = p2 * a > 1, jnp.where(p2 > 0, p2, 1.0)
-    return low, jnp.where(limited, jnp.minimum(high, (a**-0.5 - p0 - p1 * a) / size), high)
+    limited, size = p2 * a > 1, np.where(p2 > 0, p2, 1.0)
+    return low, np.where(limited, np.minimum(high, (a**-0.5 - p0 - p1 * a) / size), high)
 
 
-def _within(low: Array, high: Array, limited: Array, middle: Array, square: Array) -> tuple[Array, Array]:
+def _within(low: Nodes, high: Nodes, limited: np.ndarray, middle: Nodes, square: Nodes) -> tuple[Nodes, Nodes]:
     """Restrict an interval to |a' − middle|² ≤ square where `limited`; a negative square makes the interval empty."""
-    half = jnp.where(square >= 0, jnp.sqrt(jnp.maximum(square, 0.0)), -jnp.inf)
+    half = np.where(square >= 0, np.sqrt(np.maximum(square, 0.0)), -np.inf)
     return (
-        jnp.where(limited, jnp.maximum(low, middle - half), low),
-        jnp.where(limited, jnp.minimum(high, middle + half), high),
+        np.where(limited, np.maximum(low, middle - half), low),
+        np.where(limited, np.minimum(high, middle + half), high),
     )
 
 
-def _any(possible: Bool[Array, " nodes"], low: Array, high: Array) -> Flag:
+def _any(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[np.ndarray, " batch"]:
     """Return whether a = u̇² can be large at all three nodes of some cell."""
-    ends = jnp.arange(possible.size)
-    begun = _reached(possible, (high == jnp.inf) | (ends == 0))
-    left = _reached(possible[::-1], ((low == -jnp.inf) | (ends == ends.size - 1))[::-1])[::-1]
+    ends = np.arange(possible.shape[-1])
+    begun = _reached(possible, (high == np.inf) | (ends == 0))
+    left = _reached(possible[:, ::-1], ((low == -np.inf) | (ends == ends.size - 1))[:, ::-1])[:, ::-1]
     large = begun & left
-    return jnp.any(large[:-2] & large[1:-1] & large[2:])
+    return (large[:, :-2] & large[:, 1:-1] & large[:, 2:]).any(axis=-1)
 
 
-def _reached(possible: Bool[Array, " nodes"], entered: Bool[Array, " nodes"]) -> Bool[Array, " nodes"]:
+def _reached(possible: np.ndarray, entered: np.ndarray) -> np.ndarray:
     """Return a mask of the nodes that possible nodes connect to an earlier node where a = u̇² can become large."""
-    index = jnp.arange(possible.size)
-    last = jax.lax.cummax(jnp.where(possible & entered, index, -1))
-    return last > jax.lax.cummax(jnp.where(possible, -1, index))
+    index = np.arange(possible.shape[-1])
+    last = np.maximum.accumulate(np.where(possible & entered, index, -1), axis=-1)
+    return last > np.maximum.accumulate(np.where(possible, -1, index), axis=-1)
 
 
 def _linear(
-    jerk: Float[Array, "6 nodes"], place: Array, a: Array, possible: Bool[Array, " nodes"], low: Array, high: Array
-) -> Flag:
+    jerk: Float[np.ndarray, "3 3 batch nodes"],
+    place: Float[np.ndarray, " nodes"],
+    a: Nodes,
+    possible: np.ndarray,
+    low: Nodes,
+    high: Nodes,
+) -> Bool[np.ndarray, " batch"]:
     """Return whether the path is straight and the limits allow motion with zero jerk at arbitrarily high speed.
 
     The squared speed of such a motion is constant, or proportional to the distance from one end.
     """
-    _, _, bend, _, mixed, square = jerk  # proportional to 9|r''|², 3r'·r'' and |r'|²
-    moving = jnp.where(square > 0, square, 1.0)
-    across = bend - jnp.where(square > 0, mixed**2 / moving, 0.0)
-    straight = jnp.all(across <= STRAIGHT * bend + STRAIGHT**2 * square)
-    speed, steady = jnp.sqrt(square), -2 / 3 * jnp.where(square > 0, mixed / moving, 0.0)
-    steps = 0.5 * jnp.diff(place) * (speed[1:] + speed[:-1])
-    gone = jnp.concatenate([jnp.zeros_like(speed[:1]), jnp.cumsum(steps)])
-    left = gone[-1] - gone
-    first, last = (jnp.arange(place.size) == k for k in (0, place.size - 1))
-    never = jnp.zeros_like(first)
-    found = []
+    bend, mixed, square = jerk[1, 1], jerk[1, 2], jerk[2, 2]  # proportional to 9|r''|², 3r'·r'' and |r'|²
+    moving = np.where(square > 0, square, 1.0)
+    across = bend - np.where(square > 0, mixed**2 / moving, 0.0)
+    straight = np.all(across <= STRAIGHT * bend + STRAIGHT**2 * square, axis=-1)
+    speed, steady = np.sqrt(square), -2 / 3 * np.where(square > 0, mixed / moving, 0.0)
+    steps = 0.5 * np.diff(place) * (speed[:, 1:] + speed[:, :-1])
+    gone = np.concatenate([np.zeros_like(speed[:, :1]), np.cumsum(steps, axis=-1)], axis=-1)
+    left = gone[:, -1:] - gone
+    first, last = (np.arange(place.size) == k for k in (0, place.size - 1))
+    found = np.zeros(straight.shape, bool)
     for at_rest, change in (
-        (never, 0.0),
-        (first, speed / jnp.where(first, 1.0, gone)),
-        (last, -speed / jnp.where(last, 1.0, left)),
+        (np.zeros_like(first), 0.0),
+        (first, speed / np.where(first, 1.0, gone)),
+        (last, -speed / np.where(last, 1.0, left)),
     ):
         slope = a * (steady + change)
-        found.append(jnp.all(at_rest | (possible & (low <= slope) & (slope <= high))))
-    return straight & (found[0] | found[1] | found[2])
+        found |= np.all(at_rest | (possible & (low <= slope) & (slope <= high)), axis=-1)
+    return straight & found

@@ -11,20 +11,19 @@ longitudinal acceleration, of the yaw acceleration and of the acceleration are c
 square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a limit on the jerk is √Q ≤ limit/√a. This
 inequality becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
 
-The last axes of every array index the nodes. With b = a' and c = a'', a form in (a, b) is represented by the entries
-(aa, ab, bb) of its symmetric matrix, and the form in (a, b, c) by the entries (aa, ab, bb, ac, bc, cc). No code is
-compiled for absent limits.
+The last axes of every array index the nodes. Quadratic forms are represented by their symmetric matrices. All functions
+accept NumPy and JAX arrays, except `second_derivatives`, which needs NumPy arrays.
 """
 
 import functools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.timing import road
-from qtraj.design.timing.banded import total
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD, Road
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
@@ -67,8 +66,8 @@ class Constraints(NamedTuple):
     """
 
     upper: Float[Array, "*nodes"]
-    forms: tuple[Float[Array, "3 *nodes"], ...]
-    jerk: Float[Array, "6 *nodes"] | None = None
+    forms: Float[Array, "forms 2 2 *nodes"]
+    jerk: Float[Array, "3 3 *nodes"] | None = None
     road: Road | None = None
 
     @property
@@ -87,22 +86,23 @@ class Constraints(NamedTuple):
         return 2 if self.jerk is None else 3
 
 
-Gradients = Sequence[tuple[Any, ...]]
-"""For each constraint, the derivatives with respect to a = u̇², a' and a''; trailing zero derivatives are omitted."""
+Gradients = Float[Array, "count orders *nodes"]
+"""For each constraint, the derivatives with respect to a = u̇², a' and, with a limit on the jerk, a''."""
 
 
 class Parts(NamedTuple):
     """The constraints before the upper bounds are combined; `upper` has one row for each limit."""
 
     upper: Float[Array, "uppers *nodes"]
-    forms: tuple[Float[Array, "3 *nodes"], ...]
-    jerk: Float[Array, "6 *nodes"] | None = None
+    forms: Float[Array, "forms 2 2 *nodes"]
+    jerk: Float[Array, "3 3 *nodes"] | None = None
     road: Road | None = None
 
     def constraints(self, largest: Float[Array, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
-        upper = functools.reduce(jnp.maximum, self.upper, 1 / largest)
-        upper = upper if self.road is None else jnp.maximum(upper, self.road.upper)
+        xp = namespace(self.upper, largest)
+        upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
+        upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
         return Constraints(upper, self.forms, self.jerk, self.road)
 
 
@@ -114,31 +114,33 @@ def parts(
     The first axes of `r` are the order of the derivative and the component. Derivatives of a are with respect to
     u/`unit`. Limits on friction and power are included only with a `vehicle`.
     """
-    r1, r2, r3 = (tuple(x) for x in r)
+    xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
     square = dot(r1, r1)
-    moving = square > STANDING**2 * jnp.max(square)
+    moving = square > STANDING**2 * xp.max(square)
     # Where r' = 0, use the direction of r'', in which the motion starts.
-    ahead = tuple(jnp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
+    ahead = tuple(xp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
     inv_speed, inv_level, inv_ahead = (
-        _inverse_root(x) for x in (jnp.where(moving, i.S, 0.0), jnp.where(moving, i.H, 0.0), dot(ahead, ahead))
+        _inverse_root(x) for x in (xp.where(moving, i.S, 0.0), xp.where(moving, i.H, 0.0), dot(ahead, ahead))
     )
     rate, growth = yaw(i, inv_speed, inv_level)
     half = 0.5 / unit
-    along = dot(ahead, r2) * inv_ahead, half * jnp.sqrt(i.S)
+    along = dot(ahead, r2) * inv_ahead, half * xp.sqrt(i.S)
     turning = growth, half * rate
     forms = dict(zip(FORMS, (_square(*along), _square(*turning), (i.A, half * i.B, half * half * i.S)), strict=True))
-    scaled = tuple(jnp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds)
+    own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
+    scaled = xp.stack([_symmetric(x) for x in own]) if own else xp.zeros((0, 2, 2, *square.shape), square.dtype)
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
-        jerk = jnp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S]) / bounds["jerk"] ** 2
+        entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
+        jerk = _symmetric(entries / bounds["jerk"] ** 2)
     upper = [_upper(name, i, bounds[name], moving) for name in UPPER if name in bounds]
-    found = Parts(jnp.stack(upper) if upper else jnp.zeros((0, *square.shape), square.dtype), scaled, jerk)
+    found = Parts(xp.stack(upper) if upper else xp.zeros((0, *square.shape), square.dtype), scaled, jerk)
     if vehicle is None:
         return found
-    direction = jnp.stack(ahead) * inv_ahead[None]
-    on_road = road.coefficients(direction, r2, jnp.sqrt(i.S), half, vehicle, bounds)
+    direction = xp.stack(ahead) * inv_ahead[None]
+    on_road = road.coefficients(direction, r2, xp.sqrt(i.S), half, vehicle, bounds)
     # Where r' vanishes, r'' may be opposite to the direction of motion, so omit friction and power there.
     return found._replace(road=road.without(on_road, ~moving))
 
@@ -146,14 +148,25 @@ def parts(
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
-    square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
+    xp, square = namespace(moving, bound, i.S), entry.numerator(i)
+    if entry.denominator is not None:
+        # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
+        divisor = entry.denominator(i)
+        square = xp.where(divisor > 0, square / xp.where(divisor > 0, divisor, 1.0), 0.0)
+    square = xp.where(moving, square, 0.0) / bound**2
     if entry.per_time == 1:
         return square
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _symmetric(entries: Float[Array, "entries *nodes"]) -> Float[Array, "n n *nodes"]:
+    """Return the symmetric matrix with the rows of its lower triangle in `entries`."""
+    return entries[np.array([[0, 1], [1, 2]] if entries.shape[0] == 3 else [[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
 
 
 def _inverse_root(x: Array) -> Array:
-    return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** -0.5, 0.0)
+    xp = namespace(x)
+    return xp.where(x > 0, xp.where(x > 0, x, 1.0) ** -0.5, 0.0)
 
 
 def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
@@ -164,9 +177,9 @@ def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
 def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constraints:
     """Return the same constraints with their limits divided by `factors`."""
     own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
-    squares = factors[1:] ** 2
-    forms = tuple(form * x[None] for form, x in zip(c.forms, squares, strict=False))
-    return Constraints(c.upper * factors[0], forms, None if c.jerk is None else c.jerk * squares[None, len(forms)], own)
+    squares, forms = factors[1:] ** 2, c.forms.shape[0]
+    jerk = None if c.jerk is None else c.jerk * squares[None, None, forms]
+    return Constraints(c.upper * factors[0], c.forms * squares[:forms, None, None], jerk, own)
 
 
 def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *nodes"]:
@@ -174,100 +187,94 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
 
     `v` contains a = u̇² and its derivatives with respect to the path parameter.
     """
-    squares = [_form(form, v) for form in p.forms] + ([] if p.jerk is None else [v[0] * _quadratic(p.jerk, v)])
-    on_road = [] if p.road is None else road.used(p.road, v)
-    upper = [x * jnp.maximum(v[0], 0.0) for x in p.upper]
-    return jnp.stack([*upper, *(jnp.sqrt(jnp.maximum(x, 0.0)) for x in squares), *on_road])
+    xp = namespace(v, p.upper)
+    squares, on_road = _squares(p, v), [] if p.road is None else road.used(p.road, v)
+    upper = p.upper * xp.maximum(v[0], 0.0)[None]
+    return xp.concatenate([upper, *(xp.sqrt(xp.maximum(x, 0.0)) for x in squares), *(x[None] for x in on_road)])
 
 
 def ratios(found: Float[Array, "limits *nodes"], rows: tuple[str, ...]) -> Float[Array, "limits *nodes"]:
     """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
     linear = [name in UPPER and POWERS[name] < 1 for name in rows]
-    return jnp.stack([jnp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
+    xp = namespace(found)
+    return xp.stack([xp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
 
 
 def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
-    squares = [_form(form, v) for form in c.forms] + ([] if c.jerk is None else [v[0] * _quadratic(c.jerk, v)])
-    return jnp.stack(
-        [*(x - 1 for x in (c.upper * v[0], *squares)), *([] if c.road is None else road.values(c.road, v))]
-    )
+    on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
+    upper = (c.upper * v[0])[None]
+    return namespace(v, c.upper).concatenate([*(x - 1 for x in (upper, *_squares(c, v))), *on_road])
 
 
 def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
     """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
-    a, b = v[:2]
-    found: list[tuple[Any, ...]] = [(c.upper,)]
-    found += [(2 * (aa * a + ab * b), 2 * (ab * a + bb * b)) for aa, ab, bb in c.forms]
+    xp = namespace(v, c.upper)
+    zero = xp.zeros_like(v[:1] * c.upper[None])
+    found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
+    forms = 2 * _products(xp, c.forms, v)
+    found.append(forms if c.jerk is None else xp.concatenate([forms, xp.zeros_like(forms[:, :1])], axis=1))
     if c.jerk is not None:
-        slope = _times(c.jerk, v)
-        whole, *others = (2 * a * x for x in slope)
-        found.append((whole + _dot(slope, v), *others))
-    return found if c.road is None else [*found, *road.gradients(c.road, v)]
+        slope = _product(xp, c.jerk, v)
+        own = 2 * v[0][None] * slope
+        found.append(xp.concatenate([own[:1] + _dot(xp, slope, v)[None], own[1:]])[None])
+    if c.road is not None:
+        more = [] if c.jerk is None else [zero[0]]
+        found += [xp.stack([*x, *more])[None] for x in road.gradients(c.road, v)]
+    return xp.concatenate(found)
 
 
 def second_derivatives(
     c: Constraints,
-    v: Float[Array, "orders *nodes"],
-    multipliers: Float[Array, "count *nodes"],
-    ratio: Float[Array, "count *nodes"],
-    a: Float[Array, "*nodes"],
-) -> list[list[Array]]:
-    """Return the lower triangle of Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0.
+    slope: Gradients,
+    v: Float[np.ndarray, "orders *nodes"],
+    multipliers: Float[np.ndarray, "count *nodes"],
+    ratio: Float[np.ndarray, "count *nodes"],
+    a: Float[np.ndarray, "*nodes"],
+) -> Float[np.ndarray, "orders orders *nodes"]:
+    """Return Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0, and `slope` are the gradients.
 
     The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
     w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
-    found = [[jnp.zeros_like(a)] * (i + 1) for i in range(c.orders)]
-    for (aa, ab, bb), z in zip(c.forms, 2 * multipliers[1:], strict=False):
-        found[0][0], found[1][0], found[1][1] = found[0][0] + z * aa, found[1][0] + z * ab, found[1][1] + z * bb
+    found = np.einsum("ci...,cj...->ij...", ratio[:, None] * slope, slope)
+    count = c.forms.shape[0]
+    found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
     if c.jerk is not None:
-        slope, last = _times(c.jerk, v), multipliers[1 + len(c.forms)]
-        for i, row in enumerate(_matrix(c.jerk)):
-            for j in range(i + 1):
-                found[i][j] = found[i][j] + 2 * last * v[0] * row[j]
-            found[i][0] = found[i][0] + (2.0 if i == 0 else 1.0) * last * slope[i]
-        found[0][0] = found[0][0] + last * _dot(slope, v) / (2 * a)
+        own, last = _product(np, c.jerk, v), multipliers[1 + count]
+        found += 2 * last * v[0] * c.jerk
+        found[0] += last * own
+        found[:, 0] += last * own
+        found[0, 0] += last * _dot(np, own, v) / (2 * a)
     if c.road is not None:
-        aa, ab, bb = road.second_derivatives(c.road, multipliers[c.before_road :])
-        found[0][0], found[1][0], found[1][1] = found[0][0] + aa, found[1][0] + ab, found[1][1] + bb
-    for own, weight in zip(gradients(c, v), ratio, strict=True):
-        for i, x in enumerate(own):
-            for j, y in enumerate(own[: i + 1]):
-                found[i][j] = found[i][j] + weight * x * y
+        found[:2, :2] += _symmetric(np.stack(road.second_derivatives(c.road, multipliers[c.before_road :])))
     return found
 
 
 def changes(slope: Gradients, dv: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
     """Return the changes of the linearised constraint values for the changes `dv` of a and its derivatives."""
-    return jnp.stack([total(x * d for x, d in zip(own, dv, strict=False)) for own in slope])
+    return namespace(slope, dv).einsum("ci...,i...->c...", slope, dv)
 
 
-def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> list[Float[Array, "*nodes"]]:
+def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> Float[Array, "orders *nodes"]:
     """Return the weighted sums of the gradients."""
-    orders = max(map(len, slope))
-    return [total(own[k] * w for own, w in zip(slope, weights, strict=True) if k < len(own)) for k in range(orders)]
+    return namespace(slope, weights).einsum("ci...,c...->i...", slope, weights)
 
 
-def _form(q: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Float[Array, "*nodes"]:
-    """Return the value of a quadratic form in a = u̇² and a' = da/du."""
-    (aa, ab, bb), a, b = q, v[0], v[1]
-    return aa * a * a + 2 * ab * a * b + bb * b * b
+def _squares(c: Constraints | Parts, v: Float[Array, "orders *nodes"]) -> list[Float[Array, "some *nodes"]]:
+    """Return the squares of the quantities of the forms, divided by their limits, and that of the jerk."""
+    xp = namespace(v, c.upper)
+    forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
+    return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
 
 
-def _matrix(q: Float[Array, "6 *nodes"]) -> tuple[tuple[Any, ...], ...]:
-    """Return the rows of the symmetric matrix of a quadratic form in a = u̇², a' and a''."""
-    aa, ab, bb, ac, bc, cc = q
-    return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
+def _products(xp: Any, forms: Float[Array, "forms 2 2 *nodes"], v: Array) -> Float[Array, "forms 2 *nodes"]:
+    return xp.einsum("fij...,j...->fi...", forms, v[:2])
 
 
-def _times(q: Float[Array, "6 *nodes"], v: Float[Array, "3 *nodes"]) -> list[Float[Array, "*nodes"]]:
-    return [_dot(row, v) for row in _matrix(q)]
+def _product(xp: Any, matrix: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "3 *nodes"]:
+    return xp.einsum("ij...,j...->i...", matrix, v)
 
 
-def _dot(x: Any, y: Any) -> Any:
-    return total(p * q for p, q in zip(x, y, strict=True))
-
-
-def _quadratic(q: Float[Array, "6 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "*nodes"]:
-    return _dot(_times(q, v), v)
+def _dot(xp: Any, x: Float[Array, "n *nodes"], y: Float[Array, "n *nodes"]) -> Float[Array, "*nodes"]:
+    return xp.einsum("i...,i...->...", x, y)

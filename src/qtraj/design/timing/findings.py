@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
@@ -10,6 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.timing.directions import straight
+from qtraj.foundation.namespace import namespace
+from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
@@ -25,13 +26,14 @@ def with_straight(
     if "angular_rate" not in names:
         return codes
     rows = np.array([name == "angular_rate" for name in names])[:, None]
-    without = straight(*stop_gradient((path, knots)))[None] & rows
-    return jnp.where(without & ((codes == UNDECIDED) | (codes == SAMPLED)), UNDEFINED, codes)
+    xp = namespace(codes, knots)
+    without = straight(*(stop_gradient((path, knots)) if xp is jnp else (path, knots)))[None] & rows
+    return xp.where(without & ((codes == UNDECIDED) | (codes == SAMPLED)), UNDEFINED, codes)
 
 
 def undefined(codes: Int[Array, "limits cells"]) -> Bool[Array, "limits cells"]:
     """Return a mask of the cells in which a quantity is undefined; false if its limit is violated in some cell."""
-    return (codes == UNDEFINED) & ~jnp.any(codes == BROKEN, axis=1, keepdims=True)
+    return (codes == UNDEFINED) & ~(codes == BROKEN).any(axis=1, keepdims=True)
 
 
 def worst_cell(codes: Int[Array, "limits cells"], usage: Float[Array, "limits cells"]) -> Int[Array, " limits"]:
@@ -39,7 +41,8 @@ def worst_cell(codes: Int[Array, "limits cells"], usage: Float[Array, "limits ce
 
     If the quantity is undefined in some cell, return the first such cell, unless the limit is violated.
     """
-    return jnp.argmax(jnp.where(undefined(codes), jnp.inf, usage), axis=1)
+    xp = namespace(codes, usage)
+    return xp.argmax(xp.where(undefined(codes), np.inf, usage), axis=1)
 
 
 def certificate(
@@ -54,23 +57,24 @@ def certificate(
 
     The value of a quantity that is undefined in some cell becomes NaN, unless its limit is violated.
     """
-    rank = jnp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
-    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
+    xp = namespace(codes, times, values, limits)
+    rank = xp.asarray([0, 1, 4, 2, 3])[codes]  # proved, sampled, undecided, undefined, broken
+    whole = xp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[xp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:
-        x, y = polynomials.placement.orientation[1:3]
+        x, y = xp.asarray(polynomials.placement.orientation)[1:3]
         vertical = np.array([QUANTITIES[name].upright for name in names])
-        whole = jnp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
+        whole = xp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
     over = values > limits
-    whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
-    values = jnp.where(jnp.any(undefined(codes), axis=1), jnp.nan, values)
+    whole = xp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
+    values = xp.where(xp.any(undefined(codes), axis=1), np.nan, values)
     return Certificate(names, whole, times, values, limits)
 
 
-@eqx.filter_jit
 def joined(found: Sequence[Certificate], names: tuple[str, ...]) -> Certificate:
     """Return one certificate of all limits in the order of `names`; each name is in exactly one of the certificates."""
     own = [name for certificate in found for name in certificate.names]
     order = np.array([own.index(name) for name in names], int)
+    xp = jnp if is_traced(found) else np
     fields = ("codes", "times", "values", "limits")
-    arrays = ([jnp.asarray(getattr(certificate, field)) for certificate in found] for field in fields)
-    return Certificate(names, *(jnp.concatenate(x, axis=-1)[..., order] for x in arrays))
+    arrays = ([xp.asarray(getattr(certificate, field)) for certificate in found] for field in fields)
+    return Certificate(names, *(xp.concatenate(x, axis=-1)[..., order] for x in arrays))

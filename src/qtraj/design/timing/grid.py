@@ -3,14 +3,19 @@
 import heapq
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.algebra.polynomial import taylor_terms
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
 from qtraj.path import pieces
+from qtraj.path.components import rotated_z
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.route import Route
 
 ORDER = 3
@@ -79,16 +84,48 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
     """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell.
 
-    The axes of the result are the order of the derivative, the component and the point.
+    The axes of the result are the order of the derivative, the component and the point. The result is a NumPy array
+    unless the path or the other arguments are traced.
     """
-    path, dtype = shape.path, shape.per_cell.dtype
+    path, xp = shape.path, jnp if is_traced(shape, cell, place) else np
     if isinstance(path, Route):
-        segment, middle, half = (jnp.asarray(x)[cell] for x in grid[1:])
-        span = pieces.durations(path.starts, path.duration)[segment]
-        local = 0.5 * span * (1 + middle + half * (2 * jnp.asarray(place, dtype) - 1))
-        rows = pieces.values(path.coefficients[segment], local, ORDER)
-        return jnp.moveaxis(jnp.stack(rows[1:]), 1, 2)
-    knots = jnp.asarray(grid.knots, dtype)
+        segment, middle, half = (xp.asarray(x)[cell] for x in grid[1:])
+        starts, duration, c = (xp.asarray(x) for x in (path.starts, path.duration, path.coefficients))
+        span = pieces.durations(starts, duration)[segment]
+        local = 0.5 * span * (1 + middle + half * (2 * place - 1))
+        rows = pieces.values(c[segment], local, ORDER)
+        return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
+    knots = xp.asarray(grid.knots)
     x = knots[cell] + place * (knots[cell + 1] - knots[cell])
-    rows = jax.vmap(lambda u: path.derivatives(u, ORDER)[1:])(shape.start + x * shape.per_cell)
-    return jnp.moveaxis(rows, 0, 2)
+    return path_derivatives(path, shape.start + x * shape.per_cell)
+
+
+def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
+    """Return r', r'' and r''' of a path in world axes at the parameters `u`, as a NumPy array unless it is traced."""
+    traced = is_traced(path, u)
+    xp, polynomials = jnp if traced else np, path.polynomials()
+    if isinstance(path, Route):
+        starts, c = (xp.asarray(x) for x in (path.starts, path.coefficients))
+        i = xp.maximum(xp.searchsorted(starts, u, side="right") - 1, 0)
+        return xp.moveaxis(xp.stack(pieces.values(c[i], u - starts[i], ORDER)[1:]), 1, 2)
+    if polynomials is None:
+        rows = _of_any_path(path, u)
+        return xp.moveaxis(xp.asarray(rows), 0, 2)
+    p = polynomials if traced else jax.tree.map(np.asarray, polynomials)
+    series = [
+        [0] * (ORDER + 1) if c is None else taylor_terms([c[k] for k in range(c.shape[0])], u, ORDER)
+        for c in (p.x, p.y, p.z, p.angle)
+    ]
+    angle = u * 0.0 + series[-1][0]
+    cos, sin = xp.cos(angle), xp.sin(angle)
+    rows = [rotated_z(row, cos, sin) for row in in_moving_basis(*series)[1:]]
+    local = xp.stack([xp.stack([x + 0.0 * u for x in row]) for row in rows])
+    if p.placement is None:
+        return local
+    columns = [xp.asarray(polynomials.placement.to_world(axis)) for axis in np.eye(3)]  # type: ignore[union-attr]
+    return xp.einsum("jx,kjm->kxm", xp.stack(columns), local)
+
+
+@eqx.filter_jit
+def _of_any_path(path: AbstractHodograph, u: Float[Array, " m"]) -> Float[Array, "m {ORDER} 3"]:
+    return jax.vmap(lambda x: path.derivatives(x, ORDER)[1:])(u)

@@ -1,11 +1,7 @@
 """Compute the initial iterate of the search for the fastest timing."""
 
-import functools
-
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import steady
@@ -16,7 +12,7 @@ RANGE, RAMP, SMOOTHED = 1e3, 32, 32
 """
 
 
-def initial(p: Program) -> Float[Array, " cells+3"]:
+def initial(p: Program) -> Float[np.ndarray, "batch cells+3"]:
     """Return coefficients of the smoothed fastest timing for the upper bounds on a = u̇² and bounds on |a'| = |da/du|.
 
     Limits on power and jerk are replaced by the upper bounds on a that they imply for a constant a.
@@ -27,27 +23,32 @@ def initial(p: Program) -> Float[Array, " cells+3"]:
     """
     c, knots = p.constraints, p.nodes.place[0]
     count = knots.size
-    highest, largest = 1 / c.upper[0], p.largest[0]
+    highest, largest = 1 / c.upper[:, 0], p.largest[:, 0]
     if c.jerk is not None:
-        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[5] ≤ 1.
-        steepest = jnp.max(c.jerk[5])
-        typical = jnp.where(steepest > 0, jnp.cbrt(float(count) ** 4 / jnp.where(steepest > 0, steepest, 1.0)), jnp.inf)
-        highest = jnp.where(jnp.all(highest > 0.5 * largest), jnp.minimum(highest, typical), highest)
-        highest = 1 / jnp.maximum(1 / highest, jnp.cbrt(c.jerk[0, 0]))
+        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[2, 2] ≤ 1.
+        steepest = c.jerk[2, 2].max(axis=(1, 2))[:, None]
+        typical = np.where(steepest > 0, np.cbrt(float(count) ** 4 / np.where(steepest > 0, steepest, 1.0)), np.inf)
+        free = np.all(highest > 0.5 * largest, axis=1)[:, None]
+        highest = np.where(free, np.minimum(highest, typical), highest)
+        highest = 1 / np.maximum(1 / highest, np.cbrt(c.jerk[0, 0, :, 0]))
     if c.road is not None:
-        highest = jnp.minimum(highest, steady(c.road)[0])
-    highest = jnp.minimum(highest, jnp.minimum(RANGE * jnp.min(highest), jnp.min(largest)))  # finite at stops, too
-    pace = jnp.sqrt(functools.reduce(jnp.maximum, (form[2, 0] for form in c.forms), jnp.zeros_like(highest)))
-    pace = pace if c.road is None else jnp.maximum(pace, jnp.abs(c.road.along[2, 0]))
-    pace = jnp.maximum(pace, 2 * count / RAMP / jnp.max(highest))  # where the acceleration is unlimited
-    x = jnp.cumsum(jnp.diff(knots, prepend=knots[:1]) * (pace + jnp.concatenate([pace[:1], pace[:-1]])))
-    energy = jnp.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
-    energy = jnp.minimum(jax.lax.cummin(energy - x) + x, jax.lax.cummin(energy + x, reverse=True) - x)
-    a = energy / pace**2
+        highest = np.minimum(highest, steady(c.road)[:, 0])
+    most = np.minimum(RANGE * highest.min(axis=1), largest.min(axis=1))  # finite at stops, too
+    highest = np.minimum(highest, most[:, None])
+    pace = np.sqrt(np.max(c.forms[:, 1, 1, :, 0], axis=0, initial=0.0))
+    pace = pace if c.road is None else np.maximum(pace, np.abs(c.road.along[2, :, 0]))
+    # The least value matters where the acceleration is unlimited.
+    pace = np.maximum(pace, 2 * count / RAMP / highest.max(axis=1, keepdims=True))
+    steps = np.diff(knots, prepend=knots[:1])
+    x = np.cumsum(steps * (pace + np.concatenate([pace[:, :1], pace[:, :-1]], axis=1)), axis=1)
+    energy = np.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
+    rising = np.minimum.accumulate(energy - x, axis=1) + x
+    falling = np.minimum.accumulate((energy + x)[:, ::-1], axis=1)[:, ::-1] - x
+    a = np.minimum(rising, falling) / pace**2
     k = np.arange(count)
     width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
     for _ in range(2):  # averaged twice: one moving average leaves jumps in da/du
-        whole = jnp.pad(jnp.cumsum(a), (1, 0))
-        a = (whole[k + width + 1] - whole[k - width]) / (2.0 * width + 1.0)
-    ends = [(2 * a[k] + a[m]) / 3 for k, m in ((0, 1), (-1, -2))]
-    return jnp.concatenate([a[:1], ends[0][None], a[1:-1], ends[1][None], a[-1:]]) * p.nodes.free
+        whole = np.concatenate([np.zeros_like(a[:, :1]), np.cumsum(a, axis=1)], axis=1)
+        a = (whole[:, k + width + 1] - whole[:, k - width]) / (2.0 * width + 1.0)
+    ends = [(2 * a[:, [i]] + a[:, [m]]) / 3 for i, m in ((0, 1), (-1, -2))]
+    return np.concatenate([a[:, :1], ends[0], a[:, 1:-1], ends[1], a[:, -1:]], axis=1) * p.nodes.free

@@ -5,9 +5,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.parts import CONTINUOUS
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.arrays import is_traced
 
 
 def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array, "limits moving"]:
@@ -19,22 +21,25 @@ def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array
     the speed there is not zero, all quantities are undefined.
     """
     moving = cells.grid.half.shape[0]
-    cell, both = jnp.tile(jnp.arange(moving), 2), jnp.repeat(jnp.array([0.0, 1.0]), moving)
-    (r1, r2, _), (a, slope, _) = motion_at(path, cells, cell, both.astype(path.duration.dtype))
-    a = jnp.maximum(a, 0.0)
-    velocity, acceleration = jnp.sqrt(a)[None] * r1, a[None] * r2 + 0.5 * slope[None] * r1
+    xp = jnp if is_traced(path) else np
+    cell, both = np.tile(np.arange(moving), 2), np.repeat([0.0, 1.0], moving)
+    (r1, r2, _), (a, slope, _) = motion_at(path, cells, cell, both)
+    a = xp.maximum(a, 0.0)
+    velocity, acceleration = xp.sqrt(a)[None] * r1, a[None] * r2 + 0.5 * slope[None] * r1
     start, end = cells.columns[0] == 0, cells.columns[-1] == path.timing.coefficients.shape[0] - 1
     rest = np.array(path.timing.rest)
-    moves = (jnp.sqrt(a) > CONTINUOUS * jnp.sqrt(jnp.max(a))).reshape(2, moving)
+    moves = (xp.sqrt(a) > CONTINUOUS * xp.sqrt(xp.max(a))).reshape(2, moving)
     wrong = (rest[0] & start & moves[0, 0]) | (rest[1] & end & moves[1, -1])
     faster, harder = (_jump(x.reshape(3, 2, moving), cells) for x in (velocity, acceleration))
-    of_name = {"jerk": faster | harder} | dict.fromkeys(UPPER, jnp.zeros_like(faster))
-    return wrong | jnp.stack([of_name.get(name, faster) for name in names])
+    of_name = {"jerk": faster | harder} | dict.fromkeys(UPPER, xp.zeros_like(faster))
+    return wrong | xp.stack([of_name.get(name, faster) for name in names])
 
 
 def _jump(x: Float[Array, "3 2 moving"], cells: Cells) -> Bool[Array, " moving"]:
     """Return the cells at whose ends a vector differs from its value in the adjacent cell."""
-    change = jnp.linalg.norm(x[:, 1, :-1] - x[:, 0, 1:], axis=0)
-    adjacent = (jnp.diff(jnp.asarray(cells.columns)) == 1) & ~(cells.stops[1][:-1] | cells.stops[0][1:])
-    found = adjacent & (change > CONTINUOUS * jnp.max(jnp.linalg.norm(x, axis=0)))
-    return jnp.pad(found, (0, 1)) | jnp.pad(found, (1, 0))
+    xp = namespace(x)
+    change = xp.linalg.norm(x[:, 1, :-1] - x[:, 0, 1:], axis=0)
+    adjacent = (np.diff(cells.columns) == 1) & ~(cells.stops[1][:-1] | cells.stops[0][1:])
+    found = adjacent & (change > CONTINUOUS * xp.max(xp.linalg.norm(x, axis=0)))
+    none = xp.zeros(1, bool)
+    return xp.concatenate([found, none]) | xp.concatenate([none, found])

@@ -1,142 +1,194 @@
 """Prove that a retimed path satisfies its limits on every cell.
 
-Each limit is a polynomial inequality on a cell (see `slacks`). A cell in which an inequality is neither proved nor
-violated is halved, until it is small.
+Each limit is a polynomial inequality on a cell (see `cell_claims`). It is decided in floats with error bounds, for many
+cells at once, and where these are not precise enough in exact integers (see `proof.deciding`).
 """
 
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
-from qtraj.design.proof.inequalities import power_of_two
+from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.timing.cell_claims import THIRD, CellClaims
+from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
+from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.slacks import enclosures
+from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
+from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
-WIDEST, NARROWEST, ROUNDS = 1 / 8, 2.0**-9, 256
-"""Subcells: largest half-width relative to the segment, smallest relative to the cell; maximum number of rounds."""
+BLOCK_SIZE = 512
+"""Number of cells that are judged together; their data fits into the processor's cache."""
+
+MAX_WORK = 400_000
+"""Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
+
+PerCell = Float[np.ndarray, " n"]
 
 
-class Proofs(eqx.Module):
+class Proofs(NamedTuple):
     """For each limit, in the order of `NAMES`, the status PROVED, BROKEN or UNDECIDED on each cell."""
 
     codes: Int[Array, "limits cells"]
 
-    def whole(self) -> Int[Array, " limits"]:
+    def whole(self) -> Int[np.ndarray, " limits"]:
         """Return the status on all cells together."""
-        broken, proved = jnp.any(self.codes == BROKEN, axis=1), jnp.all(self.codes == PROVED, axis=1)
-        return jnp.where(broken, BROKEN, jnp.where(proved, PROVED, UNDECIDED)).astype(jnp.int32)
+        codes = np.asarray(self.codes)
+        broken, proved = np.any(codes == BROKEN, axis=1), np.all(codes == PROVED, axis=1)
+        return np.where(broken, BROKEN, np.where(proved, PROVED, UNDECIDED)).astype(np.int32)
 
 
-class _Queue(NamedTuple):
-    """A ring buffer of subcells: the interval `centre` ± `half` in the coordinate [−1, 1] of `cell`.
-
-    The entries from `head` to `tail` − 1, modulo the capacity, are still to be examined. `rows` is a mask of the
-    inequalities to prove in a subcell: the limits, and a > 0, where a = u̇². The other fields are the results so far.
-    """
-
-    cell: Int[Array, " capacity"]
-    centre: Float[Array, " capacity"]
-    half: Float[Array, " capacity"]
-    rows: Bool[Array, "rows capacity"]
-    head: Int[Array, ""]
-    tail: Int[Array, ""]
-    broken: Bool[Array, "rows cells"]
-    undecided: Bool[Array, "rows cells"]
-    rounds: Int[Array, ""]
-
-
-@eqx.filter_jit
 def prove(
     path: Source,
     grid: Grid,
     timing: tuple[Float[Array, "cells 4"], Bool[Any, " 2"]],
-    bounds: dict[str, Scalar],
+    bounds: Mapping[str, Scalar],
     vehicle: RoadParameters | None = None,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit
     that is not in `bounds` gets the status of a > 0. An infinite limit is PROVED if a > 0 is proved, otherwise
-    UNDECIDED. No code is compiled for limits that are not in `bounds`. Without a `vehicle`, limits on friction and
-    power are treated as limits that are not in `bounds`.
+    UNDECIDED. Without a `vehicle`, limits on friction and power are treated as limits that are not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
-    names = tuple(name for name in known if name in bounds)
-    size, given = jnp.asarray(grid.half), jnp.stack([bounds[name] for name in names])
-    wanted = jnp.append(jnp.isfinite(given), True)[:, None]
-    finite = dict(zip(names, jnp.where(wanted[:-1, 0], given, 1.0), strict=True))
-    enclose = enclosures(path, grid, *_in_unit_of_time(timing, finite, vehicle))
-    width, capacity = max(grid.cells // 4, 16), 8 * grid.cells
+    names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
 
-    def examine(q: _Queue) -> _Queue:
-        """Examine the first subcells of the queue, and append the halves of those that remain undecided."""
-        ahead = q.head + jnp.arange(width, dtype=jnp.int32)
-        at = ahead % capacity
-        cell, centre, half = (x[at] for x in q[:3])
-        low, high = enclose(cell, centre, half)
-        small = half * size[cell] <= WIDEST
-        considered = q.rows[:, at] & (ahead < q.tail)[None]
-        broken = q.broken.at[:, cell].max(considered & (high < 0) & small[None])
-        unproved = considered & ~((low > 0) & small[None]) & ~(broken | q.undecided)[:, cell]
-        divided, head = jnp.any(unproved, axis=0), jnp.minimum(q.head + width, q.tail)
-        place = q.tail + 2 * (jnp.cumsum(divided, dtype=jnp.int32) - 1)
-        last = divided & ((half <= NARROWEST) | (place + 2 - head > capacity))
-        undecided = q.undecided.at[:, cell].max(unproved & last[None])
-        divided &= ~last
-        place = q.tail + 2 * (jnp.cumsum(divided, dtype=jnp.int32) - 1)
-        both = jnp.concatenate([jnp.where(divided, k, capacity) for k in (place % capacity, (place + 1) % capacity)])
-        centres, halves = jnp.concatenate([centre - 0.5 * half, centre + 0.5 * half]), jnp.tile(0.5 * half, 2)
-        return _Queue(
-            q.cell.at[both].set(jnp.tile(cell, 2), mode="drop"),
-            q.centre.at[both].set(centres, mode="drop"),
-            q.half.at[both].set(halves, mode="drop"),
-            q.rows.at[:, both].set(jnp.tile(unproved, (1, 2)), mode="drop"),
-            head,
-            q.tail + 2 * jnp.sum(divided, dtype=jnp.int32),
-            broken,
-            undecided,
-            q.rounds + 1,
+    def judge(*given: Any) -> Int[np.ndarray, "batch limits cells"]:
+        *position, durations, powers, limits, road = given
+        return _judged(path.directions, grid, rest, position, durations, powers, dict(zip(names, limits)), road)
+
+    given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
+    shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
+    return Proofs(on_host(judge, shape, *given))
+
+
+def _judged(
+    directions: Any,
+    grid: Grid,
+    rest: Bool[np.ndarray, " 2"],
+    position: list[np.ndarray | None],
+    durations: Float[np.ndarray, "batch segments"],
+    powers: Float[np.ndarray, "batch cells 4"],
+    limits: dict[str, PerCell],
+    road: RoadParameters | None,
+) -> Int[np.ndarray, "batch limits cells"]:
+    """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path."""
+    batch, cells = powers.shape[:2]
+
+    def of_cells(x: np.ndarray) -> np.ndarray:
+        """Return the coefficients (terms, batch·cells) from those of the segments (batch, terms, segments)."""
+        return np.moveaxis(x[..., grid.segment], 0, -2).reshape(*x.shape[1:-1], batch * cells)
+
+    at_rest = np.zeros((2, batch, cells), bool)
+    at_rest[0, :, 0], at_rest[1, :, -1] = rest
+    first, half, segment = (np.tile(x, batch) for x in (0.5 * (1 + grid.middle - grid.half), grid.half, grid.segment))
+    columns = tuple(None if x is None else of_cells(x) for x in position)
+    timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
+    motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
+    each = {name: np.repeat(x, cells) for name, x in limits.items()}
+    vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
+    codes = np.zeros((len(NAMES), batch * cells), np.int32)
+    for group in (motions.standing, ~motions.standing):
+        every = np.flatnonzero(group)
+        for start in range(0, every.size, BLOCK_SIZE):
+            block = every[start : start + BLOCK_SIZE]
+            own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
+            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, own)
+    return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
+
+
+def _codes(
+    motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None
+) -> Int[np.ndarray, "limits n"]:
+    task = _Task(motions, limits, road)
+    finite = np.isfinite(motions.timing).all(axis=0)
+    forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
+    rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
+    for name, limit in limits.items():
+        wanted, divisor = finite & np.isfinite(limit), QUANTITIES[name].divisor
+        found = task.decided(wanted, lambda claims, bound, name=name: claims.within(name, bound(name)))
+        if divisor not in positive:
+            own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
+            positive[divisor] = forward & own.proved
+        proved = (positive[divisor] & found.proved) | (forward & (limit == np.inf))
+        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
+    return np.stack(rows)
+
+
+class _Task:
+    """The claims about a block of cells, in bounded floats and, for single cells, in exact integers."""
+
+    def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None):
+        self._motions, self._limits, self._road = motions, limits, road
+        self._order = 3 if set(THIRD) & set(limits) else 2
+        self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
+        self._floats: CellClaims | None = None
+        self._roots: list[Enclosure] = []
+        self._integers: dict[int, CellClaims] = {}
+
+    def decided(self, wanted: Bool[np.ndarray, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
+        """Decide a claim, which is a function of the claims about the motions, and of a function of a limit's name."""
+        return decided(
+            wanted,
+            lambda: claim(self._in_floats(), self._float_limit),
+            lambda k: claim(self._in_integers(k), lambda name: self._exact_limit(name, k)),
+            strict,
+            MAX_WORK,
         )
 
-    start = _whole_cells(wanted, grid.cells, capacity, size.dtype)
-    found = jax.lax.while_loop(lambda q: (q.head < q.tail) & (q.rounds < ROUNDS), examine, start)
-    place = jnp.arange(capacity, dtype=jnp.int32)
-    left = found.rows & ((place - found.head) % capacity < found.tail - found.head)[None]
-    undecided = found.undecided.at[:, found.cell].max(left)
-    codes = jnp.where(found.broken, BROKEN, jnp.where(undecided, UNDECIDED, PROVED)).astype(jnp.int32)
-    own = jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED)
-    return Proofs(jnp.stack([own[names.index(name)] if name in names else codes[-1] for name in NAMES]))
+    def _in_floats(self) -> CellClaims:
+        if self._floats is None:
+            vehicle = None
+            if self._road is not None:
+                road = self._road._replace(gravity=self._road.gravity * self._unit**2)
+                vehicle = _constants(road, lambda x: BoundedPolynomial.constant(x, k=3))
+            self._floats = CellClaims(self._motions.bounded(self._order), vehicle)
+            if self._road is not None:
+                squares = self._floats.squares()
+                self._roots = [enclosure(p.c) for p in squares]
+                self._floats.roots = [root.bounded(p) for root, p in zip(self._roots, squares, strict=True)]
+        return self._floats
+
+    def _in_integers(self, k: int) -> CellClaims:
+        if k not in self._integers:
+            vehicle = None
+            if self._road is not None:
+                vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
+                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self._unit[k], 2))
+            own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
+            if self._roots and all(root.good[k] for root in self._roots):
+                own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
+        return self._integers[k]
+
+    def _float_limit(self, name: str) -> BoundedPolynomial:
+        per_time = QUANTITIES[name].per_time
+        return BoundedPolynomial.constant(self._limits[name] * self._unit**per_time, k=2 * per_time + 1)
+
+    def _exact_limit(self, name: str, k: int) -> ExactPolynomial:
+        limit = ExactPolynomial.of(self._limits[name][k])
+        return _times_power(limit, self._unit[k], QUANTITIES[name].per_time)
 
 
-def _in_unit_of_time(
-    timing: tuple[Array, Any], bounds: dict[str, Scalar], vehicle: RoadParameters | None
-) -> tuple[tuple[Array, Any], dict[str, Scalar], RoadParameters | None]:
-    """Return timing, limits and vehicle in a unit of time in which a = u̇² is about 1.
-
-    The unit is a power of two, so the change is exact. Otherwise a tiny a would be less than the smallest majorant.
-    """
-    powers, rest = timing
-    per_unit = power_of_two(jnp.sqrt(jnp.max(jnp.abs(powers))))
-    square = per_unit * per_unit
-    limits = {name: bound / per_unit ** QUANTITIES[name].per_time for name, bound in bounds.items()}
-    if vehicle is not None:
-        vehicle = vehicle._replace(gravity=vehicle.gravity / square)
-    return (powers / square, rest), limits, vehicle
+def _times_power(x: Any, base: float, exponent: int) -> Any:
+    """Return x·base^exponent, exactly."""
+    for _ in range(exponent):
+        x = x * ExactPolynomial.of(base)
+    return x
 
 
-def _whole_cells(wanted: Bool[Array, "rows 1"], cells: int, capacity: int, dtype: Any) -> _Queue:
-    """Return the queue of all cells."""
-    none, zero = jnp.zeros((wanted.shape[0], cells), bool), jnp.zeros((), jnp.int32)
-    cell, rows = jnp.arange(capacity, dtype=jnp.int32) % cells, jnp.broadcast_to(wanted, (wanted.shape[0], capacity))
-    ends = zero, jnp.asarray(cells, jnp.int32)
-    return _Queue(cell, jnp.zeros(capacity, dtype), jnp.ones(capacity, dtype), rows, *ends, none, none, zero)
+def _constants(road: RoadParameters, constant: Callable[[np.ndarray], Any]) -> RoadParameters:
+    """Return the parameters as constant polynomials; a parameter that is 0 for all cells is that integer."""
+    return RoadParameters(*(constant(x) if np.any(x != 0) else 0 for x in road))

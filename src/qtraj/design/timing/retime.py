@@ -15,6 +15,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES, listed
+from qtraj.design.timing.grid import path_derivatives
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
     STOP_DISTANCE,
@@ -38,6 +39,8 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -108,11 +111,11 @@ def retime(
     parts, standing = of_path(path, knots, "jerk" in given)
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
-    bounds = {name: jnp.asarray(given[name], path.duration.dtype) for name in NAMES if name in given}
+    bounds = {name: given[name] for name in NAMES if name in given}
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
-    road = None
-    if vehicle is not None:
-        road = RoadParameters(*(jnp.asarray(x, path.duration.dtype) for x in limits.road(path.duration.dtype)))
+    road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
+    if not is_traced(path, bounds, road, speeds):
+        bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     found = _retimed(path, parts, standing, bounds, road, speeds, names)
     retimed = Retimed(*found, vehicle)
     return retimed.check() if throw else retimed
@@ -141,12 +144,13 @@ def _retimed(
     names: tuple[str, ...],
 ) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
     """Return the fields of `Retimed` without the vehicle."""
-    wanted: Any = tuple(np.asarray(np.inf, path.duration.dtype) if v is None else v for v in speeds)
+    wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
     begins = _begun(path, wanted, np.array(standing))
     if not isinstance(path, Route):
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
-    timed, polynomials = [], stop_gradient(source(path))
+    timed, traced = [], is_traced(path, bounds, vehicle, speeds)
+    polynomials = constants(source(path))
     for k, part in enumerate(parts):
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
@@ -154,7 +158,8 @@ def _retimed(
         timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names))
     enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
     ends = begins.pace, begins.wanted
-    return _judged(path, timed, bounds, ends, enough, vehicle, of_parts(parts), names, rest)
+    judge = eqx.filter_jit(_judged) if traced else _judged
+    return judge(path, timed, bounds, ends, enough, vehicle, of_parts(parts), names, rest)
 
 
 class _Begun(NamedTuple):
@@ -172,18 +177,18 @@ class _Begun(NamedTuple):
     slowest: Scalar
 
 
-@eqx.filter_jit
 def _begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> _Begun:
-    times = path.duration * jnp.linspace(0.0, 1.0, 257, dtype=path.duration.dtype)
-    speeds = jax.vmap(lambda t: jnp.linalg.norm(path.velocity(t)))(times)
-    pace = jnp.where(standing, 0.0, speeds[jnp.array([0, -1])])
-    goal = jnp.stack([jnp.asarray(v, pace.dtype) for v in wanted])
-    bounded = (pace > 0) & (goal > 0) & jnp.isfinite(goal)
-    ratio = jnp.where(bounded, goal, 1.0) / jnp.where(pace > 0, pace, 1.0)  # the divisor 1 keeps derivatives finite
-    largest, free = jnp.where(bounded, ratio**2, jnp.inf), jnp.full_like(pace, jnp.inf)
+    xp = jnp if is_traced(path, wanted) else np
+    times = xp.asarray(path.duration) * np.linspace(0.0, 1.0, 257)
+    speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
+    pace = xp.where(standing, 0.0, speeds[np.array([0, -1])])
+    goal = xp.stack([xp.asarray(v) for v in wanted])
+    bounded = (pace > 0) & (goal > 0) & xp.isfinite(goal)
+    ratio = xp.where(bounded, goal, 1.0) / xp.where(pace > 0, pace, 1.0)  # the divisor 1 keeps derivatives finite
+    largest, free = xp.where(bounded, ratio**2, np.inf), np.full(2, np.inf)
     sides = [(True, False), (False, True), (True, True)]
-    of_parts = {side: jnp.where(np.array(side), largest, free) for side in sides}
-    return _Begun(pace, goal, of_parts, free, jnp.min(speeds) / jnp.max(speeds))
+    of_parts = {side: xp.where(np.array(side), largest, free) for side in sides}
+    return _Begun(pace, goal, of_parts, free, xp.min(speeds) / xp.max(speeds))
 
 
 def _timed(
@@ -196,30 +201,24 @@ def _timed(
     rest: tuple[bool, bool],
     names: tuple[str, ...],
 ) -> _Timed:
-    dtype = path.duration.dtype
-    start, end = (jnp.asarray(x, dtype) for x in part[:2])
+    start, end = (x if is_traced(x) else np.asarray(x) for x in part[:2])
     grid = part.grid
     if grid is None:
-        unit, nothing = np.array([[1.0, 0, 0, 0]], dtype), np.zeros((len(listed(names, vehicle is not None)), 1), dtype)
-        return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), jnp.stack([start, end]), None)
+        unit, nothing = np.array([[1.0, 0, 0, 0]]), np.zeros((len(listed(names, vehicle is not None)), 1))
+        return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), np.stack([start, end]), None)
     stops = np.array(part.stops)
     problem = Problem(path, start, end, bounds, ends, vehicle, stops)
     found = fastest(problem, tables(grid, rest, "jerk" in bounds))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
-        given = stop_gradient({name: bounds[name] for name in names})
-        codes = prove(
-            polynomials, grid, (stop_gradient(found.powers), np.array(rest)), given, stop_gradient(vehicle)
-        ).codes
-    return _Timed(found.powers, found.usage, codes, _knots(start, end, grid.knots), found)
+        # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
+        xp = namespace(found.unbounded, found.powers)
+        given = {name: xp.where(found.unbounded, np.nan, bounds[name]) for name in names}
+        found_powers, given, road = constants((found.powers, given, vehicle))
+        codes = prove(polynomials, grid, (found_powers, np.array(rest)), given, road).codes
+    return _Timed(found.powers, found.usage, codes, start + grid.knots * ((end - start) / grid.cells), found)
 
 
-@jax.jit
-def _knots(start: Scalar, end: Scalar, knots: Float[Array, " cells+1"]) -> Float[Array, " cells+1"]:
-    return start + knots * ((end - start) / (knots.size - 1))
-
-
-@eqx.filter_jit
 def _judged(
     path: AbstractHodograph,
     timed: list[_Timed],
@@ -232,33 +231,57 @@ def _judged(
     rest: tuple[bool, bool],
 ) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
     """Combine the timings of all parts, and return the fields of `Retimed`."""
-    knots = jnp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
-    timing = Timing(jnp.concatenate([x.powers for x in timed]), knots, rest)
+    xp = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
+    knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
+    powers = xp.concatenate([x.powers for x in timed])
+    timing = Timing(powers, knots, rest)
     own = np.array([NAMES.index(name) for name in names])
     rows = listed(names, any(name in ROAD for name in names))
-    usage = jnp.concatenate([x.usage for x in timed], axis=1)
+    usage = xp.concatenate([x.usage for x in timed], axis=1)
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
-    codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
+    codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]
     codes = findings.with_straight(path, knots, codes, names)
-    limits, cell = jnp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
-    retimed = stop_gradient(RetimedPath(path, timing))
-    times, largest = largest_in(Limited(retimed, cells, *stop_gradient((bounds, vehicle))), cell, names)
-    certificate = findings.certificate(codes, times, stop_gradient(largest * limits), limits, path.polynomials(), names)
+    limits, cell = xp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
+    limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
+    times, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
+    largest = stop_gradient(largest) if xp is jnp else largest
+    certificate = findings.certificate(codes, times, largest * limits, limits, path.polynomials(), names)
+    pace, wanted = speeds
+    squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
+    ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace
     searches = [x.found for x in timed if x.found is not None]
-    powers, (pace, wanted) = timing.coefficients, speeds
-    squares = jnp.where(np.array(rest), 0.0, jnp.stack([powers[0, 0], jnp.sum(powers[-1])]))
-    ends = jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0) * pace
-    missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
-    # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
-    ignored = jnp.any((wanted <= 0) & (ends > 0))
-    unbounded = jnp.any(jnp.stack([found.unbounded for found in searches]))
-    found = jnp.all(jnp.stack([found.error for found in searches]) < enough)
-    code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
-    code = jnp.where(found, code, int(ResultCode.not_converged))
-    code = jnp.where(jnp.isfinite(powers).all() & jnp.isfinite(timing.duration), code, int(ResultCode.not_finite))
-    code = jnp.where(unbounded, int(ResultCode.speed_unbounded), code)
-    code = jnp.where(ignored, int(ResultCode.rest_unknown), code)
-    code = jnp.where(jnp.isnan(wanted).any(), int(ResultCode.not_finite), code)
-    time = stop_gradient(timing.duration) + sum(found.sensitivity for found in searches)
-    steps = sum((found.steps for found in searches), jnp.zeros((), jnp.int32))
+    time = timing.duration if xp is np else stop_gradient(timing.duration)
+    time = time + sum(found.sensitivity for found in searches) if xp is jnp else time
+    steps = sum((found.steps for found in searches), np.zeros((), np.int32))
+    code = _code(xp, certificate.code, searches, enough, (ends, wanted), (powers, time))
     return RetimedPath(path, timing), time, certificate, usage, ends, code, steps
+
+
+def _code(
+    xp: Any,
+    code: Array,
+    searches: list[Found],
+    enough: Array,
+    speeds: tuple[Array, Array],
+    finite: tuple[Array, Scalar],
+) -> Array:
+    """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
+
+    `speeds` are the speeds at both ends and the prescribed speeds; the numbers `finite` must be finite.
+    """
+    ends, wanted = speeds
+    missed = xp.any(xp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
+    # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
+    ignored = xp.any((wanted <= 0) & (ends > 0))
+    found = xp.all(xp.stack([x.error for x in searches]) < enough)
+    is_finite = xp.isfinite(finite[0]).all() & xp.isfinite(xp.asarray(finite[1]))
+    for failed, result in (
+        (missed, ResultCode.end_speed_not_reached),
+        (~found, ResultCode.not_converged),
+        (~is_finite, ResultCode.not_finite),
+        (xp.any(xp.stack([x.unbounded for x in searches])), ResultCode.speed_unbounded),
+        (ignored, ResultCode.rest_unknown),
+        (xp.isnan(wanted).any(), ResultCode.not_finite),
+    ):
+        code = xp.where(failed, int(result), code)
+    return code

@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -61,13 +60,13 @@ def cells_of(path: RetimedPath) -> Cells | None:
     return Cells(grid, columns, sides & standing_ends(segments)[grid.segment].T) if columns.size else None
 
 
-@eqx.filter_jit
 def divides_equally(path: RetimedPath, cells: Cells) -> Array:
     """Return whether the knots divide the whole path into cells of equal length, for each path of a batch."""
-    duration, knots = jnp.asarray(path.path.duration)[..., None], path.timing.knots
+    xp = jnp if is_traced(path) else np
+    duration, knots = xp.asarray(path.path.duration)[..., None], xp.asarray(path.timing.knots)
     equal = (cells.grid.knots / cells.grid.cells).reshape(*[1] * (knots.ndim - 1), -1)
-    error = jnp.abs(knots - duration * equal)
-    return jnp.max(error / duration, axis=-1) <= ROUNDINGS * float(jnp.finfo(knots.dtype).eps)
+    error = xp.abs(knots - duration * equal)
+    return xp.max(error / duration, axis=-1) <= ROUNDINGS * float(np.finfo(knots.dtype).eps)
 
 
 def of_parts(parts: list[Part]) -> Cells:
@@ -94,12 +93,13 @@ def motion_at(
     A prime denotes the derivative with respect to the path parameter u, and a = u̇². The axes of the first result are
     the order of the derivative, the component and the point.
     """
-    timing, dtype = path.timing, path.duration.dtype
-    at = jnp.asarray(cells.columns)[cell]
-    grid = cells.grid if isinstance(path.path, Route) else cells.grid._replace(knots=timing.knots)
-    one, length = jnp.ones((), dtype), timing.knots[at + 1] - timing.knots[at]
-    r = derivatives(Shape(path.path, 0 * one, one), grid, cell, place)
-    c = jnp.moveaxis(timing.coefficients[at], -1, 0)
+    timing, xp = path.timing, jnp if is_traced(path, cell, place) else np
+    coefficients, knots = xp.asarray(timing.coefficients), xp.asarray(timing.knots)
+    at = xp.asarray(cells.columns)[cell]
+    grid = cells.grid if isinstance(path.path, Route) else cells.grid._replace(knots=knots)
+    length = knots[at + 1] - knots[at]
+    r = derivatives(Shape(path.path, xp.zeros(()), xp.ones(())), grid, cell, place)
+    c = xp.moveaxis(coefficients[at], -1, 0)
     a = c[0] + place * (c[1] + place * (c[2] + place * c[3]))
     slope, bend = c[1] + place * (2 * c[2] + 3 * place * c[3]), 2 * c[2] + 6 * place * c[3]
-    return r, jnp.stack([a, slope / length, bend / length**2])
+    return r, xp.stack([a, slope / length, bend / length**2])

@@ -1,6 +1,6 @@
 """Find the largest values of limited quantities on a retimed path."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.timing.constraints import listed, parts, ratios, used
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
 from qtraj.path.vehicle import RoadParameters
 
@@ -33,22 +34,27 @@ class Limited(NamedTuple):
     bounds: dict[str, Scalar]
     vehicle: RoadParameters | None
 
+    @property
+    def library(self) -> Any:
+        """The array library of the values."""
+        return jnp if is_traced(self) else np
+
     def usage(
         self, cell: Int[Array, " m"], place: Float[Array, " m"], names: tuple[str, ...]
     ) -> Float[Array, "limits m"]:
         """Return the ratio of each quantity to its limit at the fraction `place` of each moving `cell`."""
         r, v = motion_at(self.path, self.cells, cell, place)
-        found = used(parts(r, jnp.ones((), r.dtype), self.bounds, self.vehicle), v)
+        found = used(parts(r, np.ones(()), self.bounds, self.vehicle), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
 
 
 def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Array, "limits moving"]:
     """Return the largest sampled ratio of each quantity to its limit in each moving cell; undefined ratios are zero."""
-    moving, dtype = limited.cells.grid.half.shape[0], limited.path.duration.dtype
-    place = jnp.broadcast_to(jnp.linspace(0.0, 1.0, PLACES, dtype=dtype), (moving, PLACES))
-    usage = limited.usage(jnp.repeat(jnp.arange(moving), PLACES), place.ravel(), names)
-    return jnp.max(jnp.where(jnp.isnan(usage), 0.0, usage).reshape(-1, moving, PLACES), axis=-1)
+    moving = limited.cells.grid.half.shape[0]
+    xp, place = limited.library, np.broadcast_to(np.linspace(0.0, 1.0, PLACES), (moving, PLACES))
+    usage = limited.usage(np.repeat(np.arange(moving), PLACES), place.ravel(), names)
+    return xp.max(xp.where(xp.isnan(usage), 0.0, usage).reshape(-1, moving, PLACES), axis=-1)
 
 
 def largest_in(
@@ -59,23 +65,28 @@ def largest_in(
     Each of `ZOOMS` steps samples `ZOOM_PLACES` values, and the next step samples closer to the largest value. Close to
     a stop, rounding errors dominate the direction of motion, so the search stays away from the stop.
     """
-    timing, cells, count = limited.path.timing, limited.cells, len(names)
-    k = jnp.searchsorted(jnp.asarray(cells.columns), cell)  # a cell without motion is never the worst one
-    before, after = (jnp.asarray(stops)[k] for stops in cells.stops)
+    timing, cells, count, xp = limited.path.timing, limited.cells, len(names), limited.library
+    k = xp.searchsorted(xp.asarray(cells.columns), cell)  # a cell without motion is never the worst one
+    before, after = (xp.asarray(stops)[k] for stops in cells.stops)
     width = 1 / (ZOOM_PLACES - 1)
-    rows, around = jnp.arange(count), jnp.linspace(-1.0, 1.0, ZOOM_PLACES, dtype=timing.knots.dtype)[None]
+    rows, around = np.arange(count), np.linspace(-1.0, 1.0, ZOOM_PLACES)[None]
 
-    def zoom(step: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        lowest = jnp.where(before, jnp.minimum(found[0], width), INSIDE)
-        highest = jnp.where(after, jnp.maximum(found[0], 1 - width), 1 - INSIDE)
+    def zoom(step: Any, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        lowest = xp.where(before, xp.minimum(found[0], width), INSIDE)
+        highest = xp.where(after, xp.maximum(found[0], 1 - width), 1 - INSIDE)
         near = found[0][:, None] + 0.5 * (2 * width) ** step * around
-        near = jnp.where(step == 0, near, jnp.clip(near, lowest[:, None], highest[:, None]))
-        usage = limited.usage(jnp.repeat(k, ZOOM_PLACES), near.ravel(), names)
+        near = xp.where(step == 0, near, xp.clip(near, lowest[:, None], highest[:, None]))
+        usage = limited.usage(xp.repeat(k, ZOOM_PLACES), near.ravel(), names)
         usage = usage.reshape(count, count, ZOOM_PLACES)[rows, rows]
-        best = jnp.argmax(jnp.where(jnp.isnan(usage), -jnp.inf, usage), axis=1)
+        best = xp.argmax(xp.where(xp.isnan(usage), -np.inf, usage), axis=1)
         return near[rows, best], usage[rows, best]
 
-    middle = jnp.full(count, 0.5, timing.knots.dtype)
-    place, usage = jax.lax.fori_loop(0, ZOOMS, zoom, (middle, jnp.zeros_like(middle)))
-    knots = timing.knots[cell], timing.knots[cell + 1]
-    return jax.vmap(timing.time)(knots[0] + place * (knots[1] - knots[0])), usage
+    place, usage = xp.full(count, 0.5), xp.zeros(count)
+    if xp is jnp:
+        place, usage = jax.lax.fori_loop(0, ZOOMS, zoom, (place, usage))
+    else:
+        with np.errstate(all="ignore"):  # a failed search ends with NaN
+            for step in range(ZOOMS):
+                place, usage = zoom(step, (place, usage))
+    knots = xp.asarray(timing.knots)
+    return timing.times_of(knots[cell] + place * (knots[cell + 1] - knots[cell])), usage

@@ -24,7 +24,7 @@ from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import Source, source
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
@@ -88,17 +88,22 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     Each largest value is evaluated at a point of the path, so a value above the limit confirms a violation.
     """
     names, dtype = tuple(limits.given()), path.duration.dtype
-    bounds = {name: jnp.asarray(value, dtype) for name, value in limits.given().items()}
+    (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
+    xp = jnp if traced else np
+    bounds = {name: xp.asarray(value, dtype) for name, value in limits.given().items()}
     vehicle = None
     if set(names) & set(ROAD):
-        vehicle = RoadParameters(*(jnp.asarray(x, dtype) for x in limits.road(dtype)))
-    (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
-    # Call `source` before `stop_gradient`, because `stop_gradient` makes the values of the arrays of a route unknown.
-    polynomials: Any = source(path.path)
-    limited, polynomials = stop_gradient((Limited(path, cells, bounds, vehicle), polynomials))
-    timing = limited.path.timing.coefficients[cells.columns], np.array(path.timing.rest)
+        vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
+    polynomials: Any = constants(source(path.path))
+    limited = constants(Limited(path, cells, bounds, vehicle))
+    known = not is_traced(limited)
+    coefficients = limited.path.timing.coefficients
+    coefficients = (np.asarray(coefficients) if known else coefficients)[cells.columns]
+    timing = coefficients, np.array(path.timing.rest)
     codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes
-    found = _certificate(limited, polynomials, codes, names)
+    if known:
+        limited = limited._replace(bounds={name: np.asarray(x) for name, x in limited.bounds.items()})
+    found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names)
     if not traced:
         return found
     road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
@@ -106,34 +111,33 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.given().values()]))
 
 
-@eqx.filter_jit
-def _certificate(
-    limited: Limited, polynomials: Source, codes: Int[Array, "limits moving"], names: tuple[str, ...]
-) -> Certificate:
-    path, cells, bounds, _ = limited
-    timing, columns = path.timing, cells.columns
+def _certificate(limited: Limited, codes: Int[Array, "limits moving"], names: tuple[str, ...]) -> Certificate:
+    (path, cells, bounds, _), xp = limited, limited.library
+    columns, knots = cells.columns, xp.asarray(path.timing.knots)
     own = codes[np.array([NAMES.index(name) for name in names])]
-    own = jnp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
+    own = xp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
     if not isinstance(path.path, Route):
-        own = jnp.where(divides_equally(path, cells), own, SAMPLED)
-    whole = len(names), timing.coefficients.shape[0]
-    all_codes = jnp.full(whole, PROVED, jnp.int32).at[:, columns].set(own)
-    all_codes = findings.with_straight(path.path, timing.knots, all_codes, names)
-    usage = jnp.full(whole, -1.0, timing.knots.dtype).at[:, columns].set(largest_per_cell(limited, names))
+        own = xp.where(divides_equally(path, cells), own, SAMPLED)
+    place = np.full(knots.size - 1, columns.size)  # cells without motion are proved, and their usage is negative
+    place[columns] = np.arange(columns.size)
+    still = np.ones((len(names), 1))
+    all_codes = xp.concatenate([own, (PROVED * still).astype(own.dtype)], axis=1)[:, place]
+    all_codes = findings.with_straight(path.path, knots, all_codes, names)
+    usage = xp.concatenate([largest_per_cell(limited, names), -still], axis=1)[:, place]
     times, largest = largest_in(limited, findings.worst_cell(all_codes, usage), names)
-    limits = jnp.stack([bounds[name] for name in names])
+    limits = xp.stack([bounds[name] for name in names])
     return findings.certificate(all_codes, times, largest * limits, limits, path.path.polynomials(), names)
 
 
-@eqx.filter_jit
 def _at_new_times(path: RetimedPath, shape: Certificate) -> Certificate:
     """Convert the times of a certificate of the original path to times of the retimed path.
 
     If the timing does not cover exactly the whole path, UNDECIDED replaces PROVED and BROKEN.
     """
-    timing, duration = path.timing, jnp.asarray(path.path.duration)
-    error = jnp.maximum(jnp.abs(timing.knots[0]), jnp.abs(timing.knots[-1] - duration))
-    whole = error <= ROUNDINGS * float(jnp.finfo(timing.knots.dtype).eps) * duration
-    codes = jnp.where(whole | ((shape.codes != PROVED) & (shape.codes != BROKEN)), shape.codes, UNDECIDED)
-    times = jax.vmap(timing.time)(jnp.asarray(shape.times, timing.knots.dtype))
+    timing, xp = path.timing, jnp if is_traced(path, shape) else np
+    duration, knots, codes = (xp.asarray(x) for x in (path.path.duration, timing.knots, shape.codes))
+    error = xp.maximum(xp.abs(knots[0]), xp.abs(knots[-1] - duration))
+    whole = error <= ROUNDINGS * float(np.finfo(knots.dtype).eps) * duration
+    codes = xp.where(whole | ((codes != PROVED) & (codes != BROKEN)), codes, UNDECIDED)
+    times = timing.times_of(xp.asarray(shape.times, knots.dtype))
     return Certificate(shape.names, codes, times, shape.values, shape.limits)

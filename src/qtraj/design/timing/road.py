@@ -17,9 +17,10 @@ derivatives of −Z² and of the power.
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.vehicle import RoadParameters
 
@@ -63,24 +64,24 @@ def coefficients(
     The acceleration along the path contains the derivative a' of a = u̇² with the factor `half`·|r'|. A limit that is
     infinite or not in `bounds` is absent.
     """
-    x, y, z = ahead
+    xp, (x, y, z) = namespace(*ahead, *vehicle, *bounds.values()), ahead
     square = x * x + y * y
-    safe = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
-    level = jnp.where(square > 0, safe, 0.0)
+    safe = xp.sqrt(xp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
+    level = xp.where(square > 0, safe, 0.0)
     left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
     forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
     g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
-    along = jnp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
-    across = jnp.stack([-sin * g * level, cos * to_left - sin * up])
-    onto = jnp.stack([cos * g * level, cos * up + sin * to_left])
-    resistance = vehicle.rolling * jnp.stack([*onto, 0.0 * level])
-    power = (vehicle.mass * speed / bounds.get("power", jnp.inf))[None] * (along + resistance)
-    at_rest = jnp.where(onto[0] > 0, onto[0], 1.0)
-    limit = bounds.get("friction", jnp.inf)
+    along = xp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
+    across = xp.stack([-sin * g * level, cos * to_left - sin * up])
+    onto = xp.stack([cos * g * level, cos * up + sin * to_left])
+    resistance = vehicle.rolling * xp.stack([*onto, 0.0 * level])
+    power = (vehicle.mass * speed / bounds.get("power", np.inf))[None] * (along + resistance)
+    at_rest = xp.where(onto[0] > 0, onto[0], 1.0)
+    limit = bounds.get("friction", np.inf)
     inverse = ((1 / limit) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
-    neutral = jnp.stack([jnp.ones_like(level), jnp.zeros_like(level)])
-    grip = grip[0], grip[1], jnp.where(jnp.isfinite(limit), grip[2], neutral)
+    neutral = xp.stack([xp.ones_like(level), xp.zeros_like(level)])
+    grip = grip[0], grip[1], xp.where(xp.isfinite(limit), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
 
 
@@ -89,25 +90,27 @@ def _upper(across: Array, onto: Array) -> Array:
 
     The result is 0 if a is unbounded. A side on which the inequality is violated at rest is ignored.
     """
-    found = jnp.zeros_like(onto[0])
+    xp = namespace(across, onto)
+    found = xp.zeros_like(onto[0])
     for sign in (-1.0, 1.0):
         reserve, rate = onto[0] - sign * across[0], sign * across[1] - onto[1]
-        found = jnp.maximum(found, jnp.where(reserve > 0, rate / jnp.where(reserve > 0, reserve, 1.0), 0.0))
+        found = xp.maximum(found, xp.where(reserve > 0, rate / xp.where(reserve > 0, reserve, 1.0), 0.0))
     return found
 
 
 def steady(r: Road) -> Float[Array, "*nodes"]:
     """Return a lower bound on the largest constant a = u̇² for which the power suffices; infinite without a limit."""
-    slope, drag = jnp.maximum(2 * r.power[0], 0.0), jnp.maximum(2 * r.power[1], 0.0)
-    bounds = [jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** e, jnp.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
-    return jnp.minimum(*bounds)
+    slope, drag = np.maximum(2 * r.power[0], 0.0), np.maximum(2 * r.power[1], 0.0)
+    bounds = [np.where(x > 0, np.where(x > 0, x, 1.0) ** e, np.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
+    return np.minimum(*bounds)
 
 
 def without(r: Road, omitted: Array) -> Road:
     """Replace the constraints at the nodes where `omitted` is true by constraints that are always satisfied."""
-    neutral = Road(*(jnp.zeros_like(x) for x in r))
-    neutral = neutral._replace(onto=neutral.onto.at[0].set(1.0))
-    return Road(*(jnp.where(jnp.broadcast_to(omitted, x.shape), x, y) for x, y in zip(neutral, r, strict=True)))
+    xp = namespace(*r)
+    neutral = Road(*(xp.zeros_like(x) for x in r))
+    neutral = neutral._replace(onto=xp.stack([xp.ones_like(r.upper), xp.zeros_like(r.upper)]))
+    return Road(*(xp.where(xp.broadcast_to(omitted, x.shape), x, y) for x, y in zip(neutral, r, strict=True)))
 
 
 def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
@@ -117,8 +120,9 @@ def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     instead. Otherwise gravity on a slope or a banked road could violate a reduced limit at every speed.
     """
     friction, power = factors[:1], factors[1:]
-    along = jnp.concatenate([r.along[:1], r.along[1:] * friction])
-    across = jnp.concatenate([r.across[:1], r.across[1:] * friction])
+    xp = namespace(*r, factors)
+    along = xp.concatenate([r.along[:1], r.along[1:] * friction])
+    across = xp.concatenate([r.across[:1], r.across[1:] * friction])
     return r._replace(along=along, across=across, power=r.power * power)
 
 
@@ -130,8 +134,8 @@ def values(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
 
 def used(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
     """Return the friction and the power divided by their limits."""
-    x, y, z = _grip(r, v)
-    return [jnp.sqrt(x * x + y * y) / jnp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
+    xp, (x, y, z) = namespace(v, r.power), _grip(r, v)
+    return [xp.sqrt(x * x + y * y) / xp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
 
 
 def slowing(
@@ -146,18 +150,18 @@ def slowing(
     so only the rest of the friction decreases with a. A factor less than `SLOWEST` is replaced by 1. Then the violation
     remains, because a much slower timing would be useless.
     """
-    over = usage > 1 + allowed
-    friction = (1 - at_rest[0]) / jnp.where(over[0], usage[0] - at_rest[0], 1.0)
-    power = 1 / jnp.where(over[1], usage[1], 1.0) ** 2
-    factors = jnp.stack([friction, power])
-    return jnp.where(over & (factors >= SLOWEST), factors, 1.0)
+    xp, over = namespace(usage, at_rest), usage > 1 + allowed
+    friction = (1 - at_rest[0]) / xp.where(over[0], usage[0] - at_rest[0], 1.0)
+    power = 1 / xp.where(over[1], usage[1], 1.0) ** 2
+    factors = xp.stack([friction, power])
+    return xp.where(over & (factors >= SLOWEST), factors, 1.0)
 
 
 def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ...]]:
     """Return the gradients of `values` with respect to a = u̇² and a'."""
     x, y, z = _grip(r, v)
-    root = _root(v[0])
-    inverse = jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1.0), 0.0)
+    xp, root = namespace(v, r.power), _root(v[0])
+    inverse = xp.where(root > 0, 1 / xp.where(root > 0, root, 1.0), 0.0)
     friction = 2 * (x * r.along[1] + y * r.across[1] - z * r.onto[1]), 2 * x * r.along[2]
     return [friction, (0.5 * inverse * _affine(r.power, v) + root * r.power[1], root * r.power[2])]
 
@@ -181,5 +185,5 @@ def _affine(c: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Ar
 
 
 def _root(a: Any) -> Any:
-    positive = a > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, a, 1.0)), 0.0)
+    xp, positive = namespace(a), a > 0
+    return xp.where(positive, xp.sqrt(xp.where(positive, a, 1.0)), 0.0)

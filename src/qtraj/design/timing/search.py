@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.timing.banded import total
 from qtraj.design.timing.boundedness import largest, unbounded
+from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.constraints import (
     POWERS,
     UPPER,
@@ -26,9 +26,11 @@ from qtraj.design.timing.constraints import (
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
+from qtraj.foundation.namespace import namespace
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
-from qtraj.design.timing.spline import DEGREE, ORDERS, Nodes, local, nodes, power_form, within
+from qtraj.design.timing.spline import ORDERS, Nodes, local, nodes, power_form, within, within_cells
+from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.vehicle import RoadParameters
@@ -131,141 +133,174 @@ def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk
 
 
 def fastest(problem: Problem, t: Tables) -> Found:
-    """Compute the fastest timing; `powers` and `sensitivity` have derivatives with respect to the path and limits."""
-    program, places = _imposed(problem, t)
-    r = _searched(*stop_gradient((program, places)), t.within)
+    """Compute the fastest timing; `powers` and `sensitivity` have derivatives with respect to the path and limits.
+
+    The search runs in NumPy. For a traced problem, it is one operation of JAX.
+    """
+    names, search = tuple(problem.bounds), functools.partial(_searched, t, problem.stops)
+    if not is_traced(problem):
+        with np.errstate(all="ignore"):  # a failed search ends with NaN
+            program, places = _imposed(problem, t)
+            r = on_host(search, _shapes(program, places), program[1:], places)
+            powers, usage, error = _satisfied(r, r.coefficients, t, places, names)
+        return Found(powers, usage, np.zeros(()), r.steps, error, r.unbounded)
+    program, places = eqx.filter_jit(_imposed)(problem, t)
+    r = on_host(search, _shapes(program, places), *constants((program[1:], places)))
     best, sensitivity = _differentiable(program, r)
-    powers, usage, error = _satisfied(r, best, t, stop_gradient(places), tuple(problem.bounds))
-    fixed, a = stop_gradient(program), program.at_nodes(r.state.coefficients)[0]
-    free = unbounded(fixed, a, problem.stops)
-    return Found(powers, usage, sensitivity, r.state.steps, error, free)
+    powers, usage, error = eqx.filter_jit(_satisfied)(r, best, t, stop_gradient(places), names)
+    return Found(powers, usage, sensitivity, r.steps, error, r.unbounded)
 
 
-class _Round(NamedTuple):
-    """The result `state` of the last search, and the number of `searches`.
+class Result(NamedTuple):
+    """The result of all searches.
 
-    The last search divided the limits by the factors `used`; the next search divides them by `factors`. `usage` is the
-    largest result of `constraints.used` in each cell.
+    The fields up to `error` are those of the last `State`. The last search divided the limits by the factors `used`.
+    `usage` is the largest result of `constraints.used` in each cell.
     """
 
-    state: State
-    used: Float[Array, "count cells"]
-    factors: Float[Array, "count cells"]
-    usage: Float[Array, "limits cells"]
-    searches: Int[Array, ""]
+    coefficients: Float[Array, "*batch cells+3"]
+    slacks: Float[Array, "*batch count 2 cells+1"]
+    multipliers: Float[Array, "*batch count 2 cells+1"]
+    steps: Int[Array, "*batch"]
+    error: Float[Array, "*batch"]
+    used: Float[Array, "*batch count cells"]
+    usage: Float[Array, "*batch limits cells"]
+    unbounded: Bool[Array, "*batch"]
 
 
-@eqx.filter_jit
 def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     """Return the problem with the limits at the nodes, and the limits at the points at which they are checked."""
     cells, grid = t.grid.cells, t.grid
-    count, dtype = 2 * (cells + 1), problem.ends.dtype
+    count, xp = 2 * (cells + 1), jnp if is_traced(problem) else np
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / cells)
-    r = derivatives(shape, grid, t.cell, jnp.asarray(t.place, dtype))
+    r = derivatives(shape, grid, t.cell, t.place)
     bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
     found = parts(r, shape.per_cell, bounds, problem.vehicle)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
-    nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
-    r1 = stop_gradient(r[0, :, :count]).reshape(3, 2, cells + 1)
-    most = largest(r1, problem.end - problem.start, *stop_gradient((bounds, problem.ends, problem.vehicle)))
-    c = imposed.constraints(stop_gradient(most))
-    upper = c.upper.at[0, 0].max(1 / problem.ends[0]).at[0, cells].max(1 / problem.ends[1])
-    forms = tuple(x.at[..., 1, cells].set(0.0) for x in c.forms)  # padding: this node does not exist
-    jerk = None if c.jerk is None else jnp.where(nodes.standing > 0, 0.0, c.jerk)
-    padding = jnp.zeros(upper.shape, bool).at[1, cells].set(True)
+    r1 = r[0, :, :count].reshape(3, 2, cells + 1)
+    fixed = r1, problem.end - problem.start, bounds, problem.ends, problem.vehicle
+    most = largest(*(stop_gradient(fixed) if xp is jnp else fixed))
+    c = imposed.constraints(most)
+    ends = np.zeros((2, cells + 1), bool), np.zeros((2, cells + 1), bool)
+    ends[0][0, 0] = ends[1][0, cells] = True
+    upper = c.upper
+    for end, bound in zip(ends, problem.ends, strict=True):
+        upper = xp.where(end, xp.maximum(upper, 1 / bound), upper)
+    padding = np.zeros(upper.shape, bool)  # this node does not exist
+    padding[1, cells] = True
+    forms = xp.where(xp.broadcast_to(padding, c.forms.shape), 0.0, c.forms)
+    jerk = c.jerk
+    if jerk is not None:
+        jerk = xp.where(xp.broadcast_to(t.nodes.standing > 0, jerk.shape), 0.0, jerk)
     on_road = None if c.road is None else without(c.road, padding)
-    constraints = Constraints(upper, forms, jerk, on_road)
-    return Program(nodes, jnp.asarray(nodes.weight) * shape.per_cell, constraints, stop_gradient(most)), between
+    return Program(t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, jerk, on_road), most), between
 
 
-@eqx.filter_jit
-def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 cells"]) -> _Round:
-    """Repeat the search until the limits are satisfied between the nodes, too.
+def _shapes(program: Program, places: Parts) -> Result:
+    """Return the shapes and types of the result of a search for one problem."""
+    (cells, count), dtype = (program.largest.shape[-1] - 1, program.constraints.per_node), program.weights.dtype
+    nodes, limits = (count, 2, cells + 1), places.upper.shape[0] + count - 1
+    of_type = [(cells + 3,), nodes, nodes, jnp.int32, (), (count, cells), (limits, cells), bool]
+    return Result(
+        *(jax.ShapeDtypeStruct(x, dtype) if isinstance(x, tuple) else jax.ShapeDtypeStruct((), x) for x in of_type)
+    )
 
-    The compiled code is the same for all classes of paths.
+
+def _searched(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
+    """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
+
+    `of_nodes` contains the fields of `Program` after the nodes. The batch axis of the arguments is the first axis.
     """
-    cells, dtype = within.shape[-1], program.weights.dtype
-    gaps = jnp.asarray([GAPS[0], last_gap(cells)], dtype)
+    of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
+    program, within = Program(t.nodes, *of_nodes), t.within
+    cells, count = within.shape[-1], program.constraints.per_node
+    with np.errstate(all="ignore"):  # a failed search ends with NaN
+        state = begun(program, initial(program))
+        size = len(state.steps)
+        factors = np.ones((count, size, cells))
+        used, usage = factors.copy(), np.zeros((between.upper.shape[0] + count - 1, size, cells))
+        which, own, places = np.arange(size), program, between
+        for search in range(ROUNDS):
+            imposed = own._replace(constraints=tightened(own.constraints, _at_nodes(factors[:, which])))
+            enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells))
+            last = solve(imposed, continued(imposed, state.chosen(which)), enough)
+            state.store(which, last)
+            found = _between_nodes(places, within, last.coefficients)
+            used[:, which], usage[:, which] = factors[:, which], found
+            excess, over = _grouped(places, found), OVER * 2.0 ** max(search - 2, 0)
+            factors[:, which] *= np.where(excess > 1, 1 + over * (excess - 1), 1.0)
+            if search + 1 < len(GAPS):
+                continue
+            goes_on = (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error)
+            if not goes_on.all():
+                which, own = which[goes_on], own.chosen(goes_on)
+                places = jax.tree.map(lambda x, goes_on=goes_on: x[..., goes_on, :, :], places)
+            if not which.size:
+                break
+        free = unbounded(program, program.at_nodes(state.coefficients)[0], stops)
+    nodes = (np.moveaxis(x, 1, 0) for x in (*state[1:3], used, usage))
+    return Result(state.coefficients, next(nodes), next(nodes), *state[3:], *nodes, free)
 
-    def attempt(r: _Round) -> _Round:
-        own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
-        state = solve(own, continued(own, r.state), gaps[jnp.minimum(r.searches, 1)])
-        found = _between_nodes(between, within, state.coefficients)
-        excess = _grouped(between, found)
-        over = OVER * 2.0 ** jnp.maximum(r.searches - 2, 0).astype(dtype)
-        factors = r.factors * jnp.where(excess > 1, 1 + over * (excess - 1), 1.0)
-        return _Round(state, r.factors, factors, found, r.searches + 1)
 
-    def goes_on(r: _Round) -> Array:
-        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.state.error)
-        return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
-
-    count = program.constraints.per_node
-    ones, nothing = jnp.ones((count, cells), dtype), jnp.zeros((between.upper.shape[0] + count - 1, cells), dtype)
-    start = _Round(begun(program, initial(program)), ones, ones, nothing, jnp.zeros((), jnp.int32))
-    return jax.lax.while_loop(goes_on, attempt, start)
-
-
-@eqx.filter_jit
-def _satisfied(r: _Round, best: Array, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+def _satisfied(r: Result, best: Array, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
     `best` are the coefficients of the last search, with their derivatives.
 
     A violation that a slower timing does not reduce remains, and the certificate reports it.
     """
+    xp = namespace(best, r.usage)
     rows, on_road = listed(names, between.road is not None), slice(-len(ROAD), None)
     if between.road is None:
-        slower = 1 / jnp.maximum(jnp.max(_grouped(between, r.usage)), 1.0)
+        slower = 1 / xp.maximum(xp.max(_grouped(between, r.usage)), 1.0)
     else:
-        at_rest = _between_nodes(between, t.within, jnp.zeros_like(r.state.coefficients))
-        slower = 1 / jnp.maximum(jnp.max(_grouped(between, r.usage)[: -len(ROAD)]), 1.0)
-        slower = jnp.minimum(slower, jnp.min(slowing(r.usage[on_road], at_rest[on_road], ALLOWED)))
-    slower = jnp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
-    slowed = slower * r.state.coefficients
-    powers = jnp.sum(jnp.asarray(t.powers, slower.dtype) * local(slower * best)[None], axis=1).T
-    error = jnp.where(slower >= 1 - SLOWED, r.state.error, jnp.inf)
+        at_rest = _between_nodes(between, t.within, xp.zeros_like(r.coefficients))
+        slower = 1 / xp.maximum(xp.max(_grouped(between, r.usage)[: -len(ROAD)]), 1.0)
+        slower = xp.minimum(slower, xp.min(slowing(r.usage[on_road], at_rest[on_road], ALLOWED)))
+    slower = xp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
+    slowed = slower * r.coefficients
+    powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
+    error = xp.where(slower >= 1 - SLOWED, r.error, np.inf)
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
-        usage = r.usage * jnp.stack(factors)[:, None]
+        usage = r.usage * xp.stack(factors)[:, None]
     else:  # friction and power do not scale with a power of `slower`
         usage = _between_nodes(between, t.within, slowed)
     return powers, ratios(usage, rows), error
 
 
-def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "limits cells"]:
+def _between_nodes(between: Parts, within: np.ndarray, coefficients: Array) -> Float[Array, "limits *batch cells"]:
     """Return the maxima of `used` in each cell, from samples and parabolas through them."""
-    orders = 2 if between.jerk is None else ORDERS
-    own, table = local(coefficients), jnp.asarray(within, coefficients.dtype)
-    v = [total(table[:, order, k] * own[k][None] for k in range(DEGREE + 1)) for order in range(orders)]
-    rows = used(between, jnp.stack(v))
-    before, at, after = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
+    xp = namespace(coefficients, between.upper)
+    rows = used(between, within_cells(within, coefficients, 2 if between.jerk is None else ORDERS))
+    before, at, after = rows[..., :-2, :], rows[..., 1:-1, :], rows[..., 2:, :]
     bend, change = 2 * at - before - after, after - before
-    peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # the vertex is between the three samples
-    rise = jnp.where(peak, change**2 / (8 * jnp.where(peak, bend, 1.0)), 0.0)
-    return jnp.maximum(jnp.max(rows, axis=1), jnp.max(at + rise, axis=1))
+    peak = (bend > 0) & (xp.abs(change) <= 2 * bend)  # the vertex is between the three samples
+    rise = xp.where(peak, change**2 / (8 * xp.where(peak, bend, 1.0)), 0.0)
+    return xp.maximum(xp.max(rows, axis=-2), xp.max(at + rise, axis=-2))
 
 
-def _grouped(between: Parts, rows: Float[Array, "limits cells"]) -> Float[Array, "count cells"]:
+def _grouped(between: Parts, rows: Float[Array, "limits *batch cells"]) -> Float[Array, "count *batch cells"]:
     """Return the usage of each constraint; the upper bounds on a are one constraint."""
-    count = between.upper.shape[0]
-    return jnp.concatenate([jnp.max(rows[:count], axis=0, initial=0.0)[None], rows[count:]])
+    xp, count = namespace(rows), between.upper.shape[0]
+    return xp.concatenate([xp.max(rows[:count], axis=0, initial=0.0)[None], rows[count:]])
 
 
-def _at_nodes(factors: Float[Array, "count cells"]) -> Float[Array, "count 2 cells+1"]:
+def _at_nodes(factors: Float[Array, "count *batch cells"]) -> Float[Array, "count *batch 2 cells+1"]:
     """Return the factors at the nodes; a knot has the larger factor of its two cells."""
-    one = jnp.ones_like(factors[:, :1])
-    before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
-    return jnp.stack([jnp.maximum(before, after), after], axis=1)
+    xp = namespace(factors)
+    one = xp.ones_like(factors[..., :1])
+    before, after = xp.concatenate([one, factors], axis=-1), xp.concatenate([factors, one], axis=-1)
+    return xp.stack([xp.maximum(before, after), after], axis=-2)
 
 
 @eqx.filter_jit
-def _differentiable(program: Program, r: _Round) -> tuple[Float[Array, " cells+3"], Scalar]:
+def _differentiable(program: Program, r: Result) -> tuple[Float[Array, " cells+3"], Scalar]:
     """Return the coefficients of the last search as a differentiable function of the path and the limits.
 
     The second result has the value zero and the derivatives of the minimum duration.
     """
     imposed = program._replace(constraints=tightened(program.constraints, _at_nodes(r.used)))
-    at = Optimum(r.state.coefficients, r.state.slacks, r.state.multipliers)
+    at = Optimum(r.coefficients, r.slacks, r.multipliers)
     return optimum(imposed, at).coefficients, duration_change(imposed, at)

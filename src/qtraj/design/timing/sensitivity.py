@@ -20,14 +20,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
-from qtraj.design.timing import banded
-from qtraj.design.timing.banded import total
 from qtraj.design.timing.constraints import Gradients, changes, gradients, values, weighted
 from qtraj.design.timing.interior_point import Program, duration, factored, solved
-from qtraj.design.timing.spline import gathered
+from qtraj.design.timing.on_host import on_host
+from qtraj.design.timing.spline import Nodes, gathered, products
 from qtraj.foundation.types import Scalar
 
 
@@ -78,19 +78,30 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
         return _slope(program, v, at.multipliers)
 
     slopes = gradients(program.constraints, v)
-    at_nodes = jax.jvp(slope, (program,), (change,))[1] + _combined(slopes, ratio * rise, v)
-    matrix = _second_derivatives(program, at, v, ratio)
-    band = factored(banded, *stop_gradient((program, matrix)))
+    at_nodes = jax.jvp(slope, (program,), (change,))[1] + weighted(slopes, ratio * rise)
+    matrix = _second_derivatives(program, at, v, slopes, ratio)
+    fixed = stop_gradient(matrix)
 
     def product(dc: Array) -> Array:
-        dv = program.at_nodes(dc * free)
-        rows = [total(matrix[max(i, j)][min(i, j)] * x for j, x in enumerate(dv)) for i in range(dv.shape[0])]
-        return gathered(program.nodes, rows) * free
+        at_nodes = jnp.einsum("ij...,j...->i...", matrix, program.at_nodes(dc * free))
+        return gathered(program.nodes, at_nodes) * free
 
-    right = -gathered(program.nodes, [*at_nodes]) * free
-    dc = jax.lax.custom_linear_solve(product, right, lambda _, x: solved(banded, band, x), symmetric=True)
+    right = -gathered(program.nodes, at_nodes) * free
+    nodes = program.nodes
+    dc = jax.lax.custom_linear_solve(product, right, lambda _, x: _solved(nodes, fixed, x), symmetric=True)
     ds = -(rise + changes(slopes, program.at_nodes(dc)))
     return Optimum(dc, ds, -ratio * ds)
+
+
+def _solved(nodes: Nodes, matrix: Float[Array, "orders orders 2 cells+1"], right: Float[Array, " cells+3"]) -> Array:
+    """Solve the linear system with the second derivatives `matrix` at the nodes, on the host."""
+
+    def solve(basis: np.ndarray, free: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+        table = products(basis[0, : matrix.shape[1]])
+        return solved(factored(free[0], table, np.moveaxis(matrix, 0, 2)), right)
+
+    shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
+    return on_host(solve, shape, nodes.basis, nodes.free, matrix, right)
 
 
 def _lagrangian(p: Program, v: Array, multipliers: Array) -> Scalar:
@@ -102,20 +113,10 @@ def _slope(p: Program, v: Array, multipliers: Array) -> Array:
     return jax.grad(lambda v: _lagrangian(p, v, multipliers))(v)
 
 
-def _combined(slopes: Gradients, weights: Array, v: Array) -> Array:
-    """Return the weighted sum of the gradients, with one component for each component of `v`."""
-    parts = weighted(slopes, weights)
-    return jnp.stack([*parts, *[jnp.zeros_like(parts[0])] * (v.shape[0] - len(parts))])
-
-
-def _second_derivatives(p: Program, at: Optimum, v: Array, ratio: Array) -> list[list[Array]]:
-    """Return the lower triangle of the second derivatives of the Lagrangian at the nodes, plus Σ (λ/s) ∇g ∇gᵀ."""
-    orders = range(v.shape[0])
-    units = [jnp.zeros_like(v).at[j].set(1.0) for j in orders]
+def _second_derivatives(
+    p: Program, at: Optimum, v: Array, slopes: Gradients, ratio: Array
+) -> Float[Array, "orders orders 2 cells+1"]:
+    """Return the second derivatives of the Lagrangian at the nodes, plus Σ (λ/s) ∇g ∇gᵀ."""
+    units = [jnp.zeros_like(v).at[j].set(1.0) for j in range(v.shape[0])]
     columns = [jax.jvp(lambda v: _slope(p, v, at.multipliers), (v,), (unit,))[1] for unit in units]
-    lower = [[columns[j][i] for j in range(i + 1)] for i in orders]
-    for own, weight in zip(gradients(p.constraints, v), ratio, strict=True):
-        for i, x in enumerate(own):
-            for j, y in enumerate(own[: i + 1]):
-                lower[i][j] = lower[i][j] + weight * x * y
-    return lower
+    return jnp.stack(columns) + jnp.einsum("ci...,cj...->ij...", ratio[:, None] * slopes, slopes)

@@ -3,57 +3,42 @@
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from qtraj.design.timing.directions import directions
+from qtraj.design.timing.directions import Direction, directions
 from qtraj.design.timing.parts import known_segments, standing_ends
-from qtraj.path import pieces
+from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.route import Route
 
 
 class Source(NamedTuple):
-    """The polynomials of the segments (on the last axis), their durations [s], and the directions `ahead`.
+    """The polynomials of the segments in their moving basis: ascending coefficients in t [s], and durations [s].
 
-    `ahead` contains the fields of `Directions`, with polynomials instead of coefficients. It is None if no moving
-    segment starts or ends at a stop.
+    A route has no `y` of a moving basis, but the world axes; its `angle` is None. `directions` are those of the
+    segments that start or end at a stop, by the index of the segment.
     """
 
-    polynomials: MovingPolynomials
+    x: Float[Array, "terms segments"]
+    y: Float[Array, "terms segments"] | None
+    z: Float[Array, "terms segments"]
+    angle: Float[Array, "terms segments"] | None
     durations: Float[Array, " segments"]
-    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"], Float[np.ndarray, " segments"]] | None
+    directions: dict[int, Direction]
 
 
 def source(path: AbstractHodograph) -> Source | None:
     """Return the polynomials of the segments and the directions at stops, or None if the path is not polynomial."""
     if isinstance(path, Route):
         segments = known_segments(path)
-        more = pieces.padded_size(segments.durations.size) - segments.durations.size
-        durations = jnp.asarray(np.append(segments.durations, np.ones(more)))
-        found = directions(segments, standing_ends(segments))
-        if found is None:
-            return Source(_in_world(segments.coefficients), durations, None)
-        ahead = (
-            _in_world(found.coefficients),
-            np.pad(found.powers, [(0, more), (0, 0)]),
-            np.pad(found.roundings, (0, more)),
-        )
-        return Source(_in_world(segments.coefficients), durations, ahead)
+        c = segments.coefficients.copy()
+        c[:, 0] = 0.0  # only derivatives are needed
+        x, y, z = (c[:, :, axis].T for axis in range(3))
+        return Source(x, y, z, None, segments.durations, directions(segments, standing_ends(segments)))
     own = path.polynomials()
     if own is None:
         return None
-    x, y, z, angle = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
-    return Source(MovingPolynomials(x, y, z, angle), path.duration[None], None)
-
-
-def _in_world(c: Float[np.ndarray, "segments terms 3"]) -> MovingPolynomials:
-    _, padded = pieces.padded(np.zeros(len(c)), c)  # routes of similar length share an executable
-    x, y, z = (np.array(padded[..., k].T) for k in range(3))
-    x[0], y[0] = (
-        0.0,
-        0.0,
-    )  # only derivatives are needed; a distant start would enlarge the unit of length and so the rounding errors
-    return MovingPolynomials(jnp.asarray(x), jnp.asarray(y), jnp.asarray(z), jnp.zeros((1, x.shape[1])))
+    given = own.x, own.y, own.z, own.angle, path.duration
+    given = given if is_traced(given) else jax.tree.map(np.asarray, given)
+    return Source(*jax.tree.map(lambda x: x[..., None], given), {})

@@ -4,18 +4,18 @@ A spline with n cells has n + 3 coefficients and is twice continuously different
 coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
 the n + 1 knots and one point inside each cell.
 
-Sums over short axes are written as sums of arrays. The compiler turns such a sum into one loop over the nodes.
-Reductions of stacked arrays are about 20 times slower.
+The functions of coefficients accept NumPy and JAX arrays. A batch of splines on the same cells has its axes before the
+axes of the nodes.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+import functools
+import operator
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.timing.banded import total
+from qtraj.foundation.namespace import namespace
 
 DEGREE = 3
 
@@ -29,9 +29,6 @@ The integral is approximately the weight times the value of f(z)/√z at the nod
 """
 
 Numbers = Float[np.ndarray, "..."]
-
-Lower = Sequence[Sequence[Any]]
-"""Rows of the lower triangle of a symmetric matrix; each entry is an array over the nodes."""
 
 
 class Nodes(NamedTuple):
@@ -126,39 +123,69 @@ def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[np.ndarray, "3 
     return np.einsum("dpn,pkn->dkn", powers, form) / length ** np.arange(ORDERS)[:, None, None]
 
 
-def local(coefficients: Float[Array, " cells+3"]) -> Float[Array, "4 cells"]:
+def local(coefficients: Float[Array, "*batch cells+3"]) -> Float[Array, "4 *batch cells"]:
     """Return the four coefficients of each cell."""
-    cells = coefficients.shape[0] - DEGREE
-    return jnp.stack([coefficients[k : k + cells] for k in range(DEGREE + 1)])
+    cells = coefficients.shape[-1] - DEGREE
+    return namespace(coefficients).stack([coefficients[..., k : k + cells] for k in range(DEGREE + 1)])
 
 
 def at_nodes(
-    n: Nodes, coefficients: Float[Array, " cells+3"], orders: int = ORDERS
-) -> Float[Array, "orders 2 cells+1"]:
+    n: Nodes, coefficients: Float[Array, "*batch cells+3"], orders: int = ORDERS
+) -> Float[Array, "orders *batch 2 cells+1"]:
     """Return value and derivatives at the nodes."""
-    own = local(jnp.pad(coefficients, (0, 1)))
-    return total(n.basis[:orders, k] * own[k][None, None] for k in range(DEGREE + 1))
+    xp = namespace(coefficients)
+    own = local(xp.concatenate([coefficients, xp.zeros_like(coefficients[..., :1])], axis=-1))
+    return xp.einsum("okmn,k...n->o...mn", n.basis[:orders], own)
 
 
-def gathered(n: Nodes, parts: Sequence[Float[Array, "2 cells+1"]]) -> Float[Array, " cells+3"]:
+def within_cells(
+    table: Float[np.ndarray, "count 3 4 cells"], coefficients: Float[Array, "*batch cells+3"], orders: int
+) -> Float[Array, "orders *batch count cells"]:
+    """Return value and derivatives at the points of a table of `within`."""
+    return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
+
+
+def gathered(n: Nodes, parts: Float[Array, "orders *batch 2 cells+1"]) -> Float[Array, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
-    own = [total(n.basis[order, k] * part for order, part in enumerate(parts)) for k in range(DEGREE + 1)]
-    return total(jnp.pad(x[0] + x[1], (k, DEGREE - k)) for k, x in enumerate(own))[:-1]
+    found = namespace(parts).einsum("okmn,o...mn->k...n", n.basis[: parts.shape[0]], parts)
+    return _overlapped(_padded(found), range(DEGREE + 1))
 
 
-def gathered_band(n: Nodes, parts: Lower) -> tuple[Float[Array, " cells+3"], ...]:
+PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1)])
+"""Pairs of coefficients of a cell, diagonal by diagonal."""
+
+
+def products(basis: Float[np.ndarray, "orders 4 2 cells+1"]) -> Float[np.ndarray, "entries pairs 2 cells+1"]:
+    """Return the table of `gathered_band`: products of two values of the basis, for each pair of coefficients.
+
+    The entries are those of the lower triangle of a matrix at the nodes, row by row.
+    """
+    first, second = (basis[:, PAIRS[:, side]] for side in range(2))
+    entries = zip(*np.tril_indices(len(basis)), strict=True)
+    return np.stack([first[i] * second[j] + (first[j] * second[i] if i != j else 0.0) for i, j in entries])
+
+
+def gathered_band(
+    table: Float[np.ndarray, "entries pairs 2 cells+1"], matrix: Float[np.ndarray, "orders orders *batch 2 cells+1"]
+) -> tuple[Float[np.ndarray, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `parts[i][j]`, j ≤ i, are the entries of the matrix at the nodes. Array d of the result contains the entries
-    (i, i − d) of the matrix for the coefficients.
+    `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Array d of the result
+    contains the entries (i, i − d) of the matrix for the coefficients.
     """
-    orders = range(len(parts))
-    half = [
-        [total(parts[max(d, e)][min(d, e)] * n.basis[e, k] for e in orders) for d in orders] for k in range(DEGREE + 1)
-    ]
+    found = _padded(np.einsum("eqmn,e...mn->q...n", table, matrix[np.tril_indices(len(matrix))]))
+    firsts = np.cumsum([0, *range(DEGREE + 1, 0, -1)])
+    return tuple(_overlapped(found[firsts[d] : firsts[d + 1]], range(d, DEGREE + 1)) for d in range(DEGREE + 1))
 
-    def entry(k: int, m: int) -> Array:
-        both = total(half[m][d] * n.basis[d, k] for d in orders)
-        return jnp.pad(both[0] + both[1], (k, DEGREE - k))
 
-    return tuple(total(entry(k, k - d) for k in range(d, DEGREE + 1))[:-1] for d in range(DEGREE + 1))
+def _padded(rows: Float[Array, "rows *batch cells+1"]) -> Float[Array, "rows *batch cells+7"]:
+    xp = namespace(rows)
+    zeros = xp.zeros((*rows.shape[:-1], DEGREE), rows.dtype)
+    return xp.concatenate([zeros, rows, zeros], axis=-1)
+
+
+def _overlapped(padded: Float[Array, "rows *batch cells+7"], firsts: range) -> Float[Array, "*batch cells+3"]:
+    """Return the sum of the rows; each starts at the coefficient in `firsts`."""
+    count = padded.shape[-1] - DEGREE - 1
+    rows = (x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
+    return functools.reduce(operator.add, rows)

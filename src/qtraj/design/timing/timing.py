@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.arrays import as_float, one_instant
+from qtraj.foundation.namespace import namespace
+from qtraj.foundation.arrays import as_float, is_traced, one_instant, part
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
@@ -53,7 +54,7 @@ class Timing(eqx.Module):
                 "a timing needs coefficients of shape (cells, 4) and knots of shape (cells + 1,), but arrays of the "
                 f"shapes {self.coefficients.shape} and {self.knots.shape} were given"
             )
-        self.times = _times(self) if times is None else as_float(times)
+        self.times = as_float(_times(self) if times is None else times)
 
     def __repr__(self) -> str:
         return shown(self, knots="s", coefficients="", times="s")
@@ -61,26 +62,33 @@ class Timing(eqx.Module):
     @property
     def duration(self) -> Float[Array, "*batch"]:
         """The duration of the whole path [s]."""
-        return self.times[..., -1]
+        return part(self.times, (..., -1))
 
     def squared_speed(self, u: ScalarLike) -> Scalar:
         """Return a(u) = u̇² at one parameter `u`."""
-        cell, place = self._locate(one_instant(u))
-        return jnp.maximum(_horner(self.coefficients[cell], place), 0.0)
+        cells, u = self._with(one_instant(u))
+        cell, place = cells.locate(u)
+        return as_float(cells.xp.maximum(_horner(cells.form(cell), place), 0.0))
 
     def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
         """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
-        cell, place = self._locate(one_instant(u))
-        c = self.coefficients[cell]
+        cells, u = self._with(one_instant(u))
+        cell, place = cells.locate(u)
+        c = cells.form(cell)
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
-        return jnp.stack(shifted) / (self.knots[cell + 1] - self.knots[cell]) ** jnp.arange(4, dtype=c.dtype)
+        return as_float(cells.xp.stack([x / cells.length(cell) ** k for k, x in enumerate(shifted)]))
 
     def time(self, u: ScalarLike) -> Scalar:
         """Return the time [s] at which the parameter is `u`; outside the knots, return the time of the nearer end."""
-        cell, place = self._locate(one_instant(u))
-        starts, ends = self._kinds(cell)
+        return as_float(self.times_of(one_instant(u)))
+
+    def times_of(self, u: Float[Any, "*m"]) -> Float[Any, "*m"]:
+        """Return the times [s] of an array of parameters, in NumPy unless the arguments are traced."""
+        cells, u = self._with(u)
+        cell, place = cells.locate(u)
+        starts, ends = cells.kinds(cell)
         z = _unstretched(place, starts, ends)
-        return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
+        return cells.times[cell] + _elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
         """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
@@ -88,30 +96,49 @@ class Timing(eqx.Module):
 
     def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
-        t = _clipped(one_instant(t), 0.0, self.duration)
-        cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
-        length, kinds = self._length(cell), self._kinds(cell)
-        z = _position(self, t, cell)
-        rate = length * _stretching(z, *kinds) / _pace(self._form(cell), length, *kinds, z)
-        return self.knots[cell] + length * _stretched(z, *kinds), rate
+        cells, t = self._with(one_instant(t))
+        t = _clipped(t, 0.0, cells.times[-1])
+        cell = cells.xp.clip(cells.xp.searchsorted(cells.times, t, side="right") - 1, 0, cells.count - 1)
+        length, kinds = cells.length(cell), cells.kinds(cell)
+        z = _position(self, t, cell) if cells.xp is jnp else _newton(cells, t, cell)
+        rate = length * _stretching(z, *kinds) / _pace(cells.form(cell), length, *kinds, z)
+        return as_float(cells.knots[cell] + length * _stretched(z, *kinds)), as_float(rate)
+
+    def _with(self, x: Any) -> tuple["_Cells", Any]:
+        """Return the cells, and the argument of a method: NumPy arrays unless one of them is traced."""
+        xp = jnp if is_traced(self, x) else np
+        arrays = (xp.asarray(y) for y in (self.coefficients, self.knots, self.times))
+        return _Cells(xp, *arrays, self.rest), xp.asarray(x).astype(self.knots.dtype)
+
+
+class _Cells(NamedTuple):
+    """The fields of a timing as arrays of the array library `xp`."""
+
+    xp: Any
+    coefficients: Float[Any, "cells 4"]
+    knots: Float[Any, " cells+1"]
+    times: Float[Any, " cells+1"]
+    rest: tuple[bool, bool]
 
     @property
-    def _cells(self) -> int:
+    def count(self) -> int:
         return self.coefficients.shape[-2]
 
-    def _form(self, cell: Array) -> Array:
-        return self.coefficients[cell]
+    def form(self, cell: Any) -> Any:
+        """Return the coefficients of a = u̇² on the first axis."""
+        return self.xp.moveaxis(self.coefficients[cell], -1, 0)
 
-    def _length(self, cell: Array) -> Array:
+    def length(self, cell: Any) -> Any:
         return self.knots[cell + 1] - self.knots[cell]
 
-    def _kinds(self, cell: Array) -> tuple[Array, Array]:
-        return (cell == 0) & self.rest[0], (cell == self._cells - 1) & self.rest[1]
+    def kinds(self, cell: Any) -> tuple[Any, Any]:
+        """Return whether a cell starts at rest, and whether it ends at rest."""
+        return (cell == 0) & self.rest[0], (cell == self.count - 1) & self.rest[1]
 
-    def _locate(self, u: Scalar) -> tuple[Array, Scalar]:
-        u = u.astype(self.knots.dtype)
-        cell = jnp.clip(jnp.searchsorted(self.knots, u, side="right") - 1, 0, self._cells - 1)
-        return cell, _clipped((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
+    def locate(self, u: Any) -> tuple[Any, Any]:
+        """Return the cell that contains a parameter, and the position in the cell."""
+        cell = self.xp.clip(self.xp.searchsorted(self.knots, u, side="right") - 1, 0, self.count - 1)
+        return cell, _clipped((u - self.knots[cell]) / self.length(cell), 0.0, 1.0)
 
 
 # Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
@@ -119,16 +146,26 @@ class Timing(eqx.Module):
 # functions of z, too, so their derivatives are correct also at rest, where √a is not differentiable in u.
 
 
+def _newton(cells: _Cells, t: Any, cell: Any) -> Any:
+    """Return z at a time within a cell."""
+    since, span = t - cells.times[cell], cells.times[cell + 1] - cells.times[cell]
+    own = cells.form(cell), cells.length(cell), *cells.kinds(cell)
+
+    def step(_: Any, z: Any) -> Any:
+        return cells.xp.clip(z - (_elapsed(*own, z) - since) / _pace(*own, z), 0.0, 1.0)
+
+    if cells.xp is jnp:
+        return jax.lax.fori_loop(0, NEWTON_STEPS, step, since / span)
+    z = since / span
+    for k in range(NEWTON_STEPS):
+        z = step(k, z)
+    return z
+
+
 @eqx.filter_custom_jvp
 def _position(timing: Timing, t: Scalar, cell: Int[Array, ""]) -> Scalar:
     """Return z at a time within a cell."""
-    since, span = t - timing.times[cell], timing.times[cell + 1] - timing.times[cell]
-    given = timing._form(cell), timing._length(cell), *timing._kinds(cell)
-
-    def newton(_: Any, z: Scalar) -> Scalar:
-        return jnp.clip(z - (_elapsed(*given, z) - since) / _pace(*given, z), 0.0, 1.0)
-
-    return jax.lax.fori_loop(0, NEWTON_STEPS, newton, since / span)
+    return _newton(timing._with(t)[0], t, cell)
 
 
 @_position.def_jvp
@@ -136,49 +173,65 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     """The change of z is the change of the time, less that of the time at which z is reached, divided by dt/dz."""
     timing, t, cell = primals
     z, late = _position(timing, t, cell), tangents[1]
-    starts, ends = timing._kinds(cell)
+    own = timing._with(t)[0]
+    starts, ends = own.kinds(cell)
 
     def reached(x: Timing) -> Scalar:
-        return x.times[cell] + _elapsed(x._form(cell), x._length(cell), starts, ends, z)
+        cells = x._with(z)[0]
+        return cells.times[cell] + _elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
 
     late = jnp.zeros_like(z) if late is None else late
     if jax.tree.leaves(tangents[0]):
         shift = eqx.filter_jvp(reached, (timing,), (tangents[0],))[1]
         late = late if shift is None else late - shift
-    return z, late / _pace(timing._form(cell), timing._length(cell), starts, ends, z)
+    return z, late / _pace(own.form(cell), own.length(cell), starts, ends, z)
 
 
-@eqx.filter_jit
 def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
     """Return the times of the knots [s]."""
-    c = jnp.moveaxis(timing.coefficients, -1, 0)
-    length = timing.knots[..., 1:] - timing.knots[..., :-1]
-    k = jnp.arange(c.shape[-1])
-    starts, ends = (k == 0) & timing.rest[0], (k == k.size - 1) & timing.rest[1]
-    passed = jnp.cumsum(_elapsed(c, length, starts, ends, jnp.ones_like(length)), axis=-1)
-    return jnp.concatenate([jnp.zeros_like(passed[..., :1]), passed], axis=-1)
+    if is_traced(timing):
+        return _traced_times(timing.coefficients, timing.knots, timing.rest)
+    return _knot_times(np.asarray(timing.coefficients), np.asarray(timing.knots), timing.rest)
+
+
+def _knot_times(coefficients: Array, knots: Array, rest: tuple[bool, bool]) -> Float[Array, "*batch cells+1"]:
+    xp = namespace(coefficients, knots)
+    c = xp.moveaxis(coefficients, -1, 0)
+    length = knots[..., 1:] - knots[..., :-1]
+    k = np.arange(c.shape[-1])
+    starts, ends = (xp.asarray(x) for x in ((k == 0) & rest[0], (k == k.size - 1) & rest[1]))
+    with np.errstate(all="ignore"):  # a failed search ends with NaN
+        passed = xp.cumsum(_elapsed(c, length, starts, ends, xp.ones_like(length)), axis=-1)
+    return xp.concatenate([xp.zeros_like(passed[..., :1]), passed], axis=-1)
+
+
+_traced_times = eqx.filter_jit(_knot_times)
 
 
 def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
     """Return the time [s] from the start of a cell to the position `_stretched(z)`."""
-    at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2
-    weights = jnp.asarray(QUADRATURE[1] / 2, z.dtype)
-    c, length, starts, ends = (jnp.asarray(x)[..., None] for x in (c, length, starts, ends))
-    at, weights = (x.reshape(*[1] * z.ndim, -1) for x in (at, weights))
-    return z * jnp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
+    xp = namespace(c, length, z)
+    at, weights = (
+        xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2)
+    )
+    c, length, starts, ends = (xp.asarray(x)[..., None] for x in (c, length, starts, ends))
+    return z * xp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
 
 
 def _stretched(z: Array, starts: Array, ends: Array) -> Array:
-    return jnp.where(starts, z**2, jnp.where(ends, z * (2 - z), z))
+    xp = namespace(z, starts)
+    return xp.where(starts, z**2, xp.where(ends, z * (2 - z), z))
 
 
 def _stretching(z: Array, starts: Array, ends: Array) -> Array:
     """Return the derivative of `_stretched`."""
-    return jnp.where(starts, 2 * z, jnp.where(ends, 2 * (1 - z), 1.0))
+    xp = namespace(z, starts)
+    return xp.where(starts, 2 * z, xp.where(ends, 2 * (1 - z), 1.0))
 
 
 def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
-    return jnp.where(starts, _root(place), jnp.where(ends, 1 - _root(1 - place), place))
+    xp = namespace(place, starts)
+    return xp.where(starts, _root(place), xp.where(ends, 1 - _root(1 - place), place))
 
 
 def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
@@ -186,12 +239,12 @@ def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Arra
 
     The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
     """
-    place = _stretched(z, starts, ends)
+    xp, place = namespace(c, z), _stretched(z, starts, ends)
     left = 1 - place
     from_start = c[1] + place * (c[2] + place * c[3])
     to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
-    rest = jnp.where(starts | ends, 2.0, 1.0)
-    return length * rest * jnp.where(starts, from_start, jnp.where(ends, to_end, _horner(c, place))) ** -0.5
+    rest = xp.where(starts | ends, 2.0, 1.0)
+    return length * rest * xp.where(starts, from_start, xp.where(ends, to_end, _horner(c, place))) ** -0.5
 
 
 @storable
@@ -223,9 +276,11 @@ class RetimedPath(AbstractHodograph):
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
         u, rate = self.timing.motion(t)
-        change = _increments(rate, self.timing.taylor(u), order)
-        factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
-        return _composed(self.path.derivatives(u, order) / factorials, change) * factorials
+        taylor, rows = self.timing.taylor(u), self.path.derivatives(u, order)
+        if not is_traced(rate, taylor, rows):
+            rate, taylor, rows = (np.asarray(x) for x in (rate, taylor, rows))
+        factorials = np.array([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
+        return as_float(_composed(rows / factorials, _increments(rate, taylor, order)) * factorials)
 
 
 def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]:
@@ -233,7 +288,7 @@ def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]
 
     The argument `a` contains the Taylor coefficients of the function a(u) at u₀.
     """
-    zero = jnp.zeros_like(a[0])
+    zero = 0.0 * rate
     change = [zero, rate]
     for k in range(order - 1):
         square = sum((change[i] * change[k - i] for i in range(k + 1)), zero)
@@ -244,19 +299,19 @@ def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]
 
 def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Array, "orders 3"]:
     """Return the truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
-    orders = shape.shape[0]
-    result = jnp.zeros_like(shape).at[0].set(shape[-1])
+    xp, orders = namespace(shape, *change), shape.shape[0]
+    zero = xp.zeros_like(shape[0])
+    result = [shape[-1], *[zero] * (orders - 1)]
     for row in shape[-2::-1]:
-        product = [
-            sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros_like(row)) for k in range(orders)
-        ]
-        result = jnp.stack(product).at[0].add(row)
-    return result
+        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)]
+        result = [product[0] + row, *product[1:]]
+    return xp.stack(result)
 
 
 def _clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
     """Clip `x` to its bounds; unlike with `jnp.clip`, the derivative is 1 if `x` equals a bound."""
-    return jnp.where(x < low, low, jnp.where(x > high, high, x))
+    xp = namespace(x, high)
+    return xp.where(x < low, low, xp.where(x > high, high, x))
 
 
 def _horner(c: Array, x: Array) -> Array:
@@ -265,4 +320,5 @@ def _horner(c: Array, x: Array) -> Array:
 
 def _root(x: Array) -> Array:
     """Return √x, with the derivative 0 at x = 0."""
-    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
+    xp = namespace(x)
+    return xp.where(x > 0, xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)

@@ -28,7 +28,7 @@ from qtraj.motion.manipulator.arm import Arm
 from qtraj.motion.manipulator.arm_motion import ArmMotion
 from qtraj.motion.manipulator.inverse import Damping, joint_accelerations, smallest_singular_value
 from qtraj.motion.simulation import ode
-from qtraj.motion.simulation.ode import MAX_STEPS, Method, State, Tolerances
+from qtraj.motion.simulation.interval import MAX_STEPS, Method, State, Tolerances
 from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
 from qtraj.path.hodograph import AbstractHodograph
 

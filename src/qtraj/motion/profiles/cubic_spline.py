@@ -19,9 +19,9 @@ At the minimum time, d is 0 and the slew is time-optimal.
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.profiles.profile import AbstractProfile, Profile, fixed_duration, limit, nonzero_size, require_limits
@@ -55,6 +55,7 @@ class CubicSpline(AbstractProfile):
     max_rate: Scalar | None
     max_acceleration: Scalar | None
     name: ClassVar[str] = "cubic-spline"
+    supports_numpy: ClassVar[bool] = True
 
     def __repr__(self) -> str:
         return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²")
@@ -87,7 +88,7 @@ class CubicSpline(AbstractProfile):
             starts=_starts(half, duration),
             widths=widths,
             pieces=pieces / angle,
-            end_rate=jnp.zeros_like(total),
+            end_rate=xp.zeros_like(total),
             feasible=feasible,
         )
         return profile, minimal
@@ -96,16 +97,16 @@ class CubicSpline(AbstractProfile):
 def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> Scalar:
     """Return the minimum duration [s] within the limits, or 0 if there are no limits."""
     if acceleration is None:
-        return jnp.zeros_like(angle) if rate is None else angle / rate * (1 + TIME_MARGIN)
-    without_rate_limit = 2 * jnp.sqrt(angle / acceleration)
+        return xp.zeros_like(angle) if rate is None else angle / rate * (1 + TIME_MARGIN)
+    without_rate_limit = 2 * xp.sqrt(angle / acceleration)
     if rate is None:
         return without_rate_limit
-    return jnp.where(angle <= rate**2 / acceleration, without_rate_limit, angle / rate + rate / acceleration)
+    return xp.where(angle <= rate**2 / acceleration, without_rate_limit, angle / rate + rate / acceleration)
 
 
 def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> _Half:
     """Return the first half of the optimal slew; a limit is active if the optimum without this limit violates it."""
-    half = _Half(jnp.zeros_like(angle), duration / 2, 6 * angle / duration**2)
+    half = _Half(xp.zeros_like(angle), duration / 2, 6 * angle / duration**2)
     if acceleration is not None:
         decreasing = _root(3 * (duration**2 / 4 - angle / acceleration))
         limited = _Half(duration / 2 - decreasing, decreasing, acceleration)
@@ -114,11 +115,11 @@ def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, accelera
         return half
     too_fast = half.acceleration * (half.constant + half.decreasing / 2) > rate
     decreasing = 1.5 * (duration - angle / rate)
-    divisor = jnp.where(too_fast, decreasing, 1.0)
-    at_max_rate = _Half(jnp.zeros_like(angle), decreasing, 2 * rate / divisor)
+    divisor = xp.where(too_fast, decreasing, 1.0)
+    at_max_rate = _Half(xp.zeros_like(angle), decreasing, 2 * rate / divisor)
     if acceleration is not None:
         decreasing = _root(12 * (rate * duration - rate**2 / acceleration - angle) / acceleration)
-        both_limits = _Half(jnp.maximum(rate / acceleration - decreasing / 2, 0.0), decreasing, acceleration)
+        both_limits = _Half(xp.maximum(rate / acceleration - decreasing / 2, 0.0), decreasing, acceleration)
         at_max_rate = _where(at_max_rate.acceleration > acceleration, both_limits, at_max_rate)
     return _where(too_fast, at_max_rate, half)
 
@@ -129,34 +130,34 @@ def _spline(half: _Half, duration: Scalar) -> tuple[Scalar, Scalar]:
     The coefficients are ascending in u = (t − start)/width.
     """
     s, d, a = half.constant, half.decreasing, half.acceleration
-    coast = jnp.maximum(duration - 2 * (s + d), 0.0)
-    widths = jnp.stack([s, d, coast, d, s])
-    zero = jnp.zeros_like(a)
-    first = jnp.stack([a, a, zero, zero, -a])  # the acceleration at the start of each segment
-    change = jnp.stack([zero, -a, zero, -a, zero])  # the change of the acceleration in each segment
+    coast = xp.maximum(duration - 2 * (s + d), 0.0)
+    widths = xp.stack([s, d, coast, d, s])
+    zero = xp.zeros_like(a)
+    first = xp.stack([a, a, zero, zero, -a])  # the acceleration at the start of each segment
+    change = xp.stack([zero, -a, zero, -a, zero])  # the change of the acceleration in each segment
     rate_changes = (first + change / 2) * widths
-    rates = jnp.cumsum(rate_changes) - rate_changes
-    powers = jnp.stack([rates * widths, first * widths**2 / 2, change * widths**2 / 6], axis=1)
-    angle_changes = jnp.sum(powers, axis=1)
-    angles = jnp.cumsum(angle_changes) - angle_changes
-    return widths, jnp.concatenate([angles[:, None], powers], axis=1)
+    rates = xp.cumsum(rate_changes) - rate_changes
+    powers = xp.stack([rates * widths, first * widths**2 / 2, change * widths**2 / 6], axis=1)
+    angle_changes = xp.sum(powers, axis=1)
+    angles = xp.cumsum(angle_changes) - angle_changes
+    return widths, xp.concatenate([angles[:, None], powers], axis=1)
 
 
 def _starts(half: _Half, duration: Scalar) -> Scalar:
     """Return the start times (5,) [s] of the segments."""
     s, d = half.constant, half.decreasing
-    return jnp.stack([jnp.zeros_like(s), s, s + d, duration - s - d, duration - s])
+    return xp.stack([xp.zeros_like(s), s, s + d, duration - s - d, duration - s])
 
 
 def _where(condition: Scalar, a: _Half, b: _Half) -> _Half:
     return _Half(
-        jnp.where(condition, a.constant, b.constant),
-        jnp.where(condition, a.decreasing, b.decreasing),
-        jnp.where(condition, a.acceleration, b.acceleration),
+        xp.where(condition, a.constant, b.constant),
+        xp.where(condition, a.decreasing, b.decreasing),
+        xp.where(condition, a.acceleration, b.acceleration),
     )
 
 
 def _root(x: Scalar) -> Scalar:
     """Return √x, or 0 with zero gradient for x ≤ 0."""
     positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    return xp.where(positive, xp.sqrt(xp.where(positive, x, 1.0)), 0.0)

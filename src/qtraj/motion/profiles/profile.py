@@ -11,7 +11,6 @@ import math
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import Polynomial
@@ -19,6 +18,7 @@ from numpy.polynomial import Polynomial
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, of_arrays, xp
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 
 TOLERANCE = 16
@@ -44,13 +44,13 @@ class Profile(eqx.Module):
     widths: Float[Array, " n"] = eqx.field(converter=as_float)
     pieces: Float[Array, "n m"] = eqx.field(converter=as_float)
     end_rate: Scalar = eqx.field(converter=as_float)
-    feasible: Flag = eqx.field(converter=jnp.asarray)
+    feasible: Flag = eqx.field(converter=xp.asarray)
     proportional: bool = eqx.field(static=True, default=True)
 
     @property
     def switches(self) -> Float[Array, " n"]:
         """The end times (n,) [s] of the segments, to be passed as `jumps` to an integration; the last is `duration`."""
-        return jnp.concatenate([self.starts[1:], self.duration[None]])
+        return _switches(self.starts, self.duration)
 
     def angle(self, t: ScalarLike) -> Scalar:
         """Return Φ(t) [rad]; the angle is 0 before the start and `total` after the end."""
@@ -70,7 +70,8 @@ class Profile(eqx.Module):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
         """Return Φ and its time derivatives up to `order` at time `t` [s]; derivative k is in rad s^-k."""
-        return (self.total if self.proportional else 1.0) * self.shape(t, order)
+        shape = self.shape(t, order)
+        return _scaled(shape, self.total) if self.proportional else shape
 
     def shape(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
         """Return `derivatives` divided by `total` if the profile is `proportional`, otherwise `derivatives`.
@@ -108,28 +109,38 @@ class Profile(eqx.Module):
         return time, peak
 
 
-@eqx.filter_jit
+@of_arrays
+def _switches(starts: Float[Array, " n"], duration: Scalar) -> Float[Array, " n"]:
+    return xp.concatenate([starts[1:], duration[None]])
+
+
+@of_arrays
+def _scaled(shape: Float[Array, " _"], total: Scalar) -> Float[Array, " _"]:
+    return total * shape
+
+
+@in_numpy_or_jit
 def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
     after = t >= profile.duration
     outside = after | (t < 0)
-    time = jnp.where(outside, 0.0, t)
+    time = xp.where(outside, 0.0, t)
     # A segment of zero width ends at its start, even if round-off shifts the start of the next segment.
-    ends = jnp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
-    piece = jnp.sum(time >= ends)
+    ends = xp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
+    piece = xp.sum(time >= ends)
     start, width, coefficients = profile.starts[piece], profile.widths[piece], profile.pieces[piece]
-    width = jnp.where(width > 0, width, 1.0)
+    width = xp.where(width > 0, width, 1.0)
     scales = [math.factorial(k) / width**k for k in range(order + 1)]
-    inside = polynomial.taylor(coefficients, (time - start) / width, order) * jnp.stack(scales)
-    return jnp.where(outside, jnp.where(after, _final(profile, t, order), 0.0), inside)
+    inside = polynomial.taylor(coefficients, (time - start) / width, order) * xp.stack(scales)
+    return xp.where(outside, xp.where(after, _final(profile, t, order), 0.0), inside)
 
 
 def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
     """Return the shape at the end of the slew and after the end."""
-    zero = jnp.zeros_like(t)
-    final = [jnp.ones_like(t) if profile.proportional else profile.total]
+    zero = xp.zeros_like(t)
+    final = [xp.ones_like(t) if profile.proportional else profile.total]
     if order > 0:
-        final.append(jnp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
-    return jnp.stack(final + [zero] * (order - 1))
+        final.append(xp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
+    return xp.stack(final + [zero] * (order - 1))
 
 
 def stationary_points(curve: Polynomial) -> list[float]:
@@ -149,6 +160,8 @@ class AbstractProfile(eqx.Module):
 
     duration: eqx.AbstractVar[Scalar | None]
     name: ClassVar[str]
+    supports_numpy: ClassVar[bool] = False
+    """Whether `timed` accepts and returns NumPy arrays; other profiles are computed by JAX, which compiles them."""
 
     @abc.abstractmethod
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
@@ -161,28 +174,32 @@ class AbstractProfile(eqx.Module):
         within the limits. Inside a trace, no error is raised for such a duration; the profile's `feasible` is then
         false.
         """
-        profile, minimum = _timed(self, _scalar_angle(angle))
+        timed = _timed if self.supports_numpy else _compiled_timed
+        profile, minimum = timed(self, _scalar_angle(angle))
         _require_feasible(self, profile, minimum)
         return profile
 
 
-@eqx.filter_jit
-def _timed(motion_profile: AbstractProfile, total: Scalar) -> tuple[Profile, Scalar]:
+def _jax_timed(motion_profile: AbstractProfile, total: Scalar) -> tuple[Profile, Scalar]:
     return motion_profile.timed(total)
+
+
+_compiled_timed = eqx.filter_jit(_jax_timed)
+_timed = in_numpy(_jax_timed, _compiled_timed)
 
 
 def nonzero_size(total: Scalar) -> Scalar:
     """Return |total|, but at least a tiny positive angle, so that limits divided by the result do not overflow."""
-    return jnp.where(is_nonzero(total), jnp.abs(total), _min_angle(total))
+    return xp.where(is_nonzero(total), abs(total), _min_angle(total))
 
 
 def is_nonzero(total: Scalar) -> Flag:
     """Return whether |total| is large enough for a slew of nonzero duration."""
-    return jnp.abs(total) > _min_angle(total)
+    return abs(total) > _min_angle(total)
 
 
 def _min_angle(total: Scalar) -> float:
-    return float(jnp.finfo(total.dtype).eps) ** 2
+    return float(xp.finfo(total.dtype).eps) ** 2
 
 
 def _scalar_angle(angle: ArrayInput) -> Scalar:
@@ -228,8 +245,8 @@ def require_limits(motion_profile: AbstractProfile) -> None:
 
 def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
     """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible."""
-    feasible = duration >= minimum * (1 - TOLERANCE * float(jnp.finfo(minimum.dtype).eps))
-    return jnp.where(feasible, duration, minimum), feasible
+    feasible = duration >= minimum * (1 - TOLERANCE * float(xp.finfo(minimum.dtype).eps))
+    return xp.where(feasible, duration, minimum), feasible
 
 
 def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar) -> None:

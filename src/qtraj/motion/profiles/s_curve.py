@@ -3,11 +3,12 @@
 import math
 from typing import ClassVar
 
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -39,6 +40,7 @@ class SCurve(AbstractProfile):
     max_jerk: Scalar
     duration: Scalar | None
     name: ClassVar[str] = "S-curve"
+    supports_numpy: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -64,28 +66,28 @@ class SCurve(AbstractProfile):
 def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
     a, j = motion_profile.max_acceleration.astype(total.dtype), motion_profile.max_jerk.astype(total.dtype)
     size = nonzero_size(total)
-    rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)
+    rate, coasting = _peak_rate(size, a, j), xp.asarray(False)
     if motion_profile.max_rate is not None:
         max_rate = motion_profile.max_rate.astype(total.dtype)
         coasting = rate > max_rate
-        rate = jnp.where(coasting, max_rate, rate)
+        rate = xp.where(coasting, max_rate, rate)
     ramp, full = _ramp(rate, a, j)
-    coast = jnp.where(coasting, size / rate - full, 0.0)
-    minimum = duration = jnp.where(is_nonzero(total), 2 * full + coast, 0.0)
-    feasible = jnp.asarray(True)
+    coast = xp.where(coasting, size / rate - full, 0.0)
+    minimum = duration = xp.where(is_nonzero(total), 2 * full + coast, 0.0)
+    feasible = xp.asarray(True)
     if motion_profile.duration is not None:
         duration, feasible = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
         ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
-        coast = jnp.maximum(duration - 2 * full, 0.0)
-    first_half = jnp.stack([ramp, full - 2 * ramp, ramp, coast])
+        coast = xp.maximum(duration - 2 * full, 0.0)
+    first_half = xp.stack([ramp, full - 2 * ramp, ramp, coast])
     return _chain(total, duration, first_half, j / size, feasible), minimum
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
     """Return the peak rate v [rad/s] of a slew of Φ = `angle` without a coast: v·Ta(v) = Φ with Ta of `_ramp`."""
     long = angle >= 2 * a * (a / j) ** 2
-    flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
-    return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
+    flat = 2 * angle / (a / j + xp.sqrt((a / j) ** 2 + 4 * angle / a))
+    return xp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
 
 
 def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
@@ -94,8 +96,8 @@ def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
     `a` [rad/s²] and `j` [rad/s³] are the limits on acceleration and jerk.
     """
     pointed = rate < a * (a / j)
-    corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
-    return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
+    corner = xp.sqrt(xp.where(pointed, rate / j, 1.0))
+    return xp.where(pointed, corner, a / j), xp.where(pointed, 2 * corner, a / j + rate / a)
 
 
 def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
@@ -106,14 +108,14 @@ def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scal
     sin(3δ/2) = √(27Φ/(JT³)) (Viète).
     """
     pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
-    left = jnp.where(pointed, duration, duration - a / j)
+    left = xp.where(pointed, duration, duration - a / j)
     square = left**2 - 4 * angle / a
-    root = jnp.sqrt(jnp.where(pointed | (square <= 0), 1.0, square))
-    flat = 2 * angle / (left + jnp.where(square <= 0, 0.0, root))
-    sine = jnp.sqrt(jnp.where(pointed, 27 * (angle / duration) / (j * duration**2), 0.5))
-    third = jnp.arcsin(jnp.minimum(sine, 1.0)) / 3
-    x = 2 * jnp.sin(third) * (jnp.sin(third) + math.sqrt(3) * jnp.cos(third)) * jnp.sqrt(j) * duration / 6
-    return jnp.where(pointed, x**2, flat)
+    root = xp.sqrt(xp.where(pointed | (square <= 0), 1.0, square))
+    flat = 2 * angle / (left + xp.where(square <= 0, 0.0, root))
+    sine = xp.sqrt(xp.where(pointed, 27 * (angle / duration) / (j * duration**2), 0.5))
+    third = xp.arcsin(xp.minimum(sine, 1.0)) / 3
+    x = 2 * xp.sin(third) * (xp.sin(third) + math.sqrt(3) * xp.cos(third)) * xp.sqrt(j) * duration / 6
+    return xp.where(pointed, x**2, flat)
 
 
 def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scalar, feasible: Flag) -> Profile:
@@ -122,22 +124,22 @@ def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scala
     `ramp` contains the widths [s] of the first four of the seven segments; `jerk` is the jerk divided by the angle
     [1/s³].
     """
-    widths = jnp.concatenate([ramp, ramp[2::-1]])
-    before = jnp.cumsum(ramp) - ramp
+    widths = xp.concatenate([ramp, ramp[2::-1]])
+    before = xp.cumsum(ramp) - ramp
     # For acceleration, rate and angle: the change in each segment, then the value at the start of each segment.
-    acceleration_steps = jerk * jnp.asarray(JERKS, jerk.dtype) * widths
-    accelerations = jnp.cumsum(acceleration_steps) - acceleration_steps
+    acceleration_steps = jerk * np.asarray(JERKS, jerk.dtype) * widths
+    accelerations = xp.cumsum(acceleration_steps) - acceleration_steps
     rate_steps = (accelerations + acceleration_steps / 2) * widths
-    rates = jnp.cumsum(rate_steps) - rate_steps
-    powers = jnp.stack([rates * widths, accelerations * widths**2 / 2, acceleration_steps * widths**2 / 6], axis=1)
-    angle_steps = jnp.sum(powers, axis=1)
-    angles = jnp.cumsum(angle_steps) - angle_steps
+    rates = xp.cumsum(rate_steps) - rate_steps
+    powers = xp.stack([rates * widths, accelerations * widths**2 / 2, acceleration_steps * widths**2 / 6], axis=1)
+    angle_steps = xp.sum(powers, axis=1)
+    angles = xp.cumsum(angle_steps) - angle_steps
     return Profile(
         total=total,
         duration=duration,
-        starts=jnp.concatenate([before, duration - jnp.cumsum(ramp)[2::-1]]),
+        starts=xp.concatenate([before, duration - xp.cumsum(ramp)[2::-1]]),
         widths=widths,
-        pieces=jnp.concatenate([angles[:, None], powers], axis=1),
-        end_rate=jnp.zeros_like(total),
+        pieces=xp.concatenate([angles[:, None], powers], axis=1),
+        end_rate=xp.zeros_like(total),
         feasible=feasible,
     )

@@ -3,9 +3,9 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Scalar
 from qtraj.motion.profiles.profile import (
@@ -46,16 +46,16 @@ class AbstractSmoothStep(AbstractProfile):
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
         minimum = duration = self._shortest(total)
-        feasible = jnp.asarray(True)
+        feasible = xp.asarray(True)
         if self.duration is not None:
             duration, feasible = fixed_duration(self.duration.astype(total.dtype), minimum)
         profile = Profile(
             total=total,
             duration=duration,
-            starts=jnp.zeros_like(total, shape=1),
+            starts=xp.zeros_like(total, shape=1),
             widths=duration[None],
-            pieces=jnp.asarray([self.coefficients], dtype=total.dtype),
-            end_rate=jnp.zeros_like(total),
+            pieces=xp.asarray([self.coefficients], dtype=total.dtype),
+            end_rate=xp.zeros_like(total),
             feasible=feasible,
         )
         return profile, minimum
@@ -73,8 +73,8 @@ class AbstractSmoothStep(AbstractProfile):
             for order, (peak, bound) in enumerate(zip(self.peaks, limits, strict=True), start=1)
             if bound is not None
         ]
-        longest = jnp.max(jnp.stack(times)) if times else jnp.zeros_like(total)
-        return jnp.where(is_nonzero(total), longest, 0.0)
+        longest = xp.max(xp.stack(times)) if times else xp.zeros_like(total)
+        return xp.where(is_nonzero(total), longest, 0.0)
 
 
 @storable
@@ -94,6 +94,7 @@ class Cubic(AbstractSmoothStep):
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
     name: ClassVar[str] = "cubic"
+    supports_numpy: ClassVar[bool] = True
     coefficients: ClassVar[tuple[int, ...]] = (0, 0, 3, -2)
     peaks: ClassVar[tuple[float, float, float]] = (1.5, 6.0, 12.0)
 
@@ -110,6 +111,7 @@ class Quintic(AbstractSmoothStep):
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
     name: ClassVar[str] = "quintic"
+    supports_numpy: ClassVar[bool] = True
     coefficients: ClassVar[tuple[int, ...]] = (0, 0, 0, 10, -15, 6)
     peaks: ClassVar[tuple[float, float, float]] = (15 / 8, 10 / 3**0.5, 60.0)
 
@@ -127,5 +129,6 @@ class Septic(AbstractSmoothStep):
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
     name: ClassVar[str] = "septic"
+    supports_numpy: ClassVar[bool] = True
     coefficients: ClassVar[tuple[int, ...]] = (0, 0, 0, 0, 35, -84, 70, -20)
     peaks: ClassVar[tuple[float, float, float]] = (35 / 16, 84 * 5**0.5 / 25, 52.5)

@@ -3,10 +3,10 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from qtraj.foundation.arrays import concrete, real_scalar, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -42,6 +42,7 @@ class TimeOptimal(AbstractProfile):
     end_rate: Scalar | None
     duration: Scalar | None
     name: ClassVar[str] = "time-optimal"
+    supports_numpy: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -84,8 +85,8 @@ def _timed(motion_profile: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]
     coast = _fastest(task)
     if resting:
         nonzero = is_nonzero(total)
-        coast = _Coast(coast.rate, jnp.where(nonzero, coast.width, 0.0), jnp.where(nonzero, coast.duration, 0.0))
-    minimum, feasible = coast.duration, jnp.asarray(True)
+        coast = _Coast(coast.rate, xp.where(nonzero, coast.width, 0.0), xp.where(nonzero, coast.duration, 0.0))
+    minimum, feasible = coast.duration, xp.asarray(True)
     if motion_profile.duration is not None:
         duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
         coast, exists = _in_time(task, duration)
@@ -118,15 +119,15 @@ def _fastest(task: _Task) -> _Coast:
     coasts at sV.
     """
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
-    sense = jnp.where(angle < (v0 + v1) * jnp.abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
+    sense = xp.where(angle < (v0 + v1) * abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
     peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
-    width = jnp.zeros_like(angle)
+    width = xp.zeros_like(angle)
     if task.rate is not None:
-        clipped = jnp.abs(peak) > task.rate
-        max_rate = jnp.where(clipped, task.rate, 1.0)
+        clipped = abs(peak) > task.rate
+        max_rate = xp.where(clipped, task.rate, 1.0)
         coasted = angle - sense * (2 * max_rate**2 - v0**2 - v1**2) / (2 * acceleration)
-        width = jnp.where(clipped, coasted / (sense * max_rate), width)
-        peak = jnp.where(clipped, sense * max_rate, peak)
+        width = xp.where(clipped, coasted / (sense * max_rate), width)
+        peak = xp.where(clipped, sense * max_rate, peak)
     ramps = sense * (2 * peak - v0 - v1) / acceleration
     return _Coast(peak, width, ramps + width)
 
@@ -139,22 +140,22 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     from rest to rest, v = ½(AT − √(A²T² − 4AΦ)), which is evaluated without cancellation.
     """
     v0, v1, a = task.start, task.end, task.acceleration
-    mean, change = (v0 + v1) / 2, jnp.abs(v1 - v0)
+    mean, change = (v0 + v1) / 2, abs(v1 - v0)
     offset = task.angle - mean * duration
     spare_time = duration - change / a
-    between = (jnp.abs(offset) <= change / 2 * spare_time) & (spare_time > 0)
-    linear = offset / jnp.where(between, spare_time, 1.0)
-    square = (a * duration) ** 2 - change**2 - 4 * a * jnp.abs(offset)
-    outer = 2 * (a * jnp.abs(offset) + change**2 / 4) / (a * duration + _root(square))
-    rate = mean + jnp.where(between, linear, jnp.where(offset < 0, -outer, outer))
-    width = jnp.maximum(duration - (jnp.abs(rate - v0) + jnp.abs(rate - v1)) / a, 0.0)
-    slack = 4 * TOLERANCE * float(jnp.finfo(duration.dtype).eps)
+    between = (abs(offset) <= change / 2 * spare_time) & (spare_time > 0)
+    linear = offset / xp.where(between, spare_time, 1.0)
+    square = (a * duration) ** 2 - change**2 - 4 * a * abs(offset)
+    outer = 2 * (a * abs(offset) + change**2 / 4) / (a * duration + _root(square))
+    rate = mean + xp.where(between, linear, xp.where(offset < 0, -outer, outer))
+    width = xp.maximum(duration - (abs(rate - v0) + abs(rate - v1)) / a, 0.0)
+    slack = 4 * TOLERANCE * float(xp.finfo(duration.dtype).eps)
     exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
     if task.rate is not None:
         # At the minimum T, v is a double root, so only half of its digits are accurate.
-        exists &= jnp.abs(rate) <= task.rate * (1 + slack**0.5)
+        exists &= abs(rate) <= task.rate * (1 + slack**0.5)
         # At the minimum T, v equals the limit, which round-off must not exceed.
-        rate = jnp.clip(rate, -task.rate, task.rate)
+        rate = xp.clip(rate, -task.rate, task.rate)
     return _Coast(rate, width, duration), exists
 
 
@@ -165,16 +166,16 @@ def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: b
     rest at both ends (`resting`).
     """
     v0, v, v1 = task.start, coast.rate, task.end
-    first, last = jnp.abs(v - v0) / task.acceleration, jnp.abs(v1 - v) / task.acceleration
-    widths = jnp.stack([first, coast.width, last])
-    linear = jnp.stack([v0, v, v]) * widths
-    square = jnp.stack([(v - v0) / 2, jnp.zeros_like(v), (v1 - v) / 2]) * widths
-    constant = jnp.cumsum(linear + square) - (linear + square)
-    pieces = jnp.stack([constant, linear, square], axis=1)
+    first, last = abs(v - v0) / task.acceleration, abs(v1 - v) / task.acceleration
+    widths = xp.stack([first, coast.width, last])
+    linear = xp.stack([v0, v, v]) * widths
+    square = xp.stack([(v - v0) / 2, xp.zeros_like(v), (v1 - v) / 2]) * widths
+    constant = xp.cumsum(linear + square) - (linear + square)
+    pieces = xp.stack([constant, linear, square], axis=1)
     return Profile(
         total=total,
         duration=coast.duration,
-        starts=jnp.stack([jnp.zeros_like(v), first, coast.duration - last]),
+        starts=xp.stack([xp.zeros_like(v), first, coast.duration - last]),
         widths=widths,
         pieces=pieces / task.angle if resting else pieces,
         end_rate=v1,
@@ -186,11 +187,11 @@ def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: b
 def _root(x: Scalar) -> Scalar:
     """Return √x, or 0 with zero gradient for x ≤ 0."""
     positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    return xp.where(positive, xp.sqrt(xp.where(positive, x, 1.0)), 0.0)
 
 
 def _value(rate: Scalar | None, like: Scalar) -> Scalar:
-    return jnp.zeros_like(like) if rate is None else rate.astype(like.dtype)
+    return xp.zeros_like(like) if rate is None else rate.astype(like.dtype)
 
 
 def _require_within(rate: Scalar, bound: Scalar | None, name: str) -> None:

@@ -1,15 +1,13 @@
 """Define eigenaxis slews, rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jax.lax import stop_gradient
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
+from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -56,8 +54,7 @@ class EulerTurn(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        vector = self.rotation_vector
-        return _slewed(quaternion.unit(self.start_q), vector, self.law.profile(norm(vector)), t)
+        return _slew(self.start_q, self.end_q, self.law.profile(self.angle), one_instant(t))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -95,7 +92,7 @@ class EulerTurn(AbstractProgram):
         **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         require_axes(axes)
-        e = _direction(self.rotation_vector)
+        e = _axis(self.rotation_vector)
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
 
 
@@ -120,7 +117,7 @@ class SlewSequence(AbstractProgram):
         self.attitudes = rotation.continuous(attitude_table(attitudes, "a slew sequence"))
         self.law = law
         _require_profile(law)
-        if not law.profile(jnp.max(self.angles)).proportional:
+        if not law.profile(_largest(self.angles)).proportional:
             raise ValueError(
                 "a slew sequence is at rest at each attitude, but the profile has end rates: omit start_rate and "
                 "end_rate"
@@ -131,11 +128,8 @@ class SlewSequence(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        times = self.times
-        t = one_instant(t).astype(times.dtype)
-        slew = jnp.sum(t >= times[1:-1])
-        start, vector = self.attitudes[slew], _shorter_rotation(self.attitudes[slew], self.attitudes[slew + 1])
-        return _slewed(quaternion.unit(start), vector, self.law.profile(norm(vector)), t - times[slew])
+        start, end, elapsed = _part(self.attitudes, self.times, one_instant(t))
+        return _slew(start, end, self.law.profile(_length(start, end)), elapsed)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -158,7 +152,7 @@ class SlewSequence(AbstractProgram):
     @property
     def angles(self) -> Float[Array, " _"]:
         """The angle of each slew [rad], from 0 to π."""
-        return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
+        return _lengths(self.attitudes)
 
 
 def ends_at_rest(program: AbstractProgram) -> bool:
@@ -192,49 +186,72 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
         raise ValueError(f"{name}: quaternion {zero} is zero, which does not represent an attitude")
 
 
-@jax.jit
+@of_arrays
 def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
     """Return the vector [rad] of the shorter rotation from `start` to `end`, body axes.
 
     The vector is smooth for equal attitudes, and parallel to a_v for a0 = 0 (see `EulerTurn`).
     """
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
-    vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
+    vector = 2 * quaternion.log(xp.where(a[..., :1] < 0, -a, a))
     # Round-off between equal attitudes must not cause a slew, so the value, but not the derivative, is set to 0.
-    round_off = norm(vector) <= ROUND_OFF * float(jnp.finfo(vector.dtype).eps)
-    return vector - stop_gradient(jnp.where(round_off, vector, 0.0))
+    round_off = norm(vector)[..., None] <= ROUND_OFF * float(xp.finfo(vector.dtype).eps)
+    return vector - stop_gradient(xp.where(round_off, vector, 0.0))
 
 
-@jax.jit
+@of_arrays
 def _length(start: Quat, end: Quat) -> Scalar:
     return norm(_shorter_rotation(start, end))
 
 
-@eqx.filter_jit
+@of_arrays
+def _lengths(attitudes: Float[Array, "n 4"]) -> Float[Array, " _"]:
+    return _length(attitudes[:-1], attitudes[1:])
+
+
+@of_arrays
+def _largest(angles: Float[Array, " _"]) -> Scalar:
+    return xp.max(angles)
+
+
+@of_arrays
+def _part(attitudes: Float[Array, "n 4"], times: Float[Array, " n"], t: Scalar) -> tuple[Quat, Quat, Scalar]:
+    """Return the attitudes at the start and the end of the slew at `t` [s], and the time [s] since its start."""
+    t = t.astype(times.dtype)
+    slew = xp.sum(t >= times[1:-1])
+    return attitudes[slew], attitudes[slew + 1], t - times[slew]
+
+
+@in_numpy_or_jit
 def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
     """Return 0 and the end times [s] of consecutive slews of the `angles` [rad]."""
-    durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
-    return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
+    durations = mapped(lambda angle: law.profile(angle).duration)(angles)
+    return xp.concatenate([xp.zeros_like(durations[:1]), xp.cumsum(durations)])
 
 
-@eqx.filter_jit
+@in_numpy_or_jit
 def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
     """Return the end times [s] of all segments of consecutive slews of the `angles` [rad]."""
-    within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
+    within = mapped(lambda angle: law.profile(angle).switches)(angles)
     return (_arrivals(law, angles)[:-1, None] + within).ravel()
 
 
 def _direction(vector: Vec3) -> Vec3:
-    return unit(vector, jnp.zeros_like(vector).at[0].set(1.0))
+    return unit(vector, np.eye(3, dtype=vector.dtype)[0])
 
 
-@eqx.filter_jit
-def _slewed(start: Quat, vector: Vec3, profile: Profile, t: ScalarLike) -> Attitude:
+_axis = of_arrays(_direction)
+
+
+@in_numpy_or_jit
+def _slew(start: Quat, end: Quat, profile: Profile, t: Scalar) -> Attitude:
+    """Return the attitude at the time `t` [s] since the start of the shorter slew from `start` to `end`."""
+    vector = _shorter_rotation(start, end)
     # A proportional shape multiplies the whole rotation vector, so the attitude is smooth at a zero vector.
     along = vector if profile.proportional else _direction(vector)
     angle, rate, acceleration = profile.shape(t, 2)
     return Attitude(
-        quaternion=quaternion.product(start, rotation.from_rotation_vector(angle * along)),
+        quaternion=quaternion.product(quaternion.unit(start), rotation.from_rotation_vector(angle * along)),
         rate=rate * along,
         acceleration=acceleration * along,
     )

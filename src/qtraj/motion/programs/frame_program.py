@@ -1,14 +1,13 @@
 """Use a frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned and others."""
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jax.lax import stop_gradient
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -16,7 +15,7 @@ from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
 from qtraj.path.driving import default_frame, require_moving
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, trihedral
+from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 
 NODES = 513
 """Number of anchors, which are equally spaced in time (see `FrameProgram`)."""
@@ -80,50 +79,61 @@ class FrameProgram(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return _attitude(self, one_instant(t).astype(self.path.duration.dtype))
+        compute = _attitude if _supports_numpy(self.path, self.frame) else _compiled_attitude
+        return compute(self, one_instant(t).astype(self.path.duration.dtype))
 
 
-@eqx.filter_jit
-def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
+def _jax_attitude(program: FrameProgram, t: Scalar) -> Attitude:
     node, anchor = _node(program, t)
     if isinstance(program.frame, RotationMinimizing):
         return rotation_minimizing.attitude(program.path, t, node, anchor)
     frame = trihedral(program.path, t, program.frame)
     q = frame.quaternion()
-    return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+    return Attitude(xp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
 
 
 def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
     """Return time [s] and quaternion of the anchor nearest to `t`; on a route, of the last anchor at or before `t`."""
     times = program.path.nodes()
     if times is not None:
-        k = jnp.maximum(jnp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
+        k = xp.maximum(xp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
         return times[k], program.anchors[k]
     last = program.anchors.shape[0] - 1
-    index = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    index = stop_gradient(xp.round(xp.clip(t / program.duration, 0.0, 1.0) * last))
     return program.duration * (index / last), program.anchors[index.astype(int)]
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
+    at_once = _supports_numpy(path, frame)
     if isinstance(frame, RotationMinimizing):
-        return _minimizing_anchors(path, _minimizing_start(path, frame.initial))
-    return _sign_anchors(path, frame)
+        start = (_start if at_once else _compiled_start)(path, frame.initial)
+        return (_minimizing_anchors if at_once else _compiled_minimizing_anchors)(path, start)
+    return (_sign_anchors if at_once else _compiled_sign_anchors)(path, frame)
 
 
-_minimizing_start = eqx.filter_jit(rotation_minimizing.start)
+def _supports_numpy(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> bool:
+    return path.supports_numpy and (isinstance(frame, RotationMinimizing) or frame.supports_numpy)
 
 
-@eqx.filter_jit
-def _minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array, "n 4"]:
+def _jax_minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array, "n 4"]:
     return rotation_minimizing.nodes(path, start, _times(path))
 
 
-@eqx.filter_jit
-def _sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
-    quaternions = jax.vmap(lambda t: trihedral(path, t, frame).quaternion())(_times(path))
-    return stop_gradient(jnp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
+def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
+    quaternions = rotation.from_dcm(dcms(path, _times(path), frame))
+    return stop_gradient(xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
 
 
 def _times(path: AbstractHodograph) -> Float[Array, " n"]:
     times = path.nodes()
-    return times if times is not None else path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
+    return times if times is not None else path.duration * np.linspace(0.0, 1.0, NODES).astype(path.duration.dtype)
+
+
+_compiled_attitude = eqx.filter_jit(_jax_attitude)
+_attitude = in_numpy(_jax_attitude, _compiled_attitude)
+_compiled_start = eqx.filter_jit(rotation_minimizing.start)
+_start = in_numpy(rotation_minimizing.start, _compiled_start)
+_compiled_minimizing_anchors = eqx.filter_jit(_jax_minimizing_anchors)
+_minimizing_anchors = in_numpy(_jax_minimizing_anchors, _compiled_minimizing_anchors)
+_compiled_sign_anchors = eqx.filter_jit(_jax_sign_anchors)
+_sign_anchors = in_numpy(_jax_sign_anchors, _compiled_sign_anchors)

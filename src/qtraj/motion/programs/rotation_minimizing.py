@@ -10,16 +10,15 @@ computed once, by quaternion products from one node to the next.
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
-from qtraj.algebra import quaternion, rotation
-from qtraj.algebra.vector import norm, unit
+from qtraj.algebra import hamilton, quaternion, rotation
+from qtraj.algebra.vector import cross, dot, norm, unit
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import is_host, stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
@@ -33,8 +32,8 @@ GAUSS = 6
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
 
-Samples = Float[Array, "_ 4 3"]
-"""The position and its first three time derivatives (4, 3) at both ends of an interval and at its quadrature points."""
+Samples = list[Float[Array, "n _ 3"]]
+"""The position and its first three time derivatives, for n intervals, at both ends and at the quadrature points."""
 
 TILT = 0.01
 """Largest angle [rad] between the forward axis of an initial attitude and the direction of the path."""
@@ -106,16 +105,16 @@ def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) ->
 
     The quaternion of the result is λ or −λ, whichever is nearer to `at_node`.
     """
-    samples = _sample(path, node, t)
-    dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2)), t - node)
+    samples = _sample(path, node[None], t[None])
+    dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2))[None], (t - node)[None])[0]
     q = rotation.from_dcm(dcm)
-    r = samples[-1]
-    square = r[1] @ r[1]
-    square = jnp.where(square > 0, square, 1.0)
-    omega = jnp.cross(r[1], r[2]) / square
-    epsilon = jnp.cross(r[1], r[3]) / square - 2 * omega * ((r[1] @ r[2]) / square)
+    r = [x[0, -1] for x in samples]
+    square = dot(r[1], r[1])
+    square = xp.where(square > 0, square, 1.0)
+    omega = cross(r[1], r[2]) / square
+    epsilon = cross(r[1], r[3]) / square - 2 * omega * (dot(r[1], r[2]) / square)
     return Attitude(
-        quaternion=jnp.where(q @ at_node < 0, -q, q),
+        quaternion=xp.where(dot(q, at_node) < 0, -q, q),
         rate=_normal_part(dcm, omega),
         acceleration=_normal_part(dcm, epsilon),
     )
@@ -127,20 +126,25 @@ def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
     if initial is None:
         return natural.quaternion()
     normal = _direction(initial.astype(natural.normal.dtype), 1)
-    projected = normal - natural.tangent * (natural.tangent @ normal)
+    projected = normal - natural.tangent * dot(natural.tangent, normal)
     return rotation.from_dcm(_dcm(natural.tangent, unit(projected, natural.normal)))
 
 
 def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
     """Return quaternions of the frame at ascending `times` [s] from 0, with continuous signs; the first is `start`."""
-    steps = jax.vmap(lambda a, b: _step(path, a, b))(times[:-1], times[1:])
+    steps = _steps(path, times[:-1], times[1:])
+    if is_host(start, steps):
+        found = [start]
+        for step in steps:
+            found.append(np.stack(hamilton.product(step, found[-1])))
+        return quaternion.unit(np.stack(found))
 
     def advance(before: Quat, step: Quat) -> tuple[Quat, Quat]:
         after = quaternion.product(step, before)
         return after, after
 
     _, later = jax.lax.scan(advance, start, steps)
-    return jax.vmap(quaternion.unit)(jnp.concatenate([start[None], later]))
+    return quaternion.unit(xp.concatenate([start[None], later]))
 
 
 def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> None:
@@ -168,37 +172,38 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
     return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
 
 
-def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
-    """Return the rotation (4,) of the frame from time `a` to time `b` [s], in world axes.
+def _steps(path: AbstractHodograph, a: Array, b: Array) -> Float[Array, "n 4"]:
+    """Return the rotations (n, 4) of the frame from times `a` (n,) to times `b` (n,) [s], in world axes.
 
-    The rotation is the same for every rotation-minimizing frame of the path.
+    The rotations are the same for every rotation-minimizing frame of the path.
     """
     samples = _sample(path, a, b)
-    tangent = _tangent(samples[0, 1])
-    smallest = stop_gradient(jnp.argmin(jnp.abs(tangent)))
-    side = jnp.where(jnp.arange(3) == smallest, 1.0, jnp.zeros_like(tangent))
-    before = _dcm(tangent, unit(jnp.cross(side, tangent), side))
-    after = _transported(samples, before[2], b - a)
+    tangent = _tangent(samples[1][:, 0])
+    smallest = stop_gradient(xp.argmin(abs(tangent), axis=-1))
+    side = xp.where(np.arange(3)[None] == smallest[:, None], 1.0, xp.zeros_like(tangent))
+    before = _dcm(tangent, unit(cross(side, tangent), side))
+    after = _transported(samples, before[..., 2, :], b - a)
     q = quaternion.product(rotation.from_dcm(after), quaternion.conjugate(rotation.from_dcm(before)))
-    return jnp.where(q[0] < 0, -q, q)
+    return xp.where(q[..., :1] < 0, -q, q)
 
 
-def _sample(path: AbstractHodograph, a: Scalar, b: Scalar) -> Samples:
+def _sample(path: AbstractHodograph, a: Array, b: Array) -> Samples:
     """Evaluate r and its first three derivatives at `a`, at the quadrature points between `a` and `b`, and at `b`."""
-    points = jnp.asarray(np.concatenate([[0.0], (_POINTS + 1) / 2, [1.0]]), a.dtype)
-    return jax.vmap(lambda t: path.derivatives(t, 3))(a * (1 - points) + b * points)
+    points = np.concatenate([[0.0], (_POINTS + 1) / 2, [1.0]]).astype(a.dtype)[None]
+    times = a[:, None] * (1 - points) + b[:, None] * points
+    return [x.reshape((*times.shape, 3)) for x in path.sampled(times.ravel(), 3)]
 
 
 def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
-    """Return the direction cosines, world to body, of the frame at the end of an interval of `span` [s].
+    """Return the direction cosines, world to body, of the frames at the ends of intervals of `span` [s].
 
-    At the start of the interval, the binormal of the frame is `up`.
+    At the start of the intervals, the binormal of the frame is `up`.
     """
-    roll_rates = jax.vmap(lambda r: _roll_rate(up, r[1], r[2]))(samples[1:-1])
-    angle = -span * (jnp.asarray(_WEIGHTS / 2, span.dtype) @ roll_rates)
-    tangent = _tangent(samples[-1, 1])
-    level = unit(jnp.cross(up, tangent), _axis(tangent, 1))
-    return _dcm(tangent, level * jnp.cos(angle) + jnp.cross(tangent, level) * jnp.sin(angle))
+    roll_rates = _roll_rate(up[:, None], samples[1][:, 1:-1], samples[2][:, 1:-1])
+    angle = (-span * (roll_rates @ (_WEIGHTS / 2).astype(span.dtype)))[:, None]
+    tangent = _tangent(samples[1][:, -1])
+    level = unit(cross(up, tangent), _axis(tangent, 1))
+    return _dcm(tangent, level * xp.cos(angle) + cross(tangent, level) * xp.sin(angle))
 
 
 def _roll_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Scalar:
@@ -206,10 +211,10 @@ def _roll_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Scalar:
 
     r' = `r1` and r'' = `r2` are the velocity and the acceleration. The result is 0 if r' is zero or parallel to u.
     """
-    level = jnp.cross(up, r1)
-    size = norm(r1) * (level @ level)
+    level = cross(up, r1)
+    size = norm(r1) * dot(level, level)
     exists = size > 0
-    return jnp.where(exists, jnp.cross(up, r2) @ jnp.cross(r1, level) / jnp.where(exists, size, 1.0), 0.0)
+    return xp.where(exists, dot(cross(up, r2), cross(r1, level)) / xp.where(exists, size, 1.0), 0.0)
 
 
 def _tangent(velocity: Vec3) -> Vec3:
@@ -217,13 +222,14 @@ def _tangent(velocity: Vec3) -> Vec3:
 
 
 def _dcm(tangent: Vec3, normal: Vec3) -> Mat3:
-    return jnp.stack([tangent, normal, jnp.cross(tangent, normal)])
+    return xp.stack([tangent, normal, cross(tangent, normal)], axis=-2)
 
 
 def _normal_part(dcm: Mat3, vector: Vec3) -> Vec3:
     """Return the body components of a vector normal to the tangent; the tangential component is exactly zero."""
-    return jnp.concatenate([jnp.zeros_like(vector, shape=1), dcm[1:] @ vector])
+    return xp.concatenate([xp.zeros_like(vector[:1]), dcm[1:] @ vector])
 
 
 def _axis(like: Float[Array, " k"], k: int) -> Vec3:
-    return jnp.zeros_like(like, shape=3).at[k].set(1.0)
+    """Return the unit vector along axis `k`, with the leading axes and the dtype of `like`."""
+    return xp.broadcast_to(np.eye(3, dtype=like.dtype)[k], (*like.shape[:-1], 3))

@@ -17,18 +17,20 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
-from qtraj.foundation.types import Quat, Scalar
-from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
+from qtraj.foundation.namespace import is_host, matmul, repeat, xp
+from qtraj.motion.propagation.increment import AbstractIncrement, constant
 
 DIGITS = 50
 MAX_STAGES = 64
 ANGLE_PER_STEP = 2.0
 """Largest angle h·max|ω| [rad] at which the sweeps converge to round-off; at larger angles the error estimate grows."""
+
+TRUNCATION = 0.5 * float(np.finfo(float).eps)
+"""The error of the stages at which the sweeps end."""
 
 
 class GaussLegendre(AbstractIncrement):
@@ -57,22 +59,24 @@ class GaussLegendre(AbstractIncrement):
         """The weights of the Gauss quadrature (s,)."""
         return tableau(self.stages).b
 
-    def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
+    def increment(self, rates: Float[Array, "*batch s 3"], h: Float[Array, "*batch"]) -> Float[Array, "*batch 4"]:
         """Return the unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
         scheme = tableau(self.stages)
-        half = 0.5 * h * rates.T
-        stages = _stages(scheme.sweeps, jnp.asarray(scheme.around, h.dtype), half)
-        slopes = _times_pure(stages, half)
-        first = (-exact_product(slopes, jnp.asarray(scheme.before, h.dtype))).at[0].add(1.0)
-        last = exact_product(slopes, jnp.asarray(scheme.b - scheme.before, h.dtype)).at[0].add(1.0)
-        return quaternion.product(quaternion.conjugate(first), last) / quaternion.norm_squared(first)
+        half = 0.5 * h[None, ..., None] * xp.moveaxis(rates, -1, 0)  # the components are the first axis
+        solve = _stages if not is_host(half) else _values
+        sweeps = scheme.sweeps if not is_host(half) else _enough_sweeps(scheme, half)
+        slopes = _times_pure(solve(sweeps, constant(scheme.around, h), half), half)
+        identity = np.eye(4, dtype=h.dtype)[0].reshape(h.ndim * (1,) + (4,))
+        first = identity - xp.moveaxis(matmul(slopes, constant(scheme.before, h)), 0, -1)
+        last = identity + xp.moveaxis(matmul(slopes, constant(scheme.b - scheme.before, h)), 0, -1)
+        return quaternion.product(quaternion.conjugate(first), last) / quaternion.norm_squared(first)[..., None]
 
 
 class Tableau(NamedTuple):
     """A collocation scheme on [0, 1] with nodes `c` (s,), weights `b` (s,) and coefficients `a` (s, s).
 
     `before` (s,): weights of the integral from 0 to ½. `around` (s, s): weights of the integrals from ½ to the nodes.
-    `sweeps`: the number of sweeps after which the error is below round-off.
+    `growth` (k,): the growth of the error with the number of sweeps, see `_growth`.
     """
 
     c: np.ndarray
@@ -80,7 +84,12 @@ class Tableau(NamedTuple):
     a: np.ndarray
     before: np.ndarray
     around: np.ndarray
-    sweeps: int
+    growth: np.ndarray
+
+    @property
+    def sweeps(self) -> int:
+        """The number of sweeps after which the error is below round-off for an angle of `ANGLE_PER_STEP`."""
+        return len(self.growth) - 1
 
 
 @functools.cache
@@ -100,7 +109,7 @@ def tableau(stages: int) -> Tableau:
         a = [_integral(c[i], p[i], p, b) for i in range(stages)]
         before = _integral(half, _legendre(stages + 1, Decimal(0)), p, b)
         around = _rounded([[x - y for x, y in zip(row, before, strict=True)] for row in a])
-        return Tableau(_rounded(c), _rounded(b), _rounded(a), _rounded(before), around, _sweeps(around))
+        return Tableau(_rounded(c), _rounded(b), _rounded(a), _rounded(before), around, _growth(around))
 
 
 @functools.cache
@@ -153,29 +162,41 @@ def _rounded(values: list) -> np.ndarray:
     return np.vectorize(float)(np.array(values, dtype=object))
 
 
-def _sweeps(a: np.ndarray) -> int:
-    """Return the number of sweeps after which the powers of (h|ω|/2)·a are below round-off.
+def _growth(a: np.ndarray) -> np.ndarray:
+    """Return the norms max|aᵏ1| for k = 0, 1, …, until the powers of (h|ω|/2)·a are below round-off.
 
-    The angle h|ω| is `ANGLE_PER_STEP`.
+    The angle h|ω| is `ANGLE_PER_STEP`. After k sweeps, the error of the stages is at most norm k, times (h|ω|/2)ᵏ.
     """
-    term, count = np.ones(len(a)), 0
-    while np.max(np.abs(term)) > 0.5 * np.finfo(float).eps:
-        term, count = 0.5 * ANGLE_PER_STEP * (a @ term), count + 1
-    return count
+    term, norms = np.ones(len(a)), [1.0]
+    while norms[-1] * (0.5 * ANGLE_PER_STEP) ** (len(norms) - 1) > TRUNCATION:
+        term = a @ term
+        norms.append(float(np.max(np.abs(term))))
+    return np.array(norms)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
+def _enough_sweeps(scheme: Tableau, half: np.ndarray) -> int:
+    """Return the number of sweeps after which the error is below round-off, for the largest angle of these steps."""
+    angle = np.sqrt(np.max(np.sum(half * half, axis=0), initial=0.0))
+    errors = scheme.growth * angle ** np.arange(len(scheme.growth))
+    small = np.flatnonzero(errors <= TRUNCATION)
+    return max(int(small[0]), 1) if small.size else scheme.sweeps
+
+
+def _values(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 *batch s"]) -> Float[Array, "4 *batch s"]:
     """Solve the stage equations for Y (4, s); `half` (3, s) is (h/2)ω at the nodes."""
-    identity = jnp.zeros_like(half, shape=(4, half.shape[1])).at[0].set(1.0)
+    identity = np.zeros((4, *half.shape[1:]), half.dtype)
+    identity[0] = 1.0
     return _sweep(sweeps, a, half, identity)
+
+
+_stages = jax.custom_jvp(_values, nondiff_argnums=(0,))
 
 
 @_stages.defjvp
 def _(sweeps, primals, tangents):
     a, half = primals
     stages = _stages(sweeps, a, half)  # with w = `half`, dY = (dY∘w + Y∘dw) aᵀ has the same form as the equation for Y
-    right = exact_product(_times_pure(stages, tangents[1]), a.T)
+    right = _integrals(_times_pure(stages, tangents[1]), a)
     return stages, _sweep(sweeps, a, half, right)
 
 
@@ -184,16 +205,17 @@ def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
 
     The loop carries y∘half, so that each sum and the products that follow need only one pass over memory.
     """
-
-    def body(slopes, _):
-        return _times_pure(right + exact_product(slopes, a.T), half), None
-
-    slopes = jax.lax.scan(body, _times_pure(right, half), None, length=sweeps - 1)[0]
-    return right + exact_product(slopes, a.T)
+    slopes = repeat(sweeps - 1, lambda x: _times_pure(right + _integrals(x, a), half), _times_pure(right, half))
+    return right + _integrals(slopes, a)
 
 
-def _times_pure(y: Float[Array, "4 s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
+def _times_pure(y: Float[Array, "4 *batch s"], half: Float[Array, "3 *batch s"]) -> Float[Array, "4 *batch s"]:
     """Return the products y∘(0, half) of all stages, computed component by component."""
     s, x, y_, z = y
     a, b, c = half
-    return jnp.stack([-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a])
+    return xp.stack([-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a])
+
+
+def _integrals(slopes: Float[Array, "4 *batch s"], a: Float[Array, "s s"]) -> Float[Array, "4 *batch s"]:
+    """Return the products of all rows of `slopes` with aᵀ, by one product of two matrices."""
+    return matmul(slopes.reshape(-1, a.shape[0]), a.T).reshape(slopes.shape)

@@ -4,10 +4,12 @@ Steps are independent of each other, so all increments are computed at once and 
 except `to_body` and `from_body` use body axes. Problems in inertial axes are conjugated: 2λ̇ = ω_ξ∘λ becomes 2 dλ̄/dt =
 λ̄∘ω̄_ξ, which has the form of a problem in body axes. The scalar part ω0 of the rate commutes with the rotation and is
 integrated separately: λ(t+h) = e^{½∫ω0}·λ(t)∘E with the unit increment E.
+
+All formulas are written for NumPy arrays and for JAX arrays.
 """
 
 import abc
-import functools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,16 +18,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
-from qtraj.foundation.types import Quat, Scalar
-
-exact_product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-"""The matrix product in full precision; by default an accelerator may round float32 to about four digits."""
+from qtraj.foundation.namespace import float_dtype, is_host, matmul, to_jax, xp
+from qtraj.foundation.types import Quat
 
 BLOCK = 1024
 """Number of steps that are computed together: enough for vector instructions, and few enough for the CPU caches."""
 
 SEQUENTIAL = 64
-"""Up to this number, increments are multiplied sequentially, because the code then runs and compiles faster."""
+"""Up to this number, JAX multiplies increments sequentially, because the code then runs and compiles faster."""
 
 
 class AbstractIncrement(eqx.Module):
@@ -45,8 +45,11 @@ class AbstractIncrement(eqx.Module):
         """The weights (s,) of the nodes in a quadrature that has the same order as the method."""
 
     @abc.abstractmethod
-    def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
-        """Return the unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
+    def increment(self, rates: Float[Array, "*batch s 3"], h: Float[Array, "*batch"]) -> Float[Array, "*batch 4"]:
+        """Return the unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s].
+
+        Leading axes are a batch of steps.
+        """
 
 
 def increments(
@@ -56,23 +59,30 @@ def increments(
 
     The axes of `rates` (n, s, k) are steps, nodes, and components: three, or four with the scalar part first.
     """
-
-    def one(step):
-        return method.increment(*step)
-
-    steps = rates[:, :, -3:], h
-    rotations = jax.vmap(one)(steps) if h.shape[0] <= BLOCK else jax.lax.map(one, steps, batch_size=BLOCK)
+    rotations = _rotations(method, rates[:, :, -3:], h)
     if rates.shape[2] == 3:
-        return rotations, jnp.zeros_like(h)
-    return rotations, 0.5 * h * exact_product(rates[:, :, 0], jnp.asarray(method.weights, h.dtype))
+        return rotations, xp.zeros_like(h)
+    return rotations, 0.5 * h * matmul(rates[:, :, 0], constant(method.weights, h))
+
+
+def _rotations(method: AbstractIncrement, rates: Float[Array, "n s 3"], h: Float[Array, " n"]) -> Float[Array, "n 4"]:
+    if h.shape[0] <= BLOCK:
+        return method.increment(rates, h)
+    if is_host(rates, h):
+        return np.concatenate(
+            [method.increment(rates[k : k + BLOCK], h[k : k + BLOCK]) for k in range(0, len(h), BLOCK)]
+        )
+    return jax.lax.map(lambda step: method.increment(*step), (rates, h), batch_size=BLOCK)
 
 
 def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     """Return the products E_1∘…∘E_k of the first k increments, for every k (see `SEQUENTIAL`)."""
+    if is_host(rotations):
+        return _parallel_products(rotations)
     if rotations.shape[0] > SEQUENTIAL:
-        return jax.lax.associative_scan(jax.vmap(quaternion.product), rotations)
+        return jax.lax.associative_scan(quaternion.product, rotations)
 
-    def multiply(total, rotation):
+    def multiply(total: Quat, rotation: Quat) -> tuple[Quat, Quat]:
         total = quaternion.product(total, rotation)
         return total, total
 
@@ -80,11 +90,22 @@ def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     return jax.lax.scan(multiply, identity, rotations)[1]
 
 
+def _parallel_products(rotations: np.ndarray) -> np.ndarray:
+    """Return the `products` from the products of pairs, in a number of operations that grows with the logarithm."""
+    if len(rotations) < 2:
+        return rotations
+    pairs = _parallel_products(quaternion.product(rotations[:-1:2], rotations[1::2]))
+    totals = np.empty_like(rotations)
+    totals[0], totals[1::2] = rotations[0], pairs
+    totals[2::2] = quaternion.product(pairs[: len(rotations[2::2])], rotations[2::2])
+    return totals
+
+
 def accumulate(q0: Quat, rotations: Float[Array, "n 4"], log_scales: Float[Array, " n"]) -> Float[Array, "n 4"]:
     """Return the quaternion after each increment, from the initial `q0`, with the norm |q0|·exp(Σ log_scales)."""
     totals = products(rotations)
-    totals = totals / jnp.sqrt(jnp.sum(totals * totals, axis=1, keepdims=True))  # removes round-off only
-    return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(log_scales))[:, None]
+    totals = totals / xp.sqrt(xp.sum(totals * totals, axis=1, keepdims=True))  # removes round-off only
+    return quaternion.product(q0, totals) * xp.exp(xp.cumsum(log_scales))[:, None]
 
 
 def to_body(q0: Quat, rates: Float[Array, "n s k"], axes: str) -> tuple[Quat, Float[Array, "n s k"]]:
@@ -94,9 +115,29 @@ def to_body(q0: Quat, rates: Float[Array, "n s k"], axes: str) -> tuple[Quat, Fl
     """
     if axes == "body":
         return q0, rates
-    return quaternion.conjugate(q0), jnp.concatenate([rates[:, :, :-3], -rates[:, :, -3:]], axis=2)
+    return quaternion.conjugate(q0), xp.concatenate([rates[:, :, :-3], -rates[:, :, -3:]], axis=2)
 
 
 def from_body(qs: Float[Array, "n 4"], axes: str) -> Float[Array, "n 4"]:
     """Return the solution in the original axes, by the inverse of `to_body`."""
-    return qs if axes == "body" else jax.vmap(quaternion.conjugate)(qs)
+    return qs if axes == "body" else quaternion.conjugate(qs)
+
+
+def propagated(
+    method: AbstractIncrement, axes: str, q0: Quat, rates: Float[Array, "n s k"], h: Float[Array, " n"]
+) -> Float[Array, "n 4"]:
+    """Return the quaternion after each of n steps of lengths `h` (n,) [s], from `q0` and the rates at the nodes."""
+    start, body_rates = to_body(q0, rates, axes)
+    return from_body(accumulate(start, *increments(method, body_rates, h)), axes)
+
+
+def as_inputs(result: Any, inputs: Any) -> Any:
+    """Return results of NumPy as JAX arrays if an input is a JAX array, in the widest float dtype of the inputs."""
+    if is_host(*inputs):
+        return result
+    return to_jax(result, float_dtype(x.dtype for x in inputs if not is_host(x)))
+
+
+def constant(x: Any, like: Any) -> np.ndarray:
+    """Return constants in the dtype of the array `like`."""
+    return np.asarray(x, like.dtype)

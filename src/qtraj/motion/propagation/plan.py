@@ -1,18 +1,20 @@
 """Choose the steps of a propagation, by splitting steps with large errors until the total error is small enough.
 
-If rates, times and tolerance are concrete, the mesh grows as needed. Otherwise, the mesh has a fixed number of slots.
+If the values of the rate, the times and the tolerance are known, NumPy chooses the steps, and their number grows as
+needed. Otherwise JAX chooses them at run time, and the mesh has a fixed number of slots.
 """
 
-import equinox as eqx
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-from jax.lax import stop_gradient
+import numpy as np
 
-from qtraj.foundation.arrays import concrete
-from qtraj.motion.checks import at_once
+from qtraj.foundation.namespace import stop_gradient
 from qtraj.motion.propagation import mesh as meshes
-from qtraj.motion.propagation.mesh import Errors, Mesh
-from qtraj.motion.propagation.problem import Problem, step_errors
+from qtraj.motion.propagation.increment import AbstractIncrement
+from qtraj.motion.propagation.mesh import Errors, Mesh, StepErrors
+from qtraj.motion.propagation.problem import KnownProblem, Problem, mesh_errors
 
 MAX_STEPS = 2**18
 """Default of `max_steps` outside a trace, where unused slots cost no time."""
@@ -21,88 +23,98 @@ MAX_ROUNDS = 64
 """Maximum number of refinements, enough to halve the steps at a jump of the rate down to float64 round-off."""
 
 
-def fixed(problem: Problem, steps: int) -> Mesh:
-    """Return a mesh with `steps` equal steps in every interval; raise a ValueError for `steps` < 1."""
+def require_steps(steps: int) -> None:
+    """Raise a ValueError unless there is at least one step in each interval."""
     if steps < 1:
         raise ValueError(f"steps must be at least 1 in each interval, but {steps!r} was given")
-    return meshes.uniform(problem.intervals, steps, problem.intervals * steps, problem.times.dtype)
 
 
-def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
-    """Return a mesh that satisfies the tolerance, and its errors.
-
-    If more than `max_steps` steps are needed, the mesh of the last refinement within `max_steps` is returned.
-
-    **Raises:** ValueError if `max_steps` is less than the number of intervals.
-    """
-    if max_steps is not None and max_steps < problem.intervals:
+def require_max_steps(max_steps: int | None, intervals: int) -> None:
+    """Raise a ValueError if there are more intervals than steps."""
+    if max_steps is not None and max_steps < intervals:
         raise ValueError(
-            f"max_steps must be at least the number of intervals between the times, {problem.intervals}, "
+            f"max_steps must be at least the number of intervals between the times, {intervals}, "
             f"but {max_steps} was given"
         )
-    with at_once():
-        mesh = _first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
-        first = step_errors(problem, mesh)
-        if concrete(first.truncation) is not None and concrete(stop_gradient(problem.tolerance)) is not None:
-            return _refine_growing(problem, mesh, first, MAX_STEPS if max_steps is None else max_steps)
-    return _refine_traced(problem, traced_slots(problem) if max_steps is None else max_steps)
 
 
-def traced_slots(problem: Problem) -> int:
+def known(problem: KnownProblem, steps: int | None, max_steps: int | None) -> tuple[Mesh, np.ndarray, Errors] | None:
+    """Return a mesh that satisfies the tolerance, the rates at the nodes of its steps, and its errors.
+
+    `steps`: a fixed number of equal steps in each interval, or None. If more than `max_steps` steps are needed, the
+    mesh of the last refinement within `max_steps` is returned. The result is None if the rates are traced.
+    """
+    intervals = len(problem.times) - 1
+    mesh = meshes.first_mesh(intervals) if steps is None else meshes.uniform(intervals, steps)
+    sampled = _sampled(problem, mesh, np.arange(len(mesh.start)))
+    if sampled is None:
+        return None
+    rates, errors = sampled
+    total = meshes.total_errors(errors, mesh.count)
+    if steps is None:
+        limit = MAX_STEPS if max_steps is None else max_steps
+        mesh, rates, total = _refined(problem, mesh, rates, errors, limit)
+    return mesh, rates[:, : len(problem.method.nodes)], total
+
+
+def rates_at_nodes(problem: KnownProblem, mesh: Mesh) -> np.ndarray | None:
+    """Return the rates at the nodes of the steps of a mesh; None if the rates are traced."""
+    return problem.sampled(*meshes.spans(mesh, problem.times), problem.method.nodes)
+
+
+def _refined(
+    problem: KnownProblem, mesh: Mesh, rates: np.ndarray, errors: StepErrors, max_steps: int
+) -> tuple[Mesh, np.ndarray, Errors]:
+    for _ in range(MAX_ROUNDS):
+        total = meshes.total_errors(errors, mesh.count)
+        if not total.truncation > problem.tolerance:  # also true if `truncation` is NaN
+            break
+        parts = meshes.pieces(mesh, total, problem.tolerance, problem.method.order)
+        if (needed := int(parts.sum())) > max_steps:
+            break
+        finer, parent = meshes.split_steps(mesh, parts, needed)
+        new = np.flatnonzero(parts[parent] > 1)
+        sampled: Any = _sampled(problem, finer, new)
+        mesh, rates, errors = finer, rates[parent], jax.tree.map(lambda x: x[parent], errors)  # noqa: B023
+        rates[new] = sampled[0]
+        errors.step[new], errors.noise[new] = sampled[1].step, sampled[1].noise
+    return mesh, rates, meshes.total_errors(errors, mesh.count)
+
+
+def _sampled(problem: KnownProblem, mesh: Mesh, rows: np.ndarray) -> tuple[np.ndarray, StepErrors] | None:
+    """Return the rates at the nodes of the steps `rows` of a mesh, and their errors; None if the rates are traced."""
+    start, h = (x[rows] for x in meshes.spans(mesh, problem.times))
+    rates = problem.sampled(start, h, meshes.estimate_nodes(problem.method))
+    if rates is None:
+        return None
+    return rates, meshes.step_errors(problem.method, rates, start, h)
+
+
+def traced_slots(method: AbstractIncrement, intervals: int) -> int:
     """Return the default of `max_steps` inside a trace.
 
     The default is 256 for methods of order 16, 2048 for order 6 and 16384 for order 4, but at least four steps for each
     interval.
     """
-    return max(2 ** min(16, 6 + 32 // problem.method.order), 4 * problem.intervals)
+    return max(2 ** min(16, 6 + 32 // method.order), 4 * intervals)
 
 
-def _refine_growing(problem: Problem, mesh: Mesh, errors: Errors, max_steps: int) -> tuple[Mesh, Errors]:
-    tolerance, order = stop_gradient(problem.tolerance), problem.method.order
-    for _ in range(MAX_ROUNDS):
-        if not errors.truncation > tolerance:  # also true if `truncation` is NaN
-            break
-        finer, needed = _refine(mesh, errors, tolerance, order)
-        if needed > max_steps:
-            break
-        if needed > mesh.start.shape[0]:
-            slots = _slots(int(needed))
-            finer, _ = _refine(_resized(mesh, slots), _padded(errors, slots), tolerance, order)
-        mesh, errors = finer, step_errors(problem, finer)
-    return _resized(mesh, _power_of_two(int(mesh.count))), errors
-
-
-def _refine_traced(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
+def traced(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
+    """Return a mesh that satisfies the tolerance, and its errors, inside a trace (see `known`)."""
+    intervals = problem.intervals
+    slots = traced_slots(problem.method, intervals) if max_steps is None else max_steps
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
 
-    def unfinished(state):
+    def unfinished(state: Any) -> Any:
         _, errors, fits, rounds = state
         return (errors.truncation > tolerance) & fits & (rounds < MAX_ROUNDS)
 
-    def split(state):
+    def split(state: Any) -> Any:
         mesh, errors, _, rounds = state
         finer, needed = meshes.refine(mesh, errors, tolerance, order)
-        return finer, step_errors(problem, finer), needed <= slots, rounds + 1
+        return finer, mesh_errors(problem, finer), needed <= slots, rounds + 1
 
-    mesh = meshes.first_mesh(problem.intervals, slots, problem.times.dtype)
-    start = mesh, step_errors(problem, mesh), jnp.asarray(True), jnp.asarray(0)
+    mesh = meshes.on_device(meshes.first_mesh(intervals, slots), problem.times.dtype)
+    start = mesh, mesh_errors(problem, mesh), jnp.asarray(True), jnp.asarray(0)
     mesh, errors, _, _ = jax.lax.while_loop(unfinished, split, start)
     return mesh, errors
-
-
-_first_mesh = eqx.filter_jit(meshes.first_mesh)
-_refine = eqx.filter_jit(meshes.refine)
-_resized = eqx.filter_jit(meshes.resized)
-_padded = eqx.filter_jit(meshes.padded)
-
-
-def _slots(count: int) -> int:
-    """Return the number of slots for `count` steps, 64 times a power of four, so that few sizes are compiled."""
-    slots = 64
-    while slots < count:
-        slots *= 4
-    return slots
-
-
-def _power_of_two(count: int) -> int:
-    return 1 << max(count - 1, 7).bit_length()

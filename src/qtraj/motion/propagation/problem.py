@@ -1,22 +1,24 @@
 """Check the arguments of a propagation, and compute its solution and error estimates on a mesh."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
+import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
-from qtraj.foundation.arrays import as_float, require_positive
+from qtraj.foundation.arrays import as_float, constants, require_positive
+from qtraj.foundation.namespace import needs_jax, on_host, xp
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation import mesh as meshes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, from_body, increments, to_body
-from qtraj.motion.propagation.mesh import Errors, Mesh, SampledRates
+from qtraj.motion.propagation.increment import AbstractIncrement, propagated
+from qtraj.motion.propagation.mesh import Errors, Mesh
+from qtraj.motion.propagation.sampling import Sampler, vectorized
 
 TOLERANCE = 1e-12
 """Default tolerance [rad] of the total error in float64."""
@@ -67,49 +69,52 @@ def checked(
         return Problem(omega, q0.astype(dtype), times.astype(dtype), tolerance, method, axes)
 
 
+class KnownProblem(NamedTuple):
+    """A problem with known values: instants [s] and tolerance [rad] in NumPy, and `rate`, which samples ω in NumPy."""
+
+    rate: Sampler
+    times: np.ndarray
+    tolerance: np.ndarray
+    method: AbstractIncrement
+
+    def sampled(self, start: np.ndarray, h: np.ndarray, nodes: np.ndarray) -> np.ndarray | None:
+        """Return the rates (n, s, k) at the nodes of steps; None if the rates are traced."""
+        at = meshes.instants(start, h, nodes)
+        rates = self.rate(at.ravel())
+        return None if rates is None else rates.reshape(*at.shape, -1)
+
+
+def known_part(problem: Problem) -> KnownProblem | None:
+    """Return the problem without the initial quaternion, in NumPy and without derivatives; None if it is traced."""
+    omega, times, tolerance = constants((problem.omega, problem.times, problem.tolerance))
+    if needs_jax(jax.tree.leaves((omega, times, tolerance))):
+        return None
+    return KnownProblem(Sampler(omega, times.dtype), on_host(times), on_host(tolerance), problem.method)
+
+
+@eqx.filter_jit
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
-    """Compute the quaternions at the output times with the steps of `mesh`."""
-    sampled = _sample(problem.omega, problem.times, mesh, problem.method.nodes)
-    qs = _multiply(problem.method, problem.axes, problem.q0, sampled)
-    return _pick(problem.intervals, mesh, problem.q0, qs)
+    """Compute the quaternions at the output times with the steps of `mesh`, in JAX."""
+    rates, _, h = _rates(problem, mesh, problem.method.nodes)
+    qs = propagated(problem.method, problem.axes, problem.q0, rates, h)
+    return at_outputs(problem.q0, qs, mesh, problem.intervals)
 
 
-def step_errors(problem: Problem, mesh: Mesh) -> Errors:
-    """Estimate the errors of the steps of `mesh`; the estimates are not differentiated."""
-    sampled = _sample(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
-    return _estimate(problem.method, mesh.count, sampled)
-
-
-# The functions below are compiled separately: only `_sample` depends on ω, and it compiles fast.
+def at_outputs(q0: Quat, qs: Float[Array, "n 4"], mesh: Mesh, intervals: int) -> Float[Array, "m 4"]:
+    """Return the quaternions at the output times from those after each step."""
+    return xp.concatenate([q0[None], qs[meshes.last_steps(mesh, intervals)]])
 
 
 @eqx.filter_jit
-def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> SampledRates:
-    start, h = meshes.spans(mesh, times)
-    end = start + h
-    before = jnp.maximum(
-        start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end)
-    )  # at the end itself, ω may already have the value after a jump
-    at = jnp.minimum(start[:, None] + jnp.outer(h, jnp.asarray(nodes, h.dtype)), before[:, None])
-    rates = jax.vmap(jax.vmap(lambda t: jnp.asarray(omega(t))))(at)
-    if rates.shape[2:] not in ((3,), (4,)):
-        raise ValueError(
-            f"omega(t) must have shape (3,), or (4,) with the scalar part first, but has shape {rates.shape[2:]}"
-        )
-    return SampledRates(rates.astype(h.dtype), start, h)
+def mesh_errors(problem: Problem, mesh: Mesh) -> Errors:
+    """Estimate the errors of the steps of `mesh`, in JAX; the estimates are not differentiated."""
+    rates, start, h = _rates(problem, mesh, meshes.estimate_nodes(problem.method))
+    return meshes.total_errors(meshes.step_errors(problem.method, rates, start, h), mesh.count)
 
 
-@eqx.filter_jit
-def _multiply(method: AbstractIncrement, axes: str, q0: Quat, sampled: SampledRates) -> Float[Array, "n 4"]:
-    q0, rates = to_body(q0, sampled.rates, axes)
-    return from_body(accumulate(q0, *increments(method, rates, sampled.h)), axes)
-
-
-@eqx.filter_jit
-def _pick(intervals: int, mesh: Mesh, q0: Quat, qs: Array) -> Float[Array, "n 4"]:
-    return jnp.concatenate([q0[None], qs[meshes.last_steps(mesh, intervals)]])
-
-
-@eqx.filter_jit
-def _estimate(method: AbstractIncrement, count: Array, sampled: SampledRates) -> Errors:
-    return meshes.estimate(method, sampled, count)
+def _rates(problem: Problem, mesh: Mesh, nodes: np.ndarray) -> tuple[Array, Array, Array]:
+    """Return the rates (n, s, k) at the nodes of the steps, and the start and the length [s] of each step."""
+    start, h = meshes.spans(mesh, problem.times)
+    at = meshes.instants(start, h, nodes)
+    rates = vectorized(problem.omega, at.ravel())
+    return rates.reshape(*at.shape, -1), start, h

@@ -7,22 +7,21 @@ the steps are chosen at run time within a fixed number of slots, `max_steps`, an
 this case `steps`, a fixed number of equal steps in each interval, is cheaper.
 """
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeAliasType
 
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, constants, is_traced
+from qtraj.foundation.namespace import on_host, stop_gradient, xp
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent, times_text
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.motion.propagation import plan
-from qtraj.motion.propagation.increment import AbstractIncrement
-from qtraj.motion.propagation.mesh import Errors
-from qtraj.motion.propagation.problem import Problem, Rate, checked, solve, step_errors
+from qtraj.motion.checks import at_once
+from qtraj.motion.propagation import mesh as meshes, plan
+from qtraj.motion.propagation.increment import AbstractIncrement, as_inputs, propagated
+from qtraj.motion.propagation.mesh import Errors, Mesh
+from qtraj.motion.propagation.problem import Problem, Rate, at_outputs, checked, known_part, mesh_errors, solve
 
 Quats = TypeAliasType("Quats", Float[Array, "n 4"])
 """One quaternion for each instant."""
@@ -46,7 +45,7 @@ class Propagation(AbstractOutcome):
         self, times: ArrayInput, quaternion: ArrayInput, estimate: ArrayInput, steps: ArrayInput, code: ArrayInput
     ):
         self.times, self.quaternion, self.estimate = as_float(times), as_float(quaternion), as_float(estimate)
-        self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
+        self.steps, self.code = xp.asarray(steps), xp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result of one propagation, with the error estimate if the estimate is too large."""
@@ -113,11 +112,11 @@ def propagate(
     """
     problem = checked(omega, q0, times, method, axes, tolerance)
     if steps is not None and problem.intervals > 0:
-        return solve(problem, plan.fixed(problem, steps))
+        return _with_equal_steps(problem, steps)
     solution = _solve(problem, None, max_steps)
     if throw:
         return solution.check().quaternion
-    return jnp.where(solution.successful, solution.quaternion, jnp.nan)
+    return xp.where(solution.successful, solution.quaternion, np.nan)
 
 
 def propagate_with_estimate(
@@ -143,25 +142,60 @@ def propagate_with_estimate(
     return solution.check() if throw else solution
 
 
+@np.errstate(all="ignore")  # as in JAX, invalid operations result in NaN and infinity
+def _with_equal_steps(problem: Problem, steps: int) -> Quats:
+    """Return the quaternions for `steps` equal steps in each interval."""
+    plan.require_steps(steps)
+    mesh = meshes.uniform(problem.intervals, steps)
+    known = None if is_traced(problem) else known_part(problem)
+    rates = None if known is None else plan.rates_at_nodes(known, mesh)
+    if rates is None:
+        return solve(problem, meshes.on_device(mesh, problem.times.dtype))
+    return as_inputs(_multiplied(problem, mesh, rates), (problem.q0, problem.times))
+
+
+@np.errstate(all="ignore")
 def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
+    if steps is not None:
+        plan.require_steps(steps)
+    plan.require_max_steps(max_steps, problem.intervals)
+    inputs = problem.q0, problem.times
     if problem.intervals == 0:
-        estimate, zero = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
-        return Propagation(problem.times, problem.q0[None], estimate, zero, zero)
-    if steps is None:
-        mesh, errors = plan.adaptive(problem, max_steps)
+        zero = np.zeros((), np.int32)
+        return Propagation(problem.times, problem.q0[None], xp.zeros_like(problem.tolerance), zero, zero)
+    with at_once():
+        known = known_part(problem)
+        planned = None if known is None else plan.known(known, steps, max_steps)
+    if planned is None:
+        return _traced(problem, steps, max_steps)
+    mesh, rates, errors = planned
+    code = _result_code(errors, on_host(constants(problem.tolerance)))
+    if is_traced(problem) or rates is None:
+        # The number of slots is a power of two, so that few sizes are compiled.
+        slots = 1 << max(int(mesh.count) - 1, 7).bit_length()
+        quaternions = solve(problem, meshes.on_device(meshes.padded(mesh, slots), problem.times.dtype))
+        estimate, code = as_inputs((errors.bound, code), inputs)
     else:
-        mesh = plan.fixed(problem, steps)
-        errors = step_errors(problem, mesh)
-    return Propagation(
-        times=problem.times,
-        quaternion=solve(problem, mesh),
-        estimate=errors.bound,
-        steps=mesh.count,
-        code=_result_code(errors, stop_gradient(problem.tolerance)),
-    )
+        quaternions, estimate, code = as_inputs((_multiplied(problem, mesh, rates), errors.bound, code), inputs)
+    return Propagation(problem.times, quaternions, estimate, mesh.count, code)
 
 
-@eqx.filter_jit
+def _multiplied(problem: Problem, mesh: Mesh, rates: np.ndarray) -> np.ndarray:
+    """Return the quaternions at the output times in NumPy, from the rates at the nodes of the steps."""
+    q0, (_, h) = on_host(problem.q0), meshes.spans(mesh, on_host(problem.times))
+    return at_outputs(q0, propagated(problem.method, problem.axes, q0, rates, h), mesh, problem.intervals)
+
+
+def _traced(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
+    if steps is None:
+        mesh, errors = plan.traced(problem, max_steps)
+    else:
+        mesh = meshes.on_device(meshes.uniform(problem.intervals, steps), problem.times.dtype)
+        errors = mesh_errors(problem, mesh)
+    code = _result_code(errors, stop_gradient(problem.tolerance))
+    return Propagation(problem.times, solve(problem, mesh), errors.bound, mesh.count, code)
+
+
 def _result_code(errors: Errors, tolerance: Scalar) -> Int[Array, ""]:
-    failure = jnp.where(jnp.isfinite(errors.truncation), ResultCode.tolerance_not_reached, ResultCode.not_finite)
-    return jnp.where(errors.truncation <= tolerance, ResultCode.successful, failure).astype(jnp.int32)
+    failure = xp.where(xp.isfinite(errors.truncation), ResultCode.tolerance_not_reached, ResultCode.not_finite)
+    return xp.where(errors.truncation <= tolerance, ResultCode.successful, failure).astype(np.int32)

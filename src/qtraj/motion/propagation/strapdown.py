@@ -8,17 +8,16 @@ to high order.
 from __future__ import annotations  # so that `help` shows short names
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.namespace import matmul, needs_jax, on_host, xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, from_body, increments, to_body
-from qtraj.motion.propagation.lagrange import lagrange
+from qtraj.motion.propagation.increment import AbstractIncrement, as_inputs, constant, propagated
+from qtraj.motion.propagation.lagrange import lagrange, lagrange_slopes
 
 KINDS = ("instantaneous", "mean", "increment")
 
@@ -75,7 +74,10 @@ def propagate_samples(
         raise ValueError(f"the degree of the local polynomial must not be negative, but {degree!r} was given")
     dtype = common_dtype(times, rates, q0)
     method = GaussLegendre(stages=6) if method is None else method
-    return _integrate(method, kind, axes, degree, times.astype(dtype), rates.astype(dtype), q0.astype(dtype))
+    arrays = times.astype(dtype), rates.astype(dtype), q0.astype(dtype)
+    if needs_jax(arrays):
+        return _compiled(method, kind, axes, degree, *arrays)
+    return as_inputs(_integrate(method, kind, axes, degree, *map(on_host, arrays)), arrays)
 
 
 def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "n 3"]:
@@ -84,11 +86,10 @@ def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "
         raise ValueError(
             f"rates must have shape ({times.shape[0]}, 3), one row for each time, but shape {rates.shape} was given"
         )
-    if kind != "instantaneous":
-        rates = rates.at[0].set(0.0)
     values = concrete(rates)
-    if values is not None and not np.all(np.isfinite(values)):
-        i = int(np.argmin(np.all(np.isfinite(values), axis=1)))
+    used = 0 if kind == "instantaneous" else 1
+    if values is not None and not np.all(np.isfinite(values[used:])):
+        i = used + int(np.argmin(np.all(np.isfinite(values[used:]), axis=1)))
         raise ValueError(f"the rates must be finite, but sample {i}{_at(times, i)} is {values[i].tolist()}")
     return rates
 
@@ -112,46 +113,38 @@ def _require_no_gap(times: Array, max_gap: float | None) -> None:
         )
 
 
-@eqx.filter_jit
 def _integrate(
     method: AbstractIncrement, kind: str, axes: str, degree: int, times: Array, rates: Array, q0: Quat
 ) -> Float[Array, "n 4"]:
-    h = jnp.diff(times)
-    at_nodes = _through_instants if kind == "instantaneous" else _through_increments
-    if kind == "mean":
-        rates = rates.at[1:].multiply(h[:, None])
-    q0, node_rates = to_body(q0, at_nodes(method.nodes, degree, times, rates), axes)
-    qs = accumulate(q0, *increments(method, node_rates, h))
-    return from_body(jnp.concatenate([q0[None], qs]), axes)
+    h = xp.diff(times)
+    if kind == "instantaneous":
+        node_rates = _through_instants(method.nodes, degree, times, rates)
+    else:
+        increments = rates[1:] * (h[:, None] if kind == "mean" else 1.0)
+        node_rates = _through_increments(method.nodes, degree, times, increments)
+    return xp.concatenate([q0[None], propagated(method, axes, q0, node_rates, h)])
+
+
+_compiled = eqx.filter_jit(_integrate)
 
 
 def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array) -> Float[Array, "m s 3"]:
     """Return the rates at the nodes of each interval, from the polynomial through the rates at the nearest instants."""
     window = _windows(times.shape[0], degree + 1)
-    knots = _local(times, window)
-    x = jnp.asarray(nodes, times.dtype)
-
-    def one(knots, values):
-        return jax.vmap(lambda at: lagrange(at, knots) @ values)(x)
-
-    return jax.vmap(one)(knots, rates[window])
+    values = lagrange(constant(nodes, times)[None], _local(times, window)[:, None])
+    return matmul(values, rates[window])
 
 
 def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments: Array) -> Float[Array, "m s 3"]:
     """Return the rates at the nodes of each interval.
 
-    The rates are the derivative of the polynomial through the cumulative sums of the increments.
+    The rates are the derivative of the polynomial through the cumulative sums of the `increments` (m, 3) of the
+    intervals.
     """
     window = _windows(times.shape[0], degree + 2)
-    knots = _local(times, window)
-    sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # the sum starts at zero in each window
-    x = jnp.asarray(nodes, times.dtype)
-
-    def slope(at, knots, values):
-        return jax.jvp(lambda at: lagrange(at, knots) @ values, (at,), (jnp.ones_like(at),))[1]
-
-    slopes = jax.vmap(lambda knots, values: jax.vmap(lambda at: slope(at, knots, values))(x))(knots, sums)
-    return slopes / jnp.diff(times)[:, None, None]
+    slopes = lagrange_slopes(constant(nodes, times)[None], _local(times, window)[:, None])
+    sums = xp.cumsum(increments[window[:, 1:] - 1], axis=1)  # of each window, without the zero at its start
+    return matmul(slopes[..., 1:], sums) / xp.diff(times)[:, None, None]
 
 
 def _windows(count: int, size: int) -> np.ndarray:
@@ -163,4 +156,4 @@ def _windows(count: int, size: int) -> np.ndarray:
 
 def _local(times: Float[Array, " n"], window: np.ndarray) -> Float[Array, "m w"]:
     """Return the times of each window, shifted and scaled so that the interval of the window is [0, 1]."""
-    return (times[window] - times[:-1, None]) / jnp.diff(times)[:, None]
+    return (times[window] - times[:-1, None]) / xp.diff(times)[:, None]

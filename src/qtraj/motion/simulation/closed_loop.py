@@ -5,27 +5,33 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.types import Quat, Scalar
+from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.hysteresis import initial_sign, updated_sign, with_sign
 from qtraj.motion.simulation import ode
+from qtraj.motion.simulation.interval import Memory, State
 from qtraj.motion.simulation.loop import Loop
-from qtraj.motion.simulation.ode import Memory, State
 from qtraj.motion.simulation.plant import Held, Plant, States
 from qtraj.motion.simulation.task import Scale, Task
 
 
-def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
+def run(
+    loop: Loop, task: Task, renewals: Float[Array, " m"] | None, references: Attitude
+) -> tuple[States, Int[Array, ""]]:
     """Integrate the closed loop, and return the motion at the times of `task` and the result code.
 
-    With `renewals` [s], the command is held between these instants if the sensor or the actuator is sampled, and the
-    command is continuous if only the law updates its sign. Without `renewals`, the command is continuous.
+    `references` are the attitudes of the program at these times, with fields (n, …). With `renewals` [s], the command
+    is held between these instants if the sensor or the actuator is sampled, and the command is continuous if only the
+    law updates its sign. Without `renewals`, the command is continuous.
     """
     plant = Plant(loop, Scale(task))
     if renewals is None or not loop.holds:
-        return _continuous(plant, task, renewals)
+        return _continuous(plant, task, renewals, references)
     return _sampled(plant, task, renewals)
 
 
-def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
+def _continuous(
+    plant: Plant, task: Task, updates: Float[Array, " m"] | None, references: Attitude
+) -> tuple[States, Int[Array, ""]]:
     loop = plant.loop
 
     def measured(t: Scalar, state: State) -> tuple[Quat, Quat]:
@@ -34,12 +40,12 @@ def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) ->
             return exact
         return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, loop.sensor.start(*exact))[:2]
 
-    def command(t: Scalar, state: State, sign: Scalar | None) -> Held:
+    def command(t: Scalar, reference: Attitude, state: State, sign: Scalar | None) -> Held:
         quaternion, rate = measured(t, state)
-        return plant.hold(state, loop.command(t, with_sign(sign, quaternion), rate), rate)
+        return plant.hold(state, loop.command(reference, with_sign(sign, quaternion), rate), rate)
 
     def field(t: Scalar, state: State, sign: Scalar | None) -> State:
-        return plant.slope(t, state, command(t, state, sign))
+        return plant.slope(t, state, command(t, loop.reference(t, state.dtype), state, sign))
 
     def update(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
         return updated_sign(loop.law, sign, loop.reference(t, state.dtype), measured(t, state)[0])
@@ -48,7 +54,8 @@ def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) ->
     start, sign = plant.pack(task.quaternion, task.rate), initial_sign(loop.law, task.quaternion)
     states, signs, code = ode.march(field, update, start, sign, grid, task.tolerances, task.method)
     states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)
-    return plant.states(states, jax.vmap(command)(task.times, states, signs), signs), code
+    held = jax.lax.map(lambda x: command(*x), (task.times, references, states, signs))
+    return plant.states(states, held, signs), code
 
 
 def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[States, Int[Array, ""]]:
@@ -62,8 +69,9 @@ def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[St
         quaternion, rate = plant.unpack(state, held.command)
         if loop.sensor is not None:
             quaternion, rate, sensed = loop.sensor.measure(count, t - before, quaternion, rate, sensed)
-        sign = updated_sign(loop.law, sign, loop.reference(t, quaternion.dtype), quaternion)
-        command = loop.command(t, with_sign(sign, quaternion), rate).astype(held.command.dtype)
+        reference = loop.reference(t, quaternion.dtype)
+        sign = updated_sign(loop.law, sign, reference, quaternion)
+        command = loop.command(reference, with_sign(sign, quaternion), rate).astype(held.command.dtype)
         return plant.hold(state, command, rate), count + 1, t, sensed, sign
 
     sensed = None if loop.sensor is None else loop.sensor.start(task.quaternion, task.rate)

@@ -20,7 +20,7 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import require_axes
 from qtraj.motion.simulation import ode
-from qtraj.motion.simulation.ode import MAX_STEPS, Method
+from qtraj.motion.simulation.interval import MAX_STEPS, Method
 from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 

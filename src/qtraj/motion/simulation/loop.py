@@ -77,9 +77,9 @@ class Loop(eqx.Module):
         """Return the program's attitude at `t` [s] with the dtype of the state."""
         return jax.tree.map(lambda x: x.astype(dtype), self.program(t))
 
-    def command(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
-        """Return the command (4,), body axes, for a measured state at `t` [s], limited by the actuator."""
-        return self.actuator(self.law(self.reference(t, quaternion.dtype), quaternion, rate))
+    def command(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """Return the command (4,), body axes, for a measured state, limited by the actuator."""
+        return self.actuator(self.law(reference, quaternion, rate))
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:

@@ -2,8 +2,7 @@
 
 Each interval between two instants is one adaptive solve inside a scan. The time u of a solve runs from 0 to 1. Steps
 end exactly at the instants. Events at the instants (a new command, a jump of the field) and derivatives with respect to
-the instants are therefore exact. Failures are reported as a result code. This is the only module of motion.simulation
-that calls diffrax.
+the instants are therefore exact. Failures are reported as a result code. Only this module and `interval` call diffrax.
 
 Dopri8 is the default solver. For the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
 Dopri8 needs 62 steps with an error of 5e-14, Dopri5 needs 283 steps with 6e-12, and Tsit5 needs 273 steps with 5e-12.
@@ -19,41 +18,28 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
+from qtraj.motion.simulation.interval import (
+    End,
+    Field,
+    IntervalField,
+    Memory,
+    Method,
+    State,
+    Tolerances,
+    differentiable,
+    for_values,
+)
 
-MAX_STEPS = 16**3  # a power of 16, the base of the loop used in reverse differentiation
 FIRST_STEP = 0.01
 """The first step, as a fraction of the time span, unless the first interval is shorter."""
 STEP_GROWTH = 2.0
 """The first step of an interval, as a multiple of the mean step of the previous interval."""
-WHOLE_INTERVAL = 0.75
-"""A first step of at least this fraction of an interval spans the whole interval, to avoid a tiny last step."""
-MIN_STEP = 16
-"""The minimum step divided by the interval, in machine epsilons; if a smaller step is needed, the integration fails."""
 SIDE = 4
 """Minimum distance of a field evaluation from an instant, in units of round-off, to remain on one side of a jump."""
-
-State = Float[Array, " d"]
-Memory = PyTree[Array]
-"""The discrete state, such as a held command, which changes only at instants of the grid."""
-
-
-class Tolerances(eqx.Module):
-    """The tolerances of a step; the root mean square of error/(`atol` + `rtol`·|component|) must be at most 1."""
-
-    rtol: Scalar
-    atol: Scalar
-
-
-class Method(eqx.Module):
-    """The solver and the adjoint of diffrax, None for the defaults, and the maximum number of steps per interval."""
-
-    solver: Any = None
-    adjoint: Any = None
-    max_steps: int = eqx.field(static=True, default=MAX_STEPS)
 
 
 class Grid(eqx.Module):
@@ -67,7 +53,6 @@ class Grid(eqx.Module):
     renews: Bool[Array, " n"]
 
 
-Field = Callable[[Scalar, State, Memory], State]
 Renew = Callable[[Int[Array, ""], Scalar, State, Memory], Memory]
 
 
@@ -91,14 +76,12 @@ def march(
     inputs = (field, renew, state, memory, grid, tolerances)
     if method.adjoint is None:
         return _plain(inputs, method=method)
-    return _march(inputs, method=method)
+    return _march(inputs, method=method, solve=differentiable)
 
 
 @eqx.filter_custom_jvp
 def _plain(inputs: Any, *, method: Method) -> Any:
-    import diffrax
-
-    return _march(inputs, method=Method(method.solver, diffrax.ForwardMode(), method.max_steps))
+    return _march(inputs, method=method, solve=for_values)
 
 
 @_plain.def_jvp
@@ -106,10 +89,10 @@ def _plain_jvp(primals: Any, tangents: Any, *, method: Method) -> Any:
     import diffrax
 
     direct = Method(method.solver, diffrax.DirectAdjoint(), method.max_steps)
-    return eqx.filter_jvp(functools.partial(_march, method=direct), primals, tangents)
+    return eqx.filter_jvp(functools.partial(_march, method=direct, solve=differentiable), primals, tangents)
 
 
-def _march(inputs: Any, *, method: Method) -> Any:
+def _march(inputs: Any, *, method: Method, solve: Callable[..., End]) -> Any:
     field, renew, state, memory, grid, tolerances = inputs
     span = grid.times[-1] - grid.times[0]
     nudge = SIDE * float(jnp.finfo(span.dtype).eps) * (jnp.abs(grid.start) + span)
@@ -119,8 +102,8 @@ def _march(inputs: Any, *, method: Method) -> Any:
         index, now, renews = instant
         running = code == ResultCode.successful
         interval = jnp.where(running, now - before, 0.0)
-        state, interval_code, accepted = _solve(
-            _IntervalField(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
+        state, interval_code, accepted = solve(
+            IntervalField(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
         )
         code = jnp.where(running, interval_code, code)
         step = jnp.where(interval > 0, STEP_GROWTH * interval / accepted, step)
@@ -136,66 +119,3 @@ def _march(inputs: Any, *, method: Method) -> Any:
     instants = (jnp.arange(grid.times.shape[0]), grid.times, grid.renews)
     (*_, code), (states, memories) = jax.lax.scan(advance, start, instants)
     return states, memories, code
-
-
-class _IntervalField(eqx.Module):
-    """The field dy/du = h f(t_a + uh, y), 0 ≤ u ≤ 1, of one interval with the start t_a [s] and the length h [s].
-
-    t_a is `start` + `before`, and h is `interval`. `memory` is the discrete state, which is not part of y. The field f
-    is evaluated at least `nudge` [s] from both ends of the interval.
-    """
-
-    field: Field
-    memory: Memory
-    start: Scalar
-    before: Scalar
-    interval: Scalar
-    nudge: Scalar
-
-    def __call__(self, u: Scalar, state: State) -> State:
-        t = self.before + u * self.interval
-        inside = jnp.clip(t, self.before + self.nudge, self.before + self.interval - self.nudge)
-        t = t + jax.lax.stop_gradient(inside - t)
-        slope = self.interval * self.field(self.start + t, state, self.memory)
-        return jnp.where(self.interval > 0, slope, 0.0)  # a failed batch element must not slow down the others
-
-
-def _solve(
-    interval_field: _IntervalField, state: State, step: Scalar, tolerances: Tolerances, method: Method
-) -> tuple[State, Int[Array, ""], Scalar]:
-    """Return the state at the end of an interval, the result code and the number of steps."""
-    import diffrax
-
-    dtype = state.dtype
-    short = step < WHOLE_INTERVAL * interval_field.interval
-    first = jnp.where(short, step / jnp.where(short, interval_field.interval, 1.0), 1.0)
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(_evaluate),
-        diffrax.Dopri8() if method.solver is None else method.solver,
-        t0=jnp.zeros((), dtype),
-        t1=jnp.ones((), dtype),
-        dt0=jax.lax.stop_gradient(first),
-        y0=state,
-        args=interval_field,
-        saveat=diffrax.SaveAt(t1=True),
-        stepsize_controller=diffrax.PIDController(
-            rtol=tolerances.rtol,
-            atol=tolerances.atol,
-            dtmin=MIN_STEP * float(jnp.finfo(dtype).eps),
-            force_dtmin=False,
-        ),
-        adjoint=method.adjoint,
-        max_steps=method.max_steps,
-        throw=False,
-    )
-    end = jnp.asarray(solution.ys)[0]
-    succeeded = jnp.asarray(solution.result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(end))
-    exhausted = jnp.asarray(solution.result == diffrax.RESULTS.max_steps_reached)
-    failure = jnp.where(exhausted, ResultCode.max_steps_reached, ResultCode.step_too_small)
-    code = jnp.where(succeeded, ResultCode.successful, failure).astype(jnp.int32)
-    accepted = jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(dtype)
-    return jnp.where(succeeded, end, state), code, accepted
-
-
-def _evaluate(u: Any, state: Any, interval_field: Any) -> Any:
-    return interval_field(u, state)

@@ -22,8 +22,8 @@ from qtraj.motion.checks import output_times, require_axes
 from qtraj.motion.control.errors import error_angle, error_quaternion, pure
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
+from qtraj.motion.simulation.interval import MAX_STEPS
 from qtraj.motion.simulation.kinematics import integrate
-from qtraj.motion.simulation.ode import MAX_STEPS
 from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import switches_of
 

@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 from qtraj.algebra.quaternion import derivative
 from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.control.errors import pure
+from qtraj.motion.simulation.interval import State
 from qtraj.motion.simulation.loop import Loop
-from qtraj.motion.simulation.ode import State
 from qtraj.motion.simulation.task import Scale
 
 RIGID = 8

@@ -23,8 +23,8 @@ from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residu
 from qtraj.motion.simulation.closed_loop import run
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
+from qtraj.motion.simulation.interval import MAX_STEPS, Method
 from qtraj.motion.simulation.loop import Loop, renewal_instants
-from qtraj.motion.simulation.ode import MAX_STEPS, Method
 from qtraj.motion.simulation.plant import Held, Plant, States
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.motion.simulation.solution import Solution
@@ -89,12 +89,12 @@ def simulate(
 
 @eqx.filter_jit
 def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign: str) -> Solution:
-    first = loop.reference(task.times[0], task.times.dtype)
+    # One loop over the instants compiles in half the time of a vectorised evaluation.
+    references = jax.lax.map(lambda t: loop.reference(t, t.dtype), task.times)
+    first = jax.tree.map(lambda x: x[0], references)
     task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
-    states, code = run(loop, task, renewals)
-    references = jax.vmap(lambda t: loop.reference(t, t.dtype))(task.times)
-    errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
-    angles = jax.vmap(error_angle)(references, states.quaternion)
+    states, code = run(loop, task, renewals, references)
+    errors, angles = jax.lax.map(lambda x: (loop.law.deviation(*x), error_angle(*x)), (references, states.quaternion))
     code = _refined_code(loop.law, code, references, states.quaternion)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
     body_motion = _body_motion(loop, task, states, references)
@@ -114,11 +114,11 @@ def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -
         return epsilon - loop.law(reference, quaternion, rate)
 
     motion = (states.quaternion, states.rate, states.momentum, states.held)
-    mismatches = jax.vmap(mismatch)(task.times, references, *motion)
-    torques = jax.vmap(body.control_torque)(states.held.torques, states.momentum)
+    mismatches = jax.lax.map(lambda x: mismatch(*x), (task.times, references, *motion))
+    torques = jax.lax.map(lambda x: body.control_torque(*x), (states.held.torques, states.momentum))
     residuals = deviations = None
     if isinstance(law, AccelerationLaw):
-        residuals = jax.vmap(lambda *x: residual_of(law, *x))(references, states.quaternion, mismatches)
+        residuals = jax.lax.map(lambda x: residual_of(law, *x), (references, states.quaternion, mismatches))
     if isinstance(loop.law, AccelerationLaw):
         deviations = deviation_of(loop.law, references, task.times, states.quaternion, states.rate)
     momenta = None if body.wheels is None else states.momentum

@@ -12,7 +12,8 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
-from qtraj.motion.simulation.ode import Grid, Method, Tolerances
+from qtraj.motion.simulation.interval import Method, Tolerances
+from qtraj.motion.simulation.ode import Grid
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 

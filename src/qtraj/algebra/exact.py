@@ -1,0 +1,137 @@
+"""Polynomials with exact dyadic coefficients: Python integers times a common power of two.
+
+Every float is an integer times a power of two, so sums and products of polynomials with float coefficients are exact
+here. No rounding analysis is needed, and the results are the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+
+class ExactPolynomial:
+    """The polynomial Σ numbers[k]·u^k·2^exponent with integer `numbers`."""
+
+    __slots__ = ("exponent", "numbers")
+
+    def __init__(self, numbers: list[int], exponent: int = 0):
+        self.numbers, self.exponent = numbers, exponent
+
+    @classmethod
+    def of(cls, x: Any) -> ExactPolynomial:
+        """Return the constant polynomial with the value of a finite float or an integer."""
+        return cls.from_floats([x])
+
+    @classmethod
+    def from_floats(cls, coefficients: Iterable[Any]) -> ExactPolynomial:
+        """Return the polynomial with these ascending coefficients, which are finite floats or integers.
+
+        **Raises:** OverflowError for an infinite coefficient, and ValueError for NaN.
+        """
+        ratios = [float(c).as_integer_ratio() for c in coefficients]
+        bits = max(denominator for _, denominator in ratios).bit_length() - 1  # all denominators are powers of two
+        shifts = [bits - denominator.bit_length() + 1 for _, denominator in ratios]
+        return cls([number << shift for (number, _), shift in zip(ratios, shifts, strict=True)], -bits)._reduced()
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the polynomial is identically zero."""
+        return not any(self.numbers)
+
+    def __add__(self, other: Any) -> ExactPolynomial:
+        if not isinstance(other, ExactPolynomial):
+            if not isinstance(other, int | float):
+                return NotImplemented
+            other = ExactPolynomial.of(other)
+        a, b = (self, other) if len(self.numbers) >= len(other.numbers) else (other, self)
+        exponent = min(a.exponent, b.exponent)
+        p, q = a.exponent - exponent, b.exponent - exponent
+        numbers = [x << p for x in a.numbers] if p else list(a.numbers)
+        for k, x in enumerate(b.numbers):
+            numbers[k] += x << q
+        return ExactPolynomial(numbers, exponent)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> ExactPolynomial:
+        return ExactPolynomial([-x for x in self.numbers], self.exponent)
+
+    def __sub__(self, other: Any) -> ExactPolynomial:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> ExactPolynomial:
+        return -self + other
+
+    def __mul__(self, other: Any) -> ExactPolynomial:
+        if not isinstance(other, ExactPolynomial):
+            if not isinstance(other, int | float):
+                return NotImplemented
+            other = ExactPolynomial.of(other)
+        exponent = self.exponent + other.exponent
+        return ExactPolynomial(_product(self.numbers, other.numbers), exponent)
+
+    __rmul__ = __mul__
+
+    def derivative(self) -> ExactPolynomial:
+        """Return the derivative with respect to u."""
+        return ExactPolynomial([k * x for k, x in enumerate(self.numbers)][1:] or [0], self.exponent)
+
+    def substituted(self, scale: float) -> ExactPolynomial:
+        """Return the polynomial p(scale·u)."""
+        factor = ExactPolynomial.of(scale)
+        number, exponent = factor.numbers[0], factor.exponent
+        top = len(self.numbers) - 1
+        # The coefficient k is multiplied by (number·2^exponent)^k; all coefficients get one common exponent.
+        common = exponent * top if exponent < 0 else 0
+        numbers = [x * number**k << (exponent * k - common) for k, x in enumerate(self.numbers)]
+        return ExactPolynomial(numbers, self.exponent + common)._reduced()
+
+    def reflected(self) -> ExactPolynomial:
+        """Return the polynomial p(1 − u)."""
+        numbers = list(self.numbers)
+        for k in range(len(numbers) - 1):  # the Taylor coefficients about u = 1, by repeated synthetic division
+            for i in range(len(numbers) - 2, k - 1, -1):
+                numbers[i] += numbers[i + 1]
+        return ExactPolynomial([-x if k % 2 else x for k, x in enumerate(numbers)], self.exponent)
+
+    def divided_by_power(self, order: int) -> ExactPolynomial:
+        """Return p(u)/u^order; the coefficients of lower powers are discarded."""
+        return ExactPolynomial(self.numbers[order:] or [0], self.exponent)
+
+    def integers(self) -> list[int]:
+        """Return coprime integer coefficients of a positive multiple of the polynomial, without leading zeros."""
+        numbers = list(self.numbers)
+        while len(numbers) > 1 and not numbers[-1]:
+            numbers.pop()
+        divisor = math.gcd(*numbers)
+        return numbers if divisor in (0, 1) else [x // divisor for x in numbers]
+
+    def floats(self) -> list[float]:
+        """Return the coefficients, each rounded once."""
+        if self.exponent >= 0:
+            return [float(x << self.exponent) for x in self.numbers]
+        return [x / (1 << -self.exponent) for x in self.numbers]
+
+    def _reduced(self) -> ExactPolynomial:
+        """Return the same polynomial with the largest possible exponent, which keeps products small."""
+        common = 0
+        for x in self.numbers:
+            common |= x
+        zeros = (common & -common).bit_length() - 1
+        if zeros <= 0:
+            return self
+        return ExactPolynomial([x >> zeros for x in self.numbers], self.exponent + zeros)
+
+
+def _product(a: list[int], b: list[int]) -> list[int]:
+    """Return the coefficients of the product of two polynomials."""
+    if len(a) > len(b):
+        a, b = b, a
+    result = [0] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        if x:
+            for j, y in enumerate(b, start=i):
+                result[j] += x * y
+    return result

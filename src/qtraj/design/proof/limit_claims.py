@@ -1,0 +1,99 @@
+"""Limits as claims: limit² · denominator − numerator is not negative, and the divisor of the quantity is positive.
+
+The formulas are those of the registry, over polynomials; quantities of a vehicle on a road also contain the roots √S of
+the squared speed and √H of the squared horizontal speed (see `algebra.surd`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from qtraj.algebra.sparse import is_one
+from qtraj.algebra.surd import Claim, Surd
+from qtraj.design.proof.sources import Derivatives
+from qtraj.path.contact import Contact
+from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import LOAD, PathQuantity
+from qtraj.path.regularity import cross_norm_reference
+
+MIN_RELATIVE_DIVISOR = 1e-9
+"""A divisor counts as zero if its relative size is below this value.
+
+The speed is compared with the largest speed of the path, and the other divisors as in `regularity`.
+"""
+
+DIVISORS = {"speed": "S", "cross_norm": "N", "level": "H"}
+"""The invariants that are the squares of divisors; the load on the road has a formula instead."""
+
+DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2}
+"""The order of the highest derivative that is needed for each divisor and for its relative size."""
+
+UPRIGHT_DIVISORS = ("level", LOAD)
+"""The divisors that depend on the vertical."""
+
+
+class Bound(NamedTuple):
+    """A limit as a constant polynomial, in the units of the derivatives, and the factor of the quantity or None."""
+
+    limit: Any
+    factor: Any = None
+
+
+class RoadInvariants:
+    """The invariants in the formulas of `contact`, which may contain the roots v = √S and h = √H."""
+
+    def __init__(self, i: Invariants):
+        squares = i.S, i.H
+        for name in ("S", "H", "B", "P", "V", "W"):
+            setattr(self, name, Surd((getattr(i, name), 0, 0, 0), squares))
+        self.v, self.h = Surd((0, 1, 0, 0), squares), Surd((0, 0, 1, 0), squares)
+        self.pace = i.pace if is_one(i.pace) else Surd((i.pace, 0, 0, 0), squares)
+        self.vehicle = i.vehicle
+        self.contact = Contact(self)
+
+
+class Formulas:
+    """The claims about the paths with these derivatives, for a `vehicle` whose parameters are constant polynomials.
+
+    `constant` converts a number to a constant polynomial.
+    """
+
+    def __init__(self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None):
+        self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
+        self.invariants = Invariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
+        self._road: RoadInvariants | None = None
+
+    @property
+    def road(self) -> RoadInvariants:
+        """The invariants for quantities that depend on the road."""
+        if self._road is None:
+            self._road = RoadInvariants(self.invariants)
+        return self._road
+
+    def within(self, entry: PathQuantity, bound: Bound) -> Claim:
+        """Return the claim that a quantity does not exceed its limit."""
+        i: Any = self.road if entry.on_road else self.invariants
+        numerator = entry.numerator(i)
+        if bound.factor is not None:
+            numerator = bound.factor * bound.factor * numerator
+        limit = bound.limit if entry.signed else bound.limit * bound.limit
+        scaled = limit if entry.denominator is None else limit * entry.denominator(i)
+        return Claim(scaled - numerator)
+
+    def divisor(self, name: str, fastest: Any) -> Claim:
+        """Return the claim that a divisor does not vanish: it must be positive.
+
+        The load must be positive, and the relative size of any other divisor must exceed `MIN_RELATIVE_DIVISOR`.
+        `fastest` is the largest squared speed, as a constant polynomial.
+        """
+        if name == LOAD:
+            return Claim(self.road.contact.onto)
+        square, scale = sizes(name, self.invariants, fastest)
+        return Claim(square - self._threshold * scale)
+
+
+def sizes(name: str, i: Any, fastest: Any) -> tuple[Any, Any]:
+    """Return the square of a divisor other than the load, and the square to which it is compared."""
+    reference = {"speed": lambda: fastest, "cross_norm": lambda: cross_norm_reference(i, 1), "level": lambda: i.S}
+    return getattr(i, DIVISORS[name]), reference[name]()

@@ -1,0 +1,125 @@
+"""Segments of a route that start or end at a stop, where the denominators of most quantities are zero.
+
+If the velocity r' of a segment has a zero of order m at its start and of order k at its end, then r' = u^m·(1 − u)^k·q,
+where u is the fraction of the duration. The vector q is parallel to r' and does not vanish at the ends. So the upright
+and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration are the
+components of r'' relative to the direction of q.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.polynomial import horner
+from qtraj.design.proof.sources import Derivatives, Instants, Source, power_of_two
+from qtraj.path.stops import Segments
+
+ZERO = 64 * float(np.finfo(float).eps)
+"""The velocity at an end of a segment counts as zero if its product with the duration is at most this fraction of the
+size of the segment; for the acceleration, the product with the squared duration is compared."""
+
+Vector = list[ExactPolynomial]
+
+
+class StandingSource(Source):
+    """Segments with a stop at one end or at both ends; all polynomials are exact.
+
+    The first derivative is q, and `pace` is r'/q. The higher derivatives are those of q or, if `keep_acceleration`,
+    those of the velocity r'.
+    """
+
+    def __init__(self, segments: Segments, rows: np.ndarray, keep_acceleration: bool):
+        self.duration = segments.durations[rows]
+        self._given = [_divided(_velocity(segments, i)) for i in rows]
+        self._keep = keep_acceleration
+        sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in self._given]
+        self.length = power_of_two(np.array(sizes, float))
+        self._floats: dict[int, Any] = {}
+
+    def provable(self, upright: bool) -> Bool[np.ndarray, " n"]:
+        """Return all segments."""
+        return np.ones(self.count, bool)
+
+    def exact(self, k: int, order: int) -> Derivatives:
+        """Return the derivatives of segment k as exact polynomials."""
+        q, pace = self._given[k]
+        vector = [pace * p for p in q] if self._keep else q
+        rows: list[Any] = [None, tuple(q)]
+        for _ in range(order - 1):
+            vector = [p.derivative() for p in vector]
+            rows.append(tuple(vector))
+        return Derivatives(rows, pace)
+
+    def at(self, u: Instants, order: int) -> Derivatives:
+        """Return the derivatives at the fractions `u` of the durations, in floats."""
+        if order not in self._floats:
+            each = [self.exact(k, order) for k in range(self.count)]
+            rows = [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(1, order + 1)]
+            self._floats[order] = [[c / self.length for c in row] for row in rows], _stacked([x.pace for x in each])
+        rows, pace = self._floats[order]
+        zero = np.zeros_like(u)
+        return Derivatives([None, *(tuple(horner([*c], u) + zero for c in row) for row in rows)], horner([*pace], u))
+
+
+def standing(segments: Segments) -> Bool[np.ndarray, "segments 2"]:
+    """Return whether each moving segment starts at a stop, and whether it ends at one."""
+    c, h = segments.coefficients, segments.durations
+    moving = c[:, 1:].any(axis=(1, 2))
+    k = np.arange(1, c.shape[1])[:, None]
+    scaled = c[:, 1:] * h[:, None, None] ** k
+    sizes = np.abs(scaled).sum(axis=(1, 2))
+    start = np.linalg.norm(scaled[:, 0], axis=-1) <= ZERO * sizes
+    end = np.linalg.norm((k * scaled).sum(axis=1), axis=-1) <= 1e3 * ZERO * sizes
+    for i in np.flatnonzero(end & moving):  # the sum in floats only finds candidates
+        end[i] = _starts_at_rest([p.reflected() for p in _velocity(segments, i)])
+    return np.stack([start & moving, end & moving], axis=1)
+
+
+def _velocity(segments: Segments, i: int) -> Vector:
+    """Return the derivative of the position of a segment with respect to u."""
+    c, h = segments.coefficients[i], float(segments.durations[i])
+    return [ExactPolynomial.from_floats(c[:, axis]).substituted(h).derivative() for axis in range(3)]
+
+
+def _divided(velocity: Vector) -> tuple[Vector, ExactPolynomial]:
+    """Return q and r'/q of the module; the velocity and a tiny acceleration at a stop are set to zero."""
+    u, q, pace = ExactPolynomial([0, 1]), velocity, ExactPolynomial([1])
+    for factor in (u, 1 - u):
+        if _starts_at_rest(velocity):
+            order = _order(velocity)
+            q = [p.divided_by_power(order) for p in q]
+            for _ in range(order):
+                pace = pace * factor
+        velocity, q = ([p.reflected() for p in x] for x in (velocity, q))
+    return q, pace
+
+
+def _order(velocity: Vector) -> int:
+    """Return the order of the zero of the velocity at u = 0."""
+    floats = _stacked(velocity)
+    slow = np.abs(floats[1:2]).max(initial=0.0) / 2 <= ZERO * _size(floats)
+    moving = np.flatnonzero(floats[2 if slow else 1 :].any(axis=1))
+    return int(moving[0]) + (2 if slow else 1) if moving.size else 1
+
+
+def _starts_at_rest(velocity: Vector) -> bool:
+    floats = _stacked(velocity)
+    return bool(np.linalg.norm(floats[0]) <= ZERO * _size(floats))
+
+
+def _size(velocity: Float[np.ndarray, "terms 3"]) -> float:
+    """Return the sum of the magnitudes of all terms of the displacement at the end of a segment."""
+    return float(np.sum(np.abs(velocity) / np.arange(1, len(velocity) + 1)[:, None]))
+
+
+def _stacked(polynomials: list[ExactPolynomial]) -> Float[np.ndarray, "terms n"]:
+    """Return the coefficients of polynomials in floats, as columns of equal length."""
+    columns = [p.floats() for p in polynomials]
+    result = np.zeros((max(map(len, columns)), len(columns)))
+    for k, column in enumerate(columns):
+        result[: len(column), k] = column
+    return result

@@ -1,0 +1,135 @@
+"""Limits on a timing as claims about polynomials in the cells: a slack, limit² · denominator − numerator, is at least 0.
+
+The motion has the velocity √a r', the acceleration a r'' + ½ a' r' and the jerk √a (a r''' + 3/2 a' r'' + ½ a'' r')
+(see `constraints`); the formulas contain their doubles. Quantities that depend on the direction of the path are
+computed from the factor q of r' (see `directions`), because q does not vanish where a segment starts or ends at a stop.
+
+The formulas of `contact` apply to q and to the doubled acceleration, with doubled gravity and drag. With S = q·q and
+r' = w·q, they contain the squared speed w² a S only in the drag. Let the drive power be w√a·P. Then the limit on the
+power is satisfied if P ≤ 0 or w² a P² ≤ limit².
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+from qtraj.algebra.signs import Signs
+from qtraj.algebra.surd import Claim
+from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
+from qtraj.design.timing.cell_motions import Motion
+from qtraj.design.timing.constraints import UPPER
+from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.roots import Enclosed, Root, at_bounds
+from qtraj.path.components import cross, dot
+from qtraj.path.contact import power_numerator
+from qtraj.path.frenet import Invariants
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
+
+THIRD = ("jerk", "yaw_acceleration", "angular_rate")
+"""Limits that contain the third derivative of the path; all others need two derivatives."""
+
+
+class Combined:
+    """Two claims of which both must hold or, if `either`, one of them at each point."""
+
+    def __init__(self, first: Claim, second: Claim, either: bool):
+        self.polynomials = [*first.polynomials, *second.polynomials]
+        self._claims, self._either = (first, second), either
+
+    def sign(self, signs: Sequence[Signs]) -> Signs:
+        """Return the signs of the larger or of the smaller one of the two functions."""
+        count = len(self._claims[0].polynomials)
+        p, q = (claim.sign(own) for claim, own in zip(self._claims, (signs[:count], signs[count:]), strict=True))
+        either, both = ("ge", "gt"), ("le", "lt")
+        larger, smaller = (either, both) if self._either else (both, either)
+        found = {name: getattr(p, name) | getattr(q, name) for name in larger}
+        return Signs(**found, **{name: getattr(p, name) & getattr(q, name) for name in smaller})
+
+
+class CellClaims:
+    """The claims about a motion, for a `vehicle` whose parameters are constant polynomials in the units of the motion."""
+
+    def __init__(self, motion: Motion, vehicle: RoadParameters | None):
+        """Store the motion; `roots` may be set to enclosures of √S, √H and √a."""
+        self.motion, self._vehicle = motion, vehicle
+        self.roots: Sequence[Root] | None = None
+        self._real = Invariants([None, *motion.path])
+        self._own = self._real if motion.ahead is motion.path else Invariants([None, *motion.ahead])
+        self._on_road: Any = None
+
+    def squares(self) -> tuple[Any, Any, Any]:
+        """Return the squares S, H and a of the `roots`."""
+        return self._own.S, self._own.H, self.motion.a
+
+    def forward(self) -> Claim:
+        """Return a = u̇², without its zero at an end at rest; it must be positive."""
+        return Claim(self.motion.rest)
+
+    def divisor(self, name: str) -> Claim:
+        """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
+        return Claim(getattr(self._own, DIVISORS[name]))
+
+    def within(self, name: str, limit: Any) -> Claim | Combined | Enclosed:
+        """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""
+        if name in ROAD:
+            return self._road(name, limit)
+        return Claim(self._slack(name, limit * limit))
+
+    def _slack(self, name: str, bound: Any) -> Any:
+        m, real, i, a = self.motion, self._real, self._own, self.motion.a
+        if name == "lateral_acceleration":
+            across = cross(i.r[1], real.r[2])
+            return bound * i.S - dot(across, across) * (a * a)
+        if name in UPPER:
+            entry, own = QUANTITIES[name], real if name == "speed" else i
+            numerator = entry.numerator(own) * a
+            return (bound if entry.denominator is None else bound * entry.denominator(own)) - numerator
+        if name == "longitudinal_acceleration":
+            along = 2 * (dot(i.r[1], real.r[2]) * a) + self._times_factor(i.S * m.slope)
+            return 4 * (bound * i.S) - along * along
+        if name == "acceleration":
+            return 4 * bound - dot(*2 * [self._doubled()])
+        if name == "jerk":
+            rows = zip(real.r[3], real.r[2], real.r[1], strict=True)
+            double = tuple(2 * (p * a) + 3 * (q * m.slope) + x * m.bend for p, q, x in rows)
+            return 4 * bound - a * dot(double, double)
+        SH = i.S * i.H
+        growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
+        turning = 2 * (growth * a) + (i.P * SH) * m.slope
+        return 4 * (bound * (SH * (SH * SH))) - turning * turning
+
+    def _doubled(self) -> tuple[Any, ...]:
+        """Return twice the acceleration."""
+        m, real = self.motion, self._real
+        return tuple(2 * (p * m.a) + q * m.slope for p, q in zip(real.r[2], real.r[1], strict=True))
+
+    def _times_factor(self, p: Any) -> Any:
+        return p if self._real is self._own else self.motion.factor * p
+
+    def _road(self, name: str, limit: Any) -> Combined | Enclosed:
+        own: Any = self._vehicle
+        pace = self._times_factor(self._times_factor(self.motion.a))
+        if self._on_road is None:
+            vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * pace if own.drag else 0)
+            self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
+        i, entry = self._on_road, QUANTITIES[name]
+        if name == "friction":
+            slack, load = (limit * limit) * entry.denominator(i) - entry.numerator(i), i.contact.onto
+            if self.roots is None:
+                return Combined(Claim(slack), Claim(load), either=False)
+            own = self.roots[:2]
+            return Enclosed([*at_bounds(slack, own), *at_bounds(load, own)], self.roots[:1])
+        power = power_numerator(i)
+        if self.roots is not None:
+            S, H, a = self.roots
+            values = [
+                2 * limit * h - self._times_factor(root) * p
+                for h, root in itertools.product((H.low, H.high), (a.low, a.high))
+                for p in at_bounds(power, (S, H._replace(low=h, high=h)))
+            ]
+            return Enclosed(values, self.roots)
+        slack = 4 * (limit * limit) * i.H - power * power * pace
+        return Combined(Claim(-power), Claim(slack), either=True)
