@@ -22,7 +22,6 @@ import tempfile
 import time
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -38,7 +37,8 @@ from qtraj.design.tuning.methods import get_method
 from qtraj.design.tuning.motions.registry import get_motion
 from qtraj.design.tuning.objectives.registry import get_objective
 from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
+from qtraj.design.tuning.searches import searches_of
+from qtraj.design.tuning.targets import search_limits
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import tuning_figure
 from qtraj.viz.style import frame, series
@@ -50,8 +50,8 @@ RANDOM = np.random.default_rng(50)
 # ## A family of problems in one call
 #
 # The batch consists of one turn with 32 limits on its curvature. Inputs that differ between problems have a leading
-# batch axis, which `jax.vmap` adds; shared inputs are not repeated. One compiled search solves all problems; the second
-# call shows how much time the first call spent on compilation. Times differ between runs, so they are printed to
+# batch axis, which `jax.vmap` adds; shared inputs are not repeated. The searches run in NumPy, so the first
+# call of a batch takes hardly longer than the second. Times differ between runs, so they are printed to
 # stderr, which is not stored: run the notebook to see them.
 
 # %%
@@ -228,33 +228,28 @@ compared
 #
 # ### Step by step
 #
-# Every method is a search whose state can be advanced by a number of steps. The loop below stops each search after a
-# few steps, and records the objective and the largest violation, $\frac12((value/limit)^2 - 1)$.
+# The loop below runs each search with an increasing maximum number of steps, and records the objective and the largest
+# violation, $\ln(value/limit)$. A run with more steps begins with the same steps.
 
 # %%
-posed = pose(start, end, get_objective("nearest"), get_motion("uniform"), None, 0, None)
-low, high = box(posed, (), {})
-task = Task(posed, jnp.asarray(slot_limits(limits, None, 1)[0]), low, high, jnp.ones(()))
-tasks = jax.tree.map(lambda x: x[None], task)  # searches run side by side: here a batch of one
+batch = (jax.tree.map(lambda x: x[None], state) for state in (start, end))  # searches run in batches: here of one
+posed = pose(*batch, get_objective("nearest"), get_motion("uniform"))
+searches = searches_of(posed, search_limits(limits, None, 1), *box(posed, (), {}))
 
 
-@eqx.filter_jit
-def proceed(search, states, steps):
-    """A search after further steps: its state, the number of steps, the objective and the worst violation."""
-    states = search.run(tasks, limit_slots(limit_names(limits)), states, steps)
-    result, cost = search.result(tasks, states, jnp)
-    return states, (result.steps[0], posed.scale * cost[0], result.violation[0])
+def stopped_after(name, steps):
+    """The number of steps, the objective and the worst violation of a search that stops after some steps."""
+    search = get_method(methods[name], True, steps if name == "sqp" else max(1, steps // 50), min(steps, 50))
+    ends = search.search(searches, np.zeros((posed.size, 1)))
+    return ends.steps[0], float(posed.scale[0] * ends.cost[0]), max(0.0, ends.largest[0]), ends.stationary[0]
 
 
 history = {}
-for name, method in methods.items():
-    search = get_method(method, smooth=True, max_steps=300, inner_steps=200)
-    states = search.init(tasks, jnp.zeros_like(tasks.low))
-    pace, seen = {"sqp": 1, "lbfgs": 2, "adam": 25}[name], []
-    while not states.done[0]:
-        states, looked = proceed(search, states, jnp.maximum(states.steps[0], 0) + pace)
-        seen.append([float(x) for x in looked])
-    history[name] = np.array(seen)
+for name, pace in {"sqp": 1, "lbfgs": 50, "adam": 250}.items():
+    seen = [stopped_after(name, pace)]
+    while not seen[-1][3] and len(seen) < 60:
+        seen.append(stopped_after(name, pace * (len(seen) + 1)))
+    history[name] = np.array([each[:3] for each in seen])
     print(f"{name:6s}{int(history[name][-1, 0]):6d} steps, worst violation {history[name][-1, 2]:.1e}")
 
 # %%

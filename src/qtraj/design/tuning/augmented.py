@@ -12,7 +12,7 @@ best of the evaluated points. The next round depends on the accuracy of the best
 The times of the peaks are constant during one step of the optimiser, including its line search.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -102,7 +102,13 @@ class AugmentedLagrangian(AbstractSearch):
     rounds: int
     inner_steps: int
 
-    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
+    def search(
+        self,
+        searches: Searches,
+        z: Float[np.ndarray, "n batch"],
+        callback: Callback | None = None,
+        satisfying: bool = False,
+    ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
         task = Task(searches.problem, searches.limits, searches.low.T, searches.high.T)
         count = searches.count

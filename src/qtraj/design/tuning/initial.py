@@ -59,4 +59,3 @@ def initial_path(
     short = azimuth_difference(a, b)
     n_turns = round(float(directed_turn(a, b, turns) - short) / (2 * jnp.pi))
     return SpiralHelix.hermite(start, end, as_float(duration), n_turns, placement)
-

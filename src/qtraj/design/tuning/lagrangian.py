@@ -85,7 +85,9 @@ def interval_maxima(task: Task, round_: Round, y: Array) -> tuple[PerInterval, G
     peaks = find_peaks(task, z)
     low, high, size = round_.low, round_.high, round_.low.shape[1]
     ends = constraint_values(task, z, jnp.concatenate([low, high], axis=1))
-    within = peaks.present[:, :, None] & (peaks.time[:, :, None] >= low[:, None]) & (peaks.time[:, :, None] <= high[:, None])
+    within = (
+        peaks.present[:, :, None] & (peaks.time[:, :, None] >= low[:, None]) & (peaks.time[:, :, None] <= high[:, None])
+    )
     heights = jnp.concatenate([jnp.where(within, peaks.value[:, :, None], -jnp.inf), ends.reshape(-1, 2, size)], axis=1)
     times = jnp.concatenate(
         [jnp.broadcast_to(peaks.time[:, :, None], within.shape), low[:, None], high[:, None]], axis=1

@@ -114,3 +114,30 @@ def _expanded(
     return value, np.where(good, gradient, 0.0), np.where(good, hessian, 0.0)
 
 
+def replaced(
+    old: Model, multipliers: np.ndarray, index: np.ndarray, new: Model, carried: np.ndarray
+) -> tuple[Model, np.ndarray]:
+    """Replace the models and multipliers of some searches."""
+    if index.size == multipliers.shape[1]:
+        return new, carried
+    kept = np.ones(multipliers.shape[1], bool)
+    kept[index] = False
+    kept_index = np.flatnonzero(kept)
+    model, both = side_by_side(old.take(kept_index), multipliers[:, kept_index], new, carried)
+    order = np.argsort(np.concatenate([kept_index, index]))
+    return model.take(order), both[:, order]
+
+
+def side_by_side(a: Model, of_a: np.ndarray, b: Model, of_b: np.ndarray) -> tuple[Model, np.ndarray]:
+    """Join the models and the multipliers of two batches of searches, with rows for the larger number of peaks."""
+    rows = max(len(a.value), len(b.value))
+    blanks = (None, None, ABSENT, 0.0, 0.0, -1, 0.0, False, 0.0)
+    parts = []
+    for x, y, blank in zip((*a, of_a), (*b, of_b), blanks, strict=True):
+        if blank is not None:
+            x, y = (
+                np.concatenate([part, np.full((rows - len(part), *part.shape[1:]), blank, part.dtype)])
+                for part in (x, y)
+            )
+        parts.append(np.concatenate([x, y], axis=-1))
+    return Model(*parts[:-1]), parts[-1]

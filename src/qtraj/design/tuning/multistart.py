@@ -4,9 +4,7 @@ If no result satisfies the limits, the result with the smallest violation is sel
 """
 
 import dataclasses
-import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from qtraj.design.tuning.search import AbstractSearch, Ends, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.subproblem import compute_step
-from qtraj.foundation.cores import CORES
 from qtraj.foundation.progress import Progress, Report
 
 PLANNED_VARIABLES: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
@@ -44,8 +41,8 @@ NEAR, SPREAD = 0.05, 0.6
 """Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
 
 SEED = 20171993
-BLOCK = 256
-"""Number of searches that run together; their arrays fit the processor's cache."""
+VIOLATION_STEPS = 6
+"""Maximum number of steps that minimise a violation, relative to the maximum number of steps of a search."""
 
 MULTIPLIER_RADIUS = 1e-2
 """Trust radius of the subproblem that determines the multipliers at a solution."""
@@ -76,13 +73,16 @@ def solve(
     count = searches.count
     points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
     many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
-    ends = _in_blocks(method, many, points, report, "searches")
+    ends = _search(method, many, points, report, "searches")
     best = np.arange(count) * starts + np.argmin(_merit(ends).reshape(count, starts), axis=1)
     result = ends.take(best)
     infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
     if infeasible.size:
+        rows = infeasible[:, None] * starts + np.arange(starts)
         few = searches.take(infeasible)
-        result.put(infeasible, _rescued(method, few, result.take(infeasible), max_steps, report))
+        result.put(
+            infeasible, _rescued(method, few, result.take(infeasible), points[:, rows.ravel()], max_steps, report)
+        )
     return with_active(searches, result)
 
 
@@ -92,7 +92,7 @@ def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report
     if not problem.objective.is_smooth:
         problem = problem.without_objective()
     alone = dataclasses.replace(searches, problem=problem, weight=np.zeros_like(searches.weight))
-    return _in_blocks(SequentialQuadratic(max_steps), alone, z, report, "least violations")
+    return _search(SequentialQuadratic(max_steps), alone, z, report, "least violations")
 
 
 def with_active(searches: Searches, ends: Ends) -> SearchResult:
@@ -118,21 +118,33 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
 
 
 def _rescued(
-    method: AbstractSearch, searches: Searches, ends: Ends, max_steps: int, report: Report | None
+    method: AbstractSearch,
+    searches: Searches,
+    ends: Ends,
+    points: np.ndarray,
+    max_steps: int,
+    report: Report | None,
 ) -> Ends:
-    """Minimise the violation. In problems where it becomes zero, minimise the objective from the resulting point."""
-    rescued = minimise_violation(searches, ends.z, max_steps, report)
-    feasible = rescued.largest <= FEASIBLE
+    """Minimise the violation, from the best result of each problem and from all its starts.
+
+    Where the limits are then satisfied, minimise the objective from the resulting points.
+    """
+    count, starts = searches.count, points.shape[1] // searches.count
+    z = np.concatenate([ends.z[:, :, None], points.reshape(len(points), count, starts)], axis=2)
+    many = searches.take(np.repeat(np.arange(count), starts + 1))
+    found = minimise_violation(many, z.reshape(len(points), -1), VIOLATION_STEPS * max_steps, report)
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
-    rescued = rescued._replace(stationary=rescued.stationary & ~feasible, steps=ends.steps + rescued.steps)
+    feasible = found.largest <= FEASIBLE
+    found = found._replace(stationary=found.stationary & ~feasible)
     index = np.flatnonzero(feasible)
-    if index.size == 0:
-        return rescued
-    final = _in_blocks(method, searches.take(index), rescued.z[:, index], report, "searches")
-    final = final._replace(steps=rescued.steps[index] + final.steps)
-    met = final.largest <= FEASIBLE
-    rescued.put(index[met], final.take(met))
-    return rescued
+    if index.size:
+        final = _search(method, many.take(index), found.z[:, index], report, "searches", True)
+        final = final._replace(steps=found.steps[index] + final.steps)
+        met = final.largest <= FEASIBLE
+        found.put(index[met], final.take(met))
+    own = np.arange(count) * (starts + 1)
+    best = found.take(own + np.argmin(_merit(found).reshape(count, starts + 1), axis=1))
+    return best._replace(steps=ends.steps + best.steps)
 
 
 def _merit(ends: Ends) -> np.ndarray:
@@ -143,31 +155,18 @@ def _merit(ends: Ends) -> np.ndarray:
     return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))
 
 
-def _in_blocks(method: AbstractSearch, searches: Searches, z: np.ndarray, report: Report | None, what: str) -> Ends:
-    """Run searches in blocks on all cores, and report their progress."""
-    count = searches.count
-    # JAX evaluates the objectives of users and the steps of optax's optimisers, and divides its work itself.
-    in_numpy = isinstance(method, SequentialQuadratic) and searches.problem.objective.is_smooth
-    size = BLOCK if in_numpy else count
-    blocks = [np.arange(k, min(k + size, count)) for k in range(0, count, size)]
-    finished, lock = [0] * len(blocks), threading.Lock()
+def _search(
+    method: AbstractSearch,
+    searches: Searches,
+    z: np.ndarray,
+    report: Report | None,
+    what: str,
+    satisfying: bool = False,
+) -> Ends:
+    """Run searches, and report their progress."""
 
-    def one(number: int) -> Ends:
-        def callback(done: int) -> None:
-            with lock:
-                finished[number] = done
-                if report is not None:
-                    report(Progress(what, sum(finished), count))
+    def callback(done: int) -> None:
+        if report is not None:
+            report(Progress(what, done, searches.count))
 
-        block = blocks[number]
-        few = searches if block.size == count else searches.take(block)
-        return method.search(few, z[:, block], callback)
-
-    if len(blocks) == 1:
-        return one(0)
-    if True:
-        results = [one(k) for k in range(len(blocks))]
-    elif True:
-      with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
-        results = list(pool.map(one, range(len(blocks))))
-    return Ends(*(np.concatenate(parts, axis=-1) for parts in zip(*results, strict=True)))
+    return method.search(searches, z, callback, satisfying)

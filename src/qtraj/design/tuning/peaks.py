@@ -187,3 +187,31 @@ def _refined(name: str, curves: Curves, at: _Candidates, offsets: np.ndarray) ->
         time, value = np.where(better, exact, time), np.where(better, there, value)
         trial = exact
     return time, value
+
+
+def peaks_of(peaks: Peaks, index: np.ndarray, count: int) -> Peaks:
+    """Return the peaks of the searches with these indices, renumbered."""
+    if index.size == count:
+        return peaks
+    number = np.full(count, -1)
+    number[index] = np.arange(index.size)
+    owner = number[peaks.owner]
+    kept = owner >= 0
+    return Peaks(owner[kept], *(x[kept] for x in peaks[1:]))
+
+
+def without(peaks: Peaks, index: np.ndarray) -> Peaks:
+    """Return the peaks of all searches except those with these indices."""
+    kept = ~np.isin(peaks.owner, index)
+    return Peaks(*(x[kept] for x in peaks))
+
+
+def renumbered(peaks: Peaks, index: np.ndarray, chosen: np.ndarray) -> Peaks:
+    """Return the peaks of the chosen searches of a smaller batch, with the numbers of the larger batch."""
+    kept = chosen[peaks.owner]
+    return Peaks(index[peaks.owner[kept]], *(x[kept] for x in peaks[1:]))
+
+
+def joined(a: Peaks, b: Peaks) -> Peaks:
+    """Return the peaks of both arguments."""
+    return Peaks(*(np.concatenate(x) for x in zip(a, b, strict=True)))

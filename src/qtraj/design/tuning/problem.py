@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.algebra.jets import exp
 from qtraj.design.tuning import ends
@@ -26,6 +26,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle import RoadParameters
 
 DURATION = "duration"
+
 
 @contextmanager
 def broadcasting() -> Iterator[None]:
@@ -92,9 +93,7 @@ class Formulas:
         """Return the derivatives of ρ, φ and h at both ends with respect to u = t/T, where T is the duration."""
         duration = self.time(z)
         results = []
-        for state, (radial, along, up) in zip(
-            (self.start, self.end), self.velocities(z, duration), strict=True
-        ):
+        for state, (radial, along, up) in zip((self.start, self.end), self.velocities(z, duration), strict=True):
             results.append((radial * duration, along * duration * (1 / state.radius), up * duration))
         return results[0], results[1]
 
@@ -149,7 +148,9 @@ class Problem(Formulas, eqx.Module):
         radius, angle, height = (xp.stack(xp.broadcast_arrays(*c), axis=-1) for c in cubics)
         example = SpiralHelix([1.0], [0.0], [0.0], 1.0, Placement())
         fields = (radius, angle, height, duration, self.placement, 0.0 * duration)
-        return eqx.tree_at(lambda p: (p.radius, p.angle, p.height, p.duration, p.placement, p.mismatch), example, fields)
+        return eqx.tree_at(
+            lambda p: (p.radius, p.angle, p.height, p.duration, p.placement, p.mismatch), example, fields
+        )
 
     def world_velocities(self, z: Variables) -> tuple[Any, Any]:
         """Return the velocities (*batch, 3) at both ends in world axes [m/s]."""

@@ -72,8 +72,9 @@ def _start(qp: QP) -> _State:
     at = np.einsum("kib,ib->kb", qp.normals, d) + qp.values
     t = np.maximum(at.max(axis=0, initial=-np.inf), qp.lowest) + 1.0
     x = np.concatenate([d, t[None]])
-    slack = _slacks(qp, x)
-    return _State(x, np.minimum(1.0, qp.penalty / (k + 1)) / np.maximum(slack, 1.0))
+    multipliers = np.ones((k + 2 * n + 1, count))
+    multipliers[:k] = multipliers[-1] = qp.penalty / (k + 1)  # these balance the penalty
+    return _State(x, multipliers)
 
 
 def _slacks(qp: QP, x: np.ndarray) -> np.ndarray:

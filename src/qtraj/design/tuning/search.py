@@ -53,5 +53,14 @@ class AbstractSearch(eqx.Module):
     """A search method, which runs a batch of searches, each from its own start."""
 
     @abc.abstractmethod
-    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
-        """Return the final points of a batch of searches, each from its own `z`."""
+    def search(
+        self,
+        searches: Searches,
+        z: Float[np.ndarray, "n batch"],
+        callback: Callback | None = None,
+        satisfying: bool = False,
+    ) -> Ends:
+        """Return the final points of a batch of searches, each from its own `z`.
+
+        `satisfying` is true if all starts satisfy the limits.
+        """

@@ -53,9 +53,7 @@ class Searches:
         """Return some of the searches."""
         problem = jax.tree.map(lambda x: x[index], self.problem)
         limits = {name: x[index] for name, x in self.limits.items()}
-        return Searches(
-            problem, limits, self.low[:, index], self.high[:, index], self.weight[index], self.level
-        )
+        return Searches(problem, limits, self.low[:, index], self.high[:, index], self.weight[index], self.level)
 
     def units(self, z: Any) -> Units:
         """Return the data that turn invariants into constraint values, for the variables `z`."""

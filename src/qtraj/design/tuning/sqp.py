@@ -8,7 +8,8 @@ Each step solves a convex quadratic program (QP) in the step d and the allowed v
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
 positive definite, squares of the active constraints are added, and finally a multiple of the identity. If a step
 reduces the merit function by less than a tenth of the predicted decrease, a second QP corrects it with the constraint
-values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the batch.
+values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the block of searches
+that run together, and others enter.
 """
 
 from dataclasses import dataclass, fields
@@ -18,8 +19,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.tuning.constraints import ABSENT
-from qtraj.design.tuning.model import Model, build, costs
-from qtraj.design.tuning.peaks import Peaks, find_peaks
+from qtraj.design.tuning.model import Model, build, costs, replaced, side_by_side
+from qtraj.design.tuning.peaks import Peaks, find_peaks, joined, peaks_of, renumbered, without
 from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step, corresponding, transferred
@@ -28,10 +29,17 @@ INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
 GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good or a rejected step
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
+SATISFYING_PENALTY = 100.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
+
+BLOCK = 256
+"""Number of searches that run together; their arrays fit the processor's cache."""
 
 FEASIBLE = 2e-9
 """Tolerance on the constraint value ln(value/limit), up to which a limit counts as satisfied."""
+
+ENOUGH = -0.02
+"""The constraint value at which a search that minimises only the largest constraint value ends."""
 
 SMALL_STEP = 1e-8
 """The search ends if the largest component of a step in the variables z is below this value."""
@@ -49,9 +57,15 @@ class SequentialQuadratic(AbstractSearch):
 
     max_steps: int
 
-    def search(self, searches: Searches, z: Float[np.ndarray, "n batch"], callback: Callback | None = None) -> Ends:
+    def search(
+        self,
+        searches: Searches,
+        z: Float[np.ndarray, "n batch"],
+        callback: Callback | None = None,
+        satisfying: bool = False,
+    ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
-        end = run(searches, z, self.max_steps, callback)
+        end = run(searches, z, self.max_steps, callback, satisfying)
         return Ends(end.z, end.cost, end.largest, end.stationary, end.steps)
 
 
@@ -72,9 +86,14 @@ class State:
     done: Bool[np.ndarray, " batch"]
     stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
 
+    @property
+    def fields(self) -> list[np.ndarray]:
+        """The arrays of the state."""
+        return [getattr(self, f.name) for f in fields(self)]
+
     def take(self, index: np.ndarray) -> "State":
         """Return the states of some searches."""
-        return State(*(getattr(self, f.name)[..., index] for f in fields(self)))
+        return State(*(x[..., index] for x in self.fields))
 
     def put(self, index: np.ndarray, other: "State") -> None:
         """Replace the states of some searches."""
@@ -99,42 +118,69 @@ class _Trial(NamedTuple):
     converged: np.ndarray
 
 
-def run(searches: Searches, z: Float[np.ndarray, "n batch"], max_steps: int, callback: Callback | None = None) -> State:
+def run(
+    searches: Searches,
+    z: Float[np.ndarray, "n batch"],
+    max_steps: int,
+    callback: Callback | None = None,
+    satisfying: bool = False,
+) -> State:
     """Return the final states of a batch of searches, each from its own `z`.
 
-    After every step, `callback` is called with the number of finished searches.
+    `callback` is called with the number of finished searches. If the starts are `satisfying` the limits, the penalty is
+    so large that the searches do not leave the feasible paths.
     """
     with np.errstate(all="ignore"):
-        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback)
+        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, satisfying)
 
 
-def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None) -> State:
-    peaks, largest = find_peaks(searches, Curves(searches, z))
-    state = _first(searches, z, largest)
-    final, index = state.take(slice(None)), np.arange(searches.count)
-    model = build(searches, z, peaks)
-    multipliers = np.zeros(model.value.shape)
-    for _ in range(max_steps):
-        state, model, multipliers = _advance(searches, state, model, multipliers)
+def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool) -> State:
+    count, entered = searches.count, 0
+    final = _first(searches, z, np.zeros(count), np.zeros(count))
+    index, active, state, model, multipliers = np.arange(0), searches, final, None, np.zeros((0, 0))
+    while True:
+        if index.size <= BLOCK // 2 and entered < count:
+            new = np.arange(entered, min(entered + BLOCK - index.size, count))
+            entered += new.size
+            own_state, own_model = _entered(searches.take(new), z[:, new], satisfying)
+            if model is not None and index.size:
+                state = State(*(np.concatenate(x, axis=-1) for x in zip(state.fields, own_state.fields, strict=True)))
+                empty = np.zeros(own_model.value.shape)
+                model, multipliers = side_by_side(model, multipliers, own_model, empty)
+            else:
+                state, model, multipliers = own_state, own_model, np.zeros(own_model.value.shape)
+            index = np.concatenate([index, new])
+            active = searches.take(index)
+        state, model, multipliers = _advance(active, state, model, multipliers)  # type: ignore[arg-type]
         final.put(index, state)
-        on = ~state.done
+        on = ~state.done & (state.steps < max_steps)
+        if on.all():
+            continue
         if callback is not None:
             callback(int(final.done.sum()))
-        if not on.any():
-            break
-        if not on.all():
-            index, searches, state, model = index[on], searches.take(on), state.take(on), model.take(on)
-            multipliers = multipliers[:, on]
-    return final
+        index = index[on]
+        if index.size == 0 and entered == count:
+            return final
+        active, state, model, multipliers = active.take(on), state.take(on), model.take(on), multipliers[:, on]
 
 
-def _first(searches: Searches, z: np.ndarray, largest: np.ndarray) -> State:
+def _entered(searches: Searches, z: np.ndarray, satisfying: bool) -> tuple[State, Model]:
+    """Return the states and the models of new searches."""
+    peaks, largest = find_peaks(searches, Curves(searches, z))
+    state = _first(searches, z, costs(searches, z), largest)
+    if satisfying:
+        state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
+        state.raised_again |= True
+    return state, build(searches, z, peaks)
+
+
+def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndarray) -> State:
     count = searches.count
     no = np.zeros(count, bool)
     return State(
         z=z.copy(),
-        cost=np.array(costs(searches, z)),
-        largest=largest,
+        cost=np.array(cost),
+        largest=largest.copy(),
         radius=np.full(count, INITIAL_RADIUS),
         penalty=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         size=np.ones(count),
@@ -147,9 +193,7 @@ def _first(searches: Searches, z: np.ndarray, largest: np.ndarray) -> State:
     )
 
 
-def _advance(
-    searches: Searches, s: State, model: Model, multipliers: np.ndarray
-) -> tuple[State, Model, np.ndarray]:
+def _advance(searches: Searches, s: State, model: Model, multipliers: np.ndarray) -> tuple[State, Model, np.ndarray]:
     """Return the states, models and multipliers of all searches after one step."""
     step = compute_step(searches, s.z, model, multipliers, s.penalty, s.radius, s.size, ~s.rejected)
     trial = _try(searches, s, step)
@@ -159,9 +203,11 @@ def _advance(
     peaks = trial.peaks
     if failed.size:
         few, own, old = searches.take(failed), s.take(failed), model.take(failed)
-        at = corresponding(old, _of(trial.peaks, failed, s.done.size))
+        at = corresponding(old, peaks_of(trial.peaks, failed, s.done.size))
         shifted = at - np.einsum("kib,ib->kb", old.slopes, step.d[:, failed])
-        second = compute_step(few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted)
+        second = compute_step(
+            few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted
+        )
         predicted = step.predicted_decrease[failed]
         corrected = _try(few, own, second._replace(predicted_decrease=predicted, residual=step.residual[failed]))
         better = corrected.accepted
@@ -169,16 +215,16 @@ def _advance(
             chosen = failed[better]
             state.put(chosen, _next(few, own, corrected).take(better))
             step.multipliers[:, chosen] = second.multipliers[:, better]
-            peaks = _joined(_without(peaks, chosen), _renumbered(corrected.peaks, failed, better))
+            peaks = joined(without(peaks, chosen), renumbered(corrected.peaks, failed, better))
             moved[chosen] = True
     stay = trial.converged & ~moved
     there = np.where(stay, step.multipliers, there)
     going = np.flatnonzero(moved & ~state.done)
     if going.size:
         few = searches if going.size == s.done.size else searches.take(going)
-        new = build(few, state.z[:, going], _of(peaks, going, s.done.size))
+        new = build(few, state.z[:, going], peaks_of(peaks, going, s.done.size))
         carried = transferred(step.multipliers[:, going], model.take(going), new)
-        here, there = _merged(here, there, going, new, carried)
+        here, there = replaced(here, there, going, new, carried)
     # While the limits cannot be satisfied, the sum of the multipliers equals the penalty and is raised with it.
     sums = step.multipliers.sum(axis=0)
     grows = (state.largest > FEASIBLE) & (sums > PENALISED * s.penalty)
@@ -218,11 +264,12 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     penalty, lowered, raised_again = _penalty(searches, s, step, accepted, ends, largest)
     hopeless = (searches.weight == 0) | (s.penalty >= MAX_PENALTY)
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
-    done = stationary | ~(radius >= MIN_RADIUS)  # NaN also ends the search
+    enough = (searches.weight == 0) & (largest <= ENOUGH)
+    done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
+    last_size = np.where(accepted, size, s.size)
     return State(
-        z, cost, largest, radius, penalty, np.where(accepted, size, s.size), ~accepted, lowered, raised_again, s.steps + 1, done,
-        stationary,
-    )  # fmt: skip
+        z, cost, largest, radius, penalty, last_size, ~accepted, lowered, raised_again, s.steps + 1, done, stationary
+    )
 
 
 def _penalty(
@@ -244,51 +291,3 @@ def _penalty(
     lower = np.minimum(np.maximum(PENALTY_MARGIN * total, smallest), penalty)
     penalty = np.where(accepted & met & ~s.raised_again, lower, penalty)
     return penalty, s.lowered | (penalty < s.penalty), s.raised_again | (s.lowered & (penalty > s.penalty))
-
-
-def _of(peaks: Peaks, index: np.ndarray, count: int) -> Peaks:
-    """Return the peaks of the searches with these indices, renumbered."""
-    if index.size == count:
-        return peaks
-    number = np.full(count, -1)
-    number[index] = np.arange(index.size)
-    owner = number[peaks.owner]
-    kept = owner >= 0
-    return Peaks(owner[kept], *(x[kept] for x in peaks[1:]))
-
-
-def _without(peaks: Peaks, index: np.ndarray) -> Peaks:
-    kept = ~np.isin(peaks.owner, index)
-    return Peaks(*(x[kept] for x in peaks))
-
-
-def _renumbered(peaks: Peaks, index: np.ndarray, chosen: np.ndarray) -> Peaks:
-    """Return the peaks of the chosen searches of a smaller batch, with the numbers of the larger batch."""
-    kept = chosen[peaks.owner]
-    return Peaks(index[peaks.owner[kept]], *(x[kept] for x in peaks[1:]))
-
-
-def _joined(a: Peaks, b: Peaks) -> Peaks:
-    return Peaks(*(np.concatenate(x) for x in zip(a, b, strict=True)))
-
-
-def _merged(
-    old: Model, multipliers: np.ndarray, index: np.ndarray, new: Model, carried: np.ndarray
-) -> tuple[Model, np.ndarray]:
-    """Replace the models and multipliers of some searches."""
-    if index.size == multipliers.shape[1]:
-        return new, carried
-    rows = max(len(old.value), len(new.value))
-    blanks = (None, None, ABSENT, 0.0, 0.0, -1, 0.0, False)
-    parts = []
-    for a, b, blank in zip((*old, multipliers), (*new, carried), (*blanks, 0.0), strict=True):
-        whole = np.array(a)
-        if blank is not None and len(whole) < rows:
-            whole = np.concatenate([whole, np.full((rows - len(whole), *whole.shape[1:]), blank, whole.dtype)])
-        if blank is not None:
-            whole[..., index] = blank
-            whole[: len(b), ..., index] = b
-        else:
-            whole[..., index] = b
-        parts.append(whole)
-    return Model(*parts[:-1]), parts[-1]

@@ -59,7 +59,8 @@ def compute_step(
     """Compute the steps of a batch of searches.
 
     `size` is the size of the last step, from which the accuracy of the QP follows, because steps become smaller
-    quadratically. `squared` is true if squares of active constraints may be added. `values` are the constant terms of the linearised constraints, by default the constraint values at `z`.
+    quadratically. `squared` is true if squares of active constraints may be added. `values` are the constant terms of
+    the linearised constraints, by default the constraint values at `z`.
     """
     n = len(z)
     free = searches.high > searches.low
@@ -68,9 +69,14 @@ def compute_step(
     slope = searches.weight * model.slope * free
     lagrangian = searches.weight * model.curvature + np.einsum("kb,kijb->ijb", multipliers, model.curvatures)
     lagrangian = np.where(free[:, None] & free, lagrangian, 0.0)
-    convex, centred, offset, square_weight = _convex(lagrangian, free, slopes, values, np.where(squared, multipliers, 0.0), penalty)
+    convex, centred, offset, square_weight = _convex(
+        lagrangian, free, slopes, values, np.where(squared, multipliers, 0.0), penalty
+    )
     scale = np.maximum(penalty, 1.0)
-    low, high = (np.where(free, x / radius, y) for x, y in ((np.maximum(searches.low - z, -radius), -1.0), (np.minimum(searches.high - z, radius), 1.0)))
+    low, high = (
+        np.where(free, x / radius, y)
+        for x, y in ((np.maximum(searches.low - z, -radius), -1.0), (np.minimum(searches.high - z, radius), 1.0))
+    )
     hessian = convex * (radius / scale)
     gradient = slope + square_weight * np.einsum("kb,kib->ib", offset, centred)
     minimising = searches.weight == 0

@@ -25,14 +25,14 @@ def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
 def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:
     """Return the limits (count,) of each of `count` problems, by name, as a search uses them.
 
-    The results are NumPy arrays if the limits have concrete values.
+    The names are sorted, because JAX sorts them, too. The results are NumPy arrays if the limits have concrete values.
     """
     reduced = named_limits(limits, corridor) | limits.reduced()
     known = all(concrete(x) is not None for x in reduced.values())
     xp: Any = np if known else jnp
     return {
         name: xp.broadcast_to(xp.maximum(TARGET_RATIO * xp.asarray(x, float), MIN_LIMIT), (count,))
-        for name, x in reduced.items()
+        for name, x in sorted(reduced.items())
     }
 
 
