@@ -197,7 +197,7 @@ def _simulate(
             "angular_acceleration_error": norm(deficit[:3]),
         }
 
-    columns = jax.vmap(columns_at)(times, states)
+    columns = jax.lax.map(lambda x: columns_at(*x), (times, states))
     reached = jnp.isfinite(states[:, 0])
     columns = {name: jnp.where(reached.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.nan) for name, x in columns.items()}
     return ArmMotion(times, code=code, **columns)

@@ -132,7 +132,7 @@ def _simulate(
             "angle": error_angle(reference, quaternion),
         }
 
-    return PoseMotion(times, code=code, **jax.vmap(columns_at)(times, states))
+    return PoseMotion(times, code=code, **jax.lax.map(lambda x: columns_at(*x), (times, states)))
 
 
 def _split(state: State) -> tuple[Quat, Quat, Vec3, Vec3]:

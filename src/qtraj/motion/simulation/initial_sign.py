@@ -1,8 +1,6 @@
 """Choose the initial sign of λ; λ and −λ represent the same attitude, but result in different closed-loop motions."""
 
-import jax.numpy as jnp
-from jax.lax import stop_gradient
-
+from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import Quat
 from qtraj.motion.attitude import Attitude
 
@@ -22,5 +20,10 @@ def start_quaternion(sign: str, reference: Attitude, quaternion: Quat) -> Quat:
     """Return λ = `quaternion`, or −λ if `sign` is "nearer" and the error quaternion has a negative scalar part."""
     if sign == AS_GIVEN:
         return quaternion
-    far = stop_gradient(jnp.sum(reference.quaternion.astype(quaternion.dtype) * quaternion)) < 0
-    return jnp.where(far, -quaternion, quaternion)
+    return _nearer(reference.quaternion, quaternion)
+
+
+@in_numpy
+def _nearer(reference: Quat, quaternion: Quat) -> Quat:
+    far = stop_gradient(xp.sum(reference.astype(quaternion.dtype) * quaternion)) < 0
+    return xp.where(far, -quaternion, quaternion)
