@@ -1,8 +1,11 @@
 """Integrate the closed loop, with a continuous command or with new commands at discrete instants."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.types import Quat, Scalar
@@ -27,9 +30,12 @@ class States(eqx.Module):
 
 
 class Output(eqx.Module):
-    """The attitude of the program, the motion of the body, the current commands and the errors at one instant."""
+    """The motion of the body, the current commands and the errors at one instant.
 
-    reference: Attitude
+    `reference` is the attitude of the program, only for a `RigidBody`.
+    """
+
+    reference: Attitude | None
     quaternion: Quat
     rate: Quat
     momentum: Float[Array, " m"]
@@ -50,19 +56,26 @@ def run(plant: Plant, setup: Setup) -> tuple[States, Int[Array, ""]]:
 
 
 def outputs_at(plant: Plant, setup: Setup, states: States) -> Output:
-    """Return the outputs (n, …) at all output instants; one loop over them compiles faster than a vectorised form."""
+    """Return the outputs (n, …) at all output instants.
 
-    def at(x: tuple[Scalar, States]) -> Output:
+    One loop over the instants, with one row of numbers as its result, compiles faster than a vectorised evaluation.
+    """
+    unpack: Any = None
+
+    def at(x: tuple[Scalar, States]) -> Float[Array, " m"]:
+        nonlocal unpack
         t, now = x
         reference = plant.loop.reference(t, now.states.dtype)
         held = _command(plant, setup, t, reference, now.states, now.signs) if now.held is None else now.held
         quaternion, rate = plant.unpack(now.states, held.command)
-        quaternion = with_sign(now.signs, quaternion)
-        momentum = plant.momentum_of(now.states)
-        error = plant.loop.law.deviation(reference, quaternion)
-        return Output(reference, quaternion, rate, momentum, held, error, error_angle(reference, quaternion))
+        quaternion, momentum = with_sign(now.signs, quaternion), plant.momentum_of(now.states)
+        errors = plant.loop.law.deviation(reference, quaternion), error_angle(reference, quaternion)
+        kept = None if plant.loop.body is None else reference
+        row, unpack = ravel_pytree(Output(kept, quaternion, rate, momentum, held, *errors))
+        return row
 
-    return jax.lax.map(at, (setup.times, states))
+    rows = jax.lax.map(at, (setup.times, states))
+    return jax.vmap(unpack)(rows)
 
 
 def _measured(plant: Plant, setup: Setup, t: Scalar, state: State) -> tuple[Quat, Quat]:

@@ -8,11 +8,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
 from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.hysteresis import without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
@@ -21,7 +21,7 @@ from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
 from qtraj.motion.simulation.closed_loop import Output, outputs_at, run
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
-from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
+from qtraj.motion.simulation.initial_sign import NEARER, is_far, require_sign, start_quaternion
 from qtraj.motion.simulation.interval import MAX_STEPS, Method
 from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.plant import Plant
@@ -86,16 +86,16 @@ def simulate(
     first = program(task.times[0])
     task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
     loop = eqx.tree_at(lambda x: x.program, loop, program.prepared())
-    solution = _simulate(loop, setup(task, renewals))
+    solution = _simulate(loop, setup(task, renewals), is_far(first, task.quaternion))
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
-def _simulate(loop: Loop, setup: Setup) -> Solution:
+def _simulate(loop: Loop, setup: Setup, far: Flag) -> Solution:
     plant = Plant(loop, setup.scale)
     states, code = run(plant, setup)
     outputs = outputs_at(plant, setup, states)
-    code = _refined_code(loop.law, code, outputs)
+    code = _refined_code(loop.law, code, outputs.quaternion, far)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
     motion = (setup.times, outputs.quaternion, outputs.rate, code, outputs.held.command, outputs.error, outputs.angle)
     return Solution(*motion, "body", commands, _body_motion(plant, setup, outputs))
@@ -124,13 +124,17 @@ def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | No
     return BodyMotion(setup.times, torques, mismatches[:, 1:], momenta, residuals, deviations)
 
 
-def _refined_code(law: AbstractLaw, code: Int[Array, ""], outputs: Output) -> Int[Array, ""]:
-    """Return the result code, with the codes `near_zero_error` and `wrong_sign` for laws with a pole at μ = 0."""
+def _refined_code(
+    law: AbstractLaw, code: Int[Array, ""], quaternions: Float[Array, "n 4"], far: Flag
+) -> Int[Array, ""]:
+    """Return the result code, with the codes `near_zero_error` and `wrong_sign` for laws with a pole at μ = 0.
+
+    `far`: whether the motion starts with the quaternion that is farther from the program.
+    """
     if not isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
         return code
-    lengths = jnp.sqrt(norm_squared(outputs.quaternion))
+    lengths = jnp.sqrt(norm_squared(quaternions))
     minimum = jnp.nanmin(lengths)
-    far = jnp.sum(outputs.reference.quaternion[0] * outputs.quaternion[0]) < 0
     passed = (code == ResultCode.successful) & (minimum < NEAR * jnp.minimum(lengths[0], 1.0))
     stuck = ((code == ResultCode.max_steps_reached) | (code == ResultCode.step_too_small)) & far
     refined = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
