@@ -1,9 +1,9 @@
 """Inertias of rigid bodies: a scalar J, three principal moments (3,), or a tensor (3, 3) [kg m²]."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from qtraj.foundation.arrays import as_float, concrete, require_finite
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import ArrayInput, Mat3
 
 SYMMETRY = 1e-6
@@ -22,7 +22,7 @@ def inertia_matrix(inertia: ArrayInput) -> Mat3:
     J = as_float(inertia)
     if J.shape not in ((), (3,), (3, 3)):
         raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but shape {J.shape} was given")
-    J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
+    J = J if J.ndim == 2 else xp.diag(xp.broadcast_to(J, (3,)))
     require_finite(J, "the inertia")
     value = concrete(J)
     if value is not None:

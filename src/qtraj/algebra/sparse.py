@@ -10,16 +10,23 @@ from typing import Any
 
 def mul(a: Any, b: Any) -> Any:
     """Return a·b. A factor that is the integer 0 yields the integer 0; the integer 1 yields the other factor."""
-    if is_zero(a) or is_zero(b):
-        return 0
-    if is_one(a):
-        return b
-    return a if is_one(b) else a * b
+    # `type` is faster than `isinstance`, and these functions are called very often in NumPy.
+    if type(a) is int:
+        if a == 0 or (type(b) is int and b == 0):
+            return 0
+        if a == 1:
+            return b
+    elif type(b) is int:
+        if b == 0:
+            return 0
+        if b == 1:
+            return a
+    return a * b
 
 
 def add(terms: Sequence[Any]) -> Any:
     """Return the sum of the terms that are not the integer 0, or the integer 0 if there are none."""
-    kept = [term for term in terms if not is_zero(term)]
+    kept = [term for term in terms if type(term) is not int or term != 0]
     if not kept:
         return 0
     result = kept[0]
@@ -37,7 +44,7 @@ def sub(a: Any, b: Any) -> Any:
 
 def is_zero(x: Any) -> bool:
     """Return whether `x` is the integer 0, which represents a term that is identically zero."""
-    return isinstance(x, int) and x == 0
+    return type(x) is int and x == 0
 
 
 def is_one(x: Any) -> bool:

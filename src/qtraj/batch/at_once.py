@@ -11,7 +11,7 @@ from qtraj.batch.task import Task
 from qtraj.foundation.namespace import in_numpy, needs_jax
 from qtraj.path.channel import CHANNELS
 
-FEW = 16384
+FEW = 4096
 """Largest number of instants, counted over all paths, that are evaluated in NumPy; more are evaluated by JAX."""
 
 

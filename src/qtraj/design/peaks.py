@@ -62,15 +62,15 @@ def _compiled_peak(path: AbstractHodograph, name: str, road: RoadParameters | No
 
 
 def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Scalar, Scalar]:
-    """Return the time [s] and the value of the maximum in NumPy; only the highest cells are refined."""
+    """Return the time [s] and the value of the maximum, in NumPy; only cells with the highest values are refined."""
     duration = path.duration
-    nodes, low, high = _cells(path, CELLS)
+    low, high = _divided(*_cells(path, CELLS)[1:])
 
     def quantity_at(u: Float[Array, ...]) -> Float[Array, ...]:
         found = value(path, (u * duration).ravel(), name, road)
         return np.broadcast_to(found, u.size).reshape(u.shape)
 
-    values = quantity_at(np.stack([low, nodes, high]))
+    values = quantity_at(np.stack([low, 0.5 * (low + high), high]))
     highest = np.max(np.where(np.isnan(values), np.inf, values), axis=0)
     neighbours = np.maximum(np.append(highest[1:], -np.inf), np.append(-np.inf, highest[:-1]))
     cells = np.flatnonzero(highest >= neighbours)
@@ -82,6 +82,14 @@ def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | Non
     best = np.argmax(refined)
     time = np.clip(start + at * width, start, high[cells])[best] * duration
     return time, quantity_at(np.asarray(time / duration))[()]
+
+
+def _divided(low: Float[Array, " n"], high: Float[Array, " n"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Divide cells into equal parts, so that there are at least about `CELLS` of them."""
+    parts = -(-CELLS // len(low))
+    u = np.arange(parts + 1) / parts
+    ends = low[:, None] * (1 - u) + high[:, None] * u
+    return ends[:, :-1].ravel(), ends[:, 1:].ravel()
 
 
 _peak = in_numpy(_peak_at_once, _compiled_peak)

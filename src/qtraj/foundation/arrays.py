@@ -167,10 +167,12 @@ def require_element(index: Any, count: int, what: str) -> None:
         raise IndexError(f"index {index} is out of range: there are {count} {what}")
 
 
-def warn_if_coarse(x: Array, name: str) -> None:
+def warn_if_coarse(x: ArrayInput, name: str) -> None:
     """Warn if positions in float32 have a resolution coarser than a millimetre, once for each `name`."""
+    if getattr(x, "dtype", None) != np.float32:  # lists and numbers are float64
+        return
     value = concrete(x)
-    if value is None or value.dtype != np.float32 or value.size == 0:
+    if value is None or value.size == 0:
         return
     resolution = float(np.spacing(np.max(np.abs(value))))
     if resolution > COARSE_METRES and name not in _warned:

@@ -125,6 +125,8 @@ def in_numpy(function: Function, otherwise: Callable[..., Any] | None = None) ->
     def call(*args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         if needs_jax(leaves):
+            if other is function:  # NumPy arrays cannot be indexed by tracers
+                args, kwargs = structure.unflatten(jnp.asarray(x) if type(x) is np.ndarray else x for x in leaves)
             return other(*args, **kwargs)
         dtypes = [x.dtype for x in leaves if not _in_numpy[type(x)]]
         with np.errstate(all="ignore"):  # as in JAX, invalid operations result in NaN and infinity
@@ -151,6 +153,7 @@ def of_arrays(function: Function) -> Function:
                 return function(*args)
         names, values = tuple(kwargs), [_as_float(x) for x in (*args, *kwargs.values())]
         if needs_jax(values):
+            values = [jnp.asarray(x) if type(x) is np.ndarray else x for x in values]
             return function(*values[: len(args)], **dict(zip(names, values[len(args) :], strict=True)))
         dtypes = [x.dtype for x in values if not _in_numpy[type(x)]]
         hosts = [on_host(x) for x in values]
@@ -187,7 +190,7 @@ def to_jax(tree: Any, dtype: Any) -> Any:
 def float_dtype(dtypes: Iterable[Any]) -> Any:
     """Return the widest float dtype of `dtypes`, or JAX's default float if there is none."""
     floats = [x for x in dtypes if jnp.issubdtype(x, jnp.floating)]
-    return functools.reduce(jnp.promote_types, floats) if floats else jnp.result_type(float)
+    return max(floats, key=lambda x: x.itemsize) if floats else jnp.result_type(float)
 
 
 def _on_cpu(x: jax.Array) -> bool:

@@ -32,7 +32,7 @@ class BoundaryState(AbstractResult):
         self.acceleration = (
             None if acceleration is None else real_vector(acceleration, "the acceleration of a boundary state", 3)
         )
-        warn_if_coarse(self.position, "the position of a boundary state")
+        warn_if_coarse(position, "the position of a boundary state")
 
     def record(self) -> Record:
         """Return labelled arrays of the fields that are not None; for a batch of states, batch axes come first."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.algebra.vector import norm
+from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import Scalar, Vec3
@@ -156,6 +155,7 @@ class PathChange(AbstractResult):
         return Record(summary, variables, coordinates, {"frame": "world"})
 
 
+@in_numpy
 def compare_paths(
     before: SpiralHelix, after: SpiralHelix, given: tuple[BoundaryState, BoundaryState] | None = None
 ) -> PathChange:
@@ -167,20 +167,20 @@ def compare_paths(
     was, now = sampled(before), sampled(after)
     pairs = ((was, before.placement), (now, after.placement))
     velocities = [[_components(state, placement) for state in samples.ends] for samples, placement in pairs]
-    durations = jnp.stack([before.duration, after.duration])
-    turns = jnp.stack([was.turn, now.turn])
+    durations = xp.stack([before.duration, after.duration])
+    turns = xp.stack([was.turn, now.turn])
     heights = np.asarray(was.positions)[:, 2], np.asarray(now.positions)[:, 2]
     return PathChange(
-        velocities=jnp.asarray(velocities),
+        velocities=xp.stack([xp.stack(ends) for ends in velocities]),
         durations=durations,
         mean_rates=turns / durations,
-        lengths=jnp.stack([was.length, now.length]),
-        headings=jnp.stack([_heading_change(was.velocities[k], now.velocities[k]) for k in (0, -1)]),
-        lowest=jnp.asarray(heights[1].min() - heights[0].min()),
-        highest=jnp.asarray(heights[1].max() - heights[0].max()),
-        deviation=jnp.asarray(max_deviation(np.asarray(now.positions), np.asarray(was.positions))),
-        size=jnp.linalg.norm(jnp.ptp(was.positions, axis=0)),
-        given=None if given is None else jnp.stack([_components(state, before.placement) for state in given]),
+        lengths=xp.stack([was.length, now.length]),
+        headings=xp.stack([_heading_change(was.velocities[k], now.velocities[k]) for k in (0, -1)]),
+        lowest=xp.asarray(heights[1].min() - heights[0].min()),
+        highest=xp.asarray(heights[1].max() - heights[0].max()),
+        deviation=xp.asarray(max_deviation(np.asarray(now.positions), np.asarray(was.positions))),
+        size=norm(xp.ptp(was.positions, axis=0)),
+        given=None if given is None else xp.stack([_components(state, before.placement) for state in given]),
     )
 
 
@@ -199,12 +199,11 @@ class Sampled(NamedTuple):
         return first, last
 
 
-@eqx.filter_jit
+@in_numpy_or_jit
 def sampled(path: SpiralHelix) -> Sampled:
     """Sample a path at equally spaced instants, both ends included."""
-    times = jnp.linspace(0.0, 1.0, SAMPLES) * path.duration
-    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
-    return Sampled(states[:, 0], states[:, 1], path.turn, path.length())
+    times = np.linspace(0.0, 1.0, SAMPLES).astype(path.duration.dtype) * path.duration
+    return Sampled(*path.sampled(times, 1), path.turn, path.length())
 
 
 def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
@@ -217,8 +216,8 @@ def _heading_change(before: Vec3, after: Vec3) -> Any:
     The result is NaN if one of the vectors is vertical or zero.
     """
     (x, y), (u, v) = before[:2], after[:2]
-    exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
-    return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
+    exists = xp.hypot(x, y) * xp.hypot(u, v) > 0
+    return xp.where(exists, xp.arctan2(x * v - y * u, x * u + y * v), xp.nan)
 
 
 def _row(name: str, values: Any, unit: str) -> tuple[str, str, str, str, str]:

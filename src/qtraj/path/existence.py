@@ -2,13 +2,14 @@
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, trihedral
+from qtraj.path.trihedral import AbstractFrame, frames, trihedral
 
 MISSING = {
     NATURAL: "zero speed or zero curvature",
@@ -27,8 +28,9 @@ def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int 
 
     If the frame exists at all of them, return None.
     """
-    times = jnp.linspace(0.0, path.duration, samples)
-    defined = np.asarray(_defined(path, frame, times))
+    times = np.linspace(0.0, float(path.duration), samples)
+    compute = _defined if path.supports_numpy and frame.supports_numpy else _compiled_defined
+    defined = np.asarray(compute(path, frame, as_float(times)))
     return None if defined.all() else float(times[int(np.argmin(defined))])
 
 
@@ -47,6 +49,12 @@ def require_defined(path: AbstractHodograph, frame: AbstractFrame) -> None:
         )
 
 
-@eqx.filter_jit
-def _defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
-    return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)
+def _jax_defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
+    found = frames(path, times, frame)[3]
+    if found is None:
+        return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)
+    return xp.broadcast_to(found.defined, times.shape)
+
+
+_compiled_defined = eqx.filter_jit(_jax_defined)
+_defined = in_numpy(_jax_defined, _compiled_defined)

@@ -47,6 +47,7 @@ class Invariants:
         self.vehicle = vehicle
         self.root = root
         self.pace = pace
+        self.references: Any = None  # the squares to which S and N are compared (`regularity`), computed once
 
     @cached_property
     def v(self) -> Any:

@@ -14,7 +14,8 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
-from qtraj.algebra.sparse import add, mul
+from qtraj.algebra.sparse import add, is_zero, mul
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import ScalarLike
 from qtraj.path.components import Triple
 from qtraj.path.placement import Placement
@@ -33,9 +34,9 @@ class MovingPolynomials(eqx.Module):
     placement: Placement | None = None
 
     def series(self, t: ScalarLike, order: int) -> tuple[Series, Series, Series, Series]:
-        """Return the Taylor coefficients of x, y, z and φ at one instant, orders 0 … `order`."""
-        x, z, angle = (polynomial.split_taylor(c, t, order) for c in (self.x, self.z, self.angle))
-        y = [0] * (order + 1) if self.y is None else polynomial.split_taylor(self.y, t, order)
+        """Return the Taylor coefficients of x, y, z and φ at instants `t`, orders 0 … `order`; 0 stands for zeros."""
+        x, z, angle = (_series(c, t, order) for c in (self.x, self.z, self.angle))
+        y = [0] * (order + 1) if self.y is None else _series(self.y, t, order)
         return x, y, z, angle
 
     def components(self, t: ScalarLike, order: int) -> list[Triple]:
@@ -66,6 +67,11 @@ def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Trip
         row = (add([_cauchy(x, cos, k), across]), add([_cauchy(x, sin, k), _cauchy(y, cos, k)]), z[k])
         rows.append((mul(scale, row[0]), mul(scale, row[1]), mul(scale, row[2])))
     return rows
+
+
+def _series(coefficients: Float[Array, " _"], t: ScalarLike, order: int) -> Series:
+    terms = polynomial.split_taylor(coefficients, t, order)
+    return terms if xp.ndim(t) == 0 else [x if is_zero(x) else xp.broadcast_to(x, xp.shape(t)) for x in terms]
 
 
 def _cauchy(p: Series, q: Series, k: int) -> Any:

@@ -25,7 +25,7 @@ class Placement(eqx.Module):
     def __init__(self, origin: ArrayInput = (0.0, 0.0, 0.0), orientation: ArrayInput = (1.0, 0.0, 0.0, 0.0)):
         self.origin = real_vector(origin, "the origin of a placement", 3)
         self.orientation = real_vector(orientation, "the orientation of a placement", 4)
-        warn_if_coarse(self.origin, "the origin of a placement")
+        warn_if_coarse(origin, "the origin of a placement")
         orientation_value = concrete(self.orientation)
         if orientation_value is not None and not orientation_value.any():
             raise ValueError("the orientation of a placement must be a nonzero quaternion, but all components are 0")

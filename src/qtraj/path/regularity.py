@@ -3,6 +3,7 @@
 The functions accept numbers or triples of arrays, as in `frenet`.
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -61,16 +62,25 @@ def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
     """Return the values to which S = |r'|² and N = |r' × r''|² are compared, to decide whether they are zero."""
-    square = i.A
-    speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
-    return speed_scale, i.S * (square + i.S / duration**2)
+    known = i.references
+    if known is None or known[0] is not duration:
+        span = duration**2
+        squares = i.S + span * i.A + span**2 * dot(i.r[3], i.r[3]), i.S * (i.A + i.S / span)
+        i.references = known = (duration, squares)
+    return known[1]
 
 
 def is_significant(square: Any, reference: Any) -> Flags:
     """Return whether `square` exceeds both `reference` times the squared tolerance and the smallest normal number."""
-    limits = xp.finfo(square.dtype)
-    tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
-    return xp.maximum(reference * tolerance, float(limits.tiny)) < square
+    tolerance, tiny = _limits(square.dtype)
+    return xp.maximum(reference * tolerance, tiny) < square
+
+
+@functools.cache
+def _limits(dtype: Any) -> tuple[float, float]:
+    """Return the squared tolerance, and the smallest normal number."""
+    limits = xp.finfo(dtype)
+    return (DEFINED_TOLERANCE * float(limits.eps)) ** 2, float(limits.tiny)
 
 
 def _ratio(square: Any, reference: Any) -> Any:

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, concrete, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, is_host, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -72,7 +73,7 @@ class Route(AbstractHodograph, AbstractResult):
     ):
         orders = [position, velocity, acceleration, *([] if jerk is None else [jerk])]
         self.starts, self.coefficients, self.duration, self.origin = route_input.from_states(times, orders)
-        warn_if_coarse(self.origin, "the position of a route")
+        warn_if_coarse(position, "the position of a route")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return position and derivatives up to `order` at one instant `t` [s]; row k in [m s^-k]."""
@@ -272,7 +273,7 @@ class Route(AbstractHodograph, AbstractResult):
 
 @in_numpy
 def _derivatives(route: Route, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
-    return xp.stack(route.sampled(t, order))
+    return xp.stack(method(route, "sampled")(t, order))
 
 
 @of_arrays

@@ -46,7 +46,7 @@ def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
     each = lengths(starts, c, duration)
     before = xp.concatenate([0.0 * each[:1], xp.cumsum(each)])
     i = xp.clip(xp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)
-    i = xp.minimum(i, xp.sum(xp.isfinite(starts)) - 1)
+    i = xp.minimum(i, xp.sum(xp.isfinite(starts), dtype=i.dtype) - 1)
     piece, h, rest = c[i], pieces.durations(starts, duration)[i], s - before[i]
     fixed = stop_gradient((piece, h, rest))
 

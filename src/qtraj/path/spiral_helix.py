@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -92,13 +93,15 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
-        x, y, z, angle = self.polynomials().series(t, order)
+        polynomials = method(self, "polynomials")()
+        x, y, z, angle = method(polynomials, "series")(t, order)
         cos, sin, zero = xp.cos(angle[0]), xp.sin(angle[0]), xp.zeros_like(angle[0])
         rows = [rotated_z(filled(row, zero), cos, sin) for row in in_moving_basis(x, y, z, angle)]
-        world = [xp.stack(xp.broadcast_arrays(*row), axis=-1) for row in rows]
+        world = [xp.stack(row, axis=-1) for row in rows]
         if self.placement is None:
             return world
-        world = [self.placement.to_world(row) for row in world]
+        to_world = method(self.placement, "to_world")
+        world = [to_world(row) for row in world]
         return [
             world[0] + self.placement.origin.astype(world[0].dtype).reshape((1,) * angle[0].ndim + (3,)),
             *world[1:],
@@ -172,7 +175,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
 @in_numpy
 def _derivatives(path: SpiralHelix, t: Scalar, order: int) -> Float[Array, "{order}+1 3"]:
-    return xp.stack(path.sampled(t, order))
+    return xp.stack(method(path, "sampled")(t, order))
 
 
 @in_numpy

@@ -70,7 +70,7 @@ class Track(AbstractResult):
             _require_nonzero(self.attitudes)
         size = 1 if rates is not None and as_float(rates).shape == (count, 1) else 3
         self.rates = None if rates is None else _samples(rates, "rates", count, size)
-        warn_if_coarse(self.positions, "a recorded track")
+        warn_if_coarse(positions, "a recorded track")
 
     def record(self) -> Record:
         """Return the samples over `time`, on the clock of the recording.

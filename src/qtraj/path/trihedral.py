@@ -17,8 +17,9 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.algebra.cpu import in_one_loop, root
 from qtraj.algebra.vector import unit
-from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
+from qtraj.foundation.arrays import concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, matmul, xp
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -132,7 +133,7 @@ class AbstractFrame(eqx.Module):
 
     def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
         """Return `components` at the times `t` [s]; only frames that depend on time override this method."""
-        return self.components(i, basis, duration)
+        return method(self, "components")(i, basis, duration)
 
 
 def trihedral(
@@ -154,34 +155,34 @@ def trihedral(
     return compute(path, one_instant(t), frame, axes)
 
 
-def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Invariants, Basis, FrameComponents | None]:
-    """Return the frame at the times `t` [s], of any shape, with the invariants of the path and its moving basis."""
-    polynomials = path.polynomials()
+def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Any, Basis, Any, FrameComponents | None]:
+    """Return invariants, moving basis, duration and frame at the times `t` [s], of any shape."""
+    polynomials = method(path, "polynomials")()
     if polynomials is None:
-        basis, rows = Basis(), [triple(row) for row in (path.sampled if xp.ndim(t) else path.derivatives)(t, 4)]
+        rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, 4)
+        basis, rows = Basis(), [triple(row) for row in rows]
     else:
-        x, y, z, angle = polynomials.series(t, 4)
+        x, y, z, angle = method(polynomials, "series")(t, 4)
         basis, rows = Basis(angle[0], polynomials.placement), in_moving_basis(x, y, z, angle)
     zero = xp.zeros_like(rows[0][0])
     i = basis.invariants([filled(row, zero) for row in rows])
-    return i, basis, frame.components_at(t, i, basis, as_float(path.duration).astype(i.S.dtype))
+    duration = xp.asarray(path.duration).astype(i.S.dtype)
+    return i, basis, duration, method(frame, "components_at")(t, i, basis, duration)
 
 
 def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
     """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`."""
-    _, basis, found = frames(path, times, frame)
+    _, basis, _, found = frames(path, times, frame)
     if found is None:
         return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
-    rows = [xp.stack(xp.broadcast_arrays(*basis.world(v)), axis=-1) for v in found.axes]
+    rows = [xp.stack(basis.world(v), axis=-1) for v in found.axes]
     return xp.stack(rows, axis=-2)
 
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
-    i, basis, found = frames(path, t, frame)
-    duration = as_float(path.duration)
-    if found is None:
-        return frame.at(t, path.derivatives(t, 4), duration).in_axes(axes)
-    return _assembled(i, basis, found, duration).in_axes(axes)
+    i, basis, duration, found = frames(path, t, frame)
+    at = frame.at(t, path.derivatives(t, 4), duration) if found is None else _assembled(i, basis, found, duration)
+    return at if axes == BODY else at.in_axes(axes)
 
 
 _compiled_trihedral = eqx.filter_jit(_jax_trihedral)
@@ -190,7 +191,6 @@ _trihedral = in_numpy(_jax_trihedral, _compiled_trihedral)
 
 def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Scalar) -> Trihedral:
     """Return the trihedral of a frame in components; all numbers are computed in one loop."""
-    duration = duration.astype(i.S.dtype)
     axes = [basis.world(v) for v in found.axes]
     numbers = in_one_loop(
         [
@@ -211,7 +211,8 @@ def from_rows(frame: AbstractFrame, t: Scalar | None, r: Float[Array, "5 3"], du
     """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
     basis = Basis()
     i = basis.invariants([triple(row) for row in r])
-    found: Any = frame.components_at(t, i, basis, duration.astype(r.dtype))
+    duration = duration.astype(r.dtype)
+    found: Any = frame.components_at(t, i, basis, duration)
     return _assembled(i, basis, found, duration)
 
 

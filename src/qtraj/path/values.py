@@ -2,6 +2,7 @@
 
 from jaxtyping import Array
 
+from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, rotated_z
@@ -23,13 +24,13 @@ def invariants_at(
     Instants `t` (n,) are accepted for paths that support NumPy.
     With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
     """
-    polynomials = path.polynomials()
+    polynomials = method(path, "polynomials")()
     order = order if vehicle is None else max(order, STANDSTILL_ORDER)
     if polynomials is None:
-        rows_at = path.derivatives(t, order) if xp.ndim(t) == 0 else path.sampled(t, order)
-        up, rows = None, [triple(row) for row in rows_at]
+        rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, order)
+        up, rows = None, [triple(row) for row in rows]
     else:
-        x, y, z, angle = polynomials.series(t, order)
+        x, y, z, angle = method(polynomials, "series")(t, order)
         rows, up = in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0])
     if vehicle is None:
         return Invariants(rows, up)

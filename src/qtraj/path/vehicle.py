@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput
@@ -125,16 +126,16 @@ class Vehicle(eqx.Module):
         """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays."""
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
         is_concrete = all(concrete(x) is not None for x in (*fields, self.friction, self.inertia) if x is not None)
-        xp: Any = np if is_concrete else jnp
+        module: Any = np if is_concrete else jnp
         dtype = self.mass.dtype if dtype is None else dtype
-        mass, gravity, area, density, rolling, bank = (xp.asarray(x, dtype) for x in fields)
-        inverse = 1 / xp.asarray(self.friction, dtype)
+        mass, gravity, area, density, rolling, bank = (module.asarray(x, dtype) for x in fields)
+        inverse = 1 / module.asarray(self.friction, dtype)
         drag = 0.5 * density * area / mass
-        cos, sin = xp.cos(bank), xp.sin(bank)
-        about_tangent = about_binormal = xp.zeros_like(mass)
+        cos, sin = module.cos(bank), module.sin(bank)
+        about_tangent = about_binormal = module.zeros_like(mass)
         if self.inertia is not None:
-            inertia = inertia_in_frame(xp.asarray(self.inertia, dtype), cos, sin, xp)
-            about_tangent, about_binormal = principal_moments(inertia, xp)
+            inertia = inertia_in_frame(module.asarray(self.inertia, dtype), cos, sin, module)
+            about_tangent, about_binormal = principal_moments(inertia, module)
         return RoadParameters(
             mass, gravity, drag, rolling, cos, sin, inverse[..., 0], inverse[..., 1], about_tangent, about_binormal
         )
@@ -146,7 +147,7 @@ class Vehicle(eqx.Module):
         """
         inertia: Any = require_inertia(self, "the inertia in the axes of the frame").inertia
         bank = self.bank.astype(inertia.dtype)
-        return inertia_in_frame(inertia, jnp.cos(bank), jnp.sin(bank), jnp)
+        return inertia_in_frame(inertia, xp.cos(bank), xp.sin(bank), xp)
 
 
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
@@ -244,4 +245,4 @@ def _friction(value: ArrayInput) -> Array:
             f"shape {friction.shape} was given"
         )
     require_positive(friction, "the friction of a vehicle", "-")
-    return jnp.broadcast_to(friction, (2,)) if friction.ndim == 0 else friction
+    return xp.broadcast_to(friction, (2,)) if friction.ndim == 0 else friction

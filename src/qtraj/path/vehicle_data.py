@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.record import Quantity
 from qtraj.path.vehicle import Vehicle
 
@@ -58,5 +58,5 @@ def with_batch(vehicle: Vehicle | None, count: int) -> Vehicle | None:
     names = [name for name in _FIELDS if getattr(vehicle, name) is not None]
     values = [getattr(vehicle, name) for name in names]
     core = [axes_of(name) for name in names]
-    new = [jnp.broadcast_to(x, (count, *x.shape[x.ndim - n :])) for x, n in zip(values, core, strict=True)]
+    new = [xp.broadcast_to(x, (count, *x.shape[x.ndim - n :])) for x, n in zip(values, core, strict=True)]
     return eqx.tree_at(lambda v: [getattr(v, name) for name in names], vehicle, new)

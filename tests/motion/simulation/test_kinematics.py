@@ -213,8 +213,8 @@ def braked(t, quaternion, rate):
 def test_float32_and_another_solver():
     import diffrax
 
-    quaternion, rate = np.array([0.6, 0, 0.8, 0], np.float32), np.array([0, 0, 2, 0], np.float32)
-    times = np.array([0.25, 1.0, 3.0], np.float32)
+    quaternion, rate = jnp.asarray([0.6, 0, 0.8, 0], jnp.float32), jnp.asarray([0, 0, 2, 0], jnp.float32)
+    times = jnp.asarray([0.25, 1.0, 3.0], jnp.float32)
     solution = integrate(braked, quaternion, rate, times, solver=diffrax.Tsit5(), rtol=1e-6, atol=1e-6)
     half = np.arctan2(0.8, 0.6) + 1 - np.exp(-(times - 0.25))
     assert solution.quaternion.dtype == np.float32
@@ -248,11 +248,12 @@ def test_invalid_arguments_are_refused():
         ([0.0, np.nan], "finite"),
         ([[0.0, 1.0]], "vector"),
         ([], "vector"),
-        (1e5 + np.arange(3, dtype=np.float32) / 100, "increase|resolve"),
-        (np.float32(1e4) + np.arange(3, dtype=np.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
+        (1e5 + jnp.arange(3, dtype=jnp.float32) / 100, "increase|resolve"),
+        (1e4 + jnp.arange(3, dtype=jnp.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
     ]:
         with pytest.raises(ValueError, match=message):
-            integrate(still, one, rest, times)
+            dtype = getattr(times, "dtype", float)
+            integrate(still, jnp.asarray(one, dtype), jnp.asarray(rest, dtype), times)
     with pytest.raises(ValueError, match="axes must be"):
         integrate(still, one, rest, [0.0, 1.0], axes="world")
     with pytest.raises(ValueError, match="must not be zero"):

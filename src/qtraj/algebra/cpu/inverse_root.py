@@ -24,6 +24,8 @@ Choice = Bool[Array, "..."] | bool
 # of the estimate is at most 3.5 % (Lomont 2003, Robertson 2012). Each iteration changes a relative error e to 1.5 e².
 _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
+_TINY, _MAX = float(np.finfo(np.float64).tiny), float(np.finfo(np.float64).max)
+
 
 def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
     """Return 1/√x where `exists` is true and x is a positive normal number, otherwise 0 with derivative 0.
@@ -32,9 +34,8 @@ def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
     """
     if not is_host(x, exists):
         return _compiled(x, exists)
-    limits = np.finfo(np.result_type(x, np.float32))
-    normal = exists & (x >= limits.tiny) & (x <= limits.max)
-    return np.where(normal, 1 / np.sqrt(np.where(normal, x, 1.0)), np.where(exists & np.isnan(x), x, 0.0))
+    normal = exists & (x >= _TINY) & (x <= _MAX)
+    return np.where(normal, 1 / np.sqrt(np.where(normal, x, 1.0)), np.where(exists & (x != x), x, 0.0))
 
 
 @partial(jax.jit, inline=True)  # traced once for each shape
@@ -66,7 +67,7 @@ def root(x: Numbers) -> Numbers:
     """Return √x, or 0 with derivative 0 where x is not a positive normal number; infinity and NaN are unchanged."""
     if not is_host(x):
         return _compiled_root(x)
-    too_small = x < np.finfo(np.result_type(x, np.float32)).tiny
+    too_small = x < _TINY
     return np.where(too_small, 0.0, np.sqrt(np.where(too_small, 0.0, x)))
 
 
