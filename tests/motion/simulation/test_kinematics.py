@@ -251,8 +251,8 @@ def test_invalid_arguments_are_refused():
         (1e5 + jnp.arange(3, dtype=jnp.float32) / 100, "increase|resolve"),
         (1e4 + jnp.arange(3, dtype=jnp.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
     ]:
+        dtype = getattr(times, "dtype", float)
         with pytest.raises(ValueError, match=message):
-            dtype = getattr(times, "dtype", float)
             integrate(still, jnp.asarray(one, dtype), jnp.asarray(rest, dtype), times)
     with pytest.raises(ValueError, match="axes must be"):
         integrate(still, one, rest, [0.0, 1.0], axes="world")
