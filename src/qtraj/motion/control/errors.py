@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, derivative, inverse, product
 from qtraj.algebra.vector import norm
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
 
@@ -69,7 +70,7 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
     """Return the attitude error angle [rad], from 0 to π; λ and −λ have the same angle."""
     mu = error_quaternion(reference, quaternion)
-    return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
+    return 2 * xp.arctan2(norm(mu[..., 1:]), abs(mu[..., 0]))
 
 
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:

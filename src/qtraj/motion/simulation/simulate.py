@@ -7,15 +7,16 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.hysteresis import without_hysteresis
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, errors_at
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
@@ -86,19 +87,22 @@ def simulate(
     first = program(task.times[0])
     task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
     loop = eqx.tree_at(lambda x: x.program, loop, program.prepared())
-    solution = _simulate(loop, setup(task, renewals), is_far(first, task.quaternion))
+    outputs, code, body_motion = _simulate(loop, setup(task, renewals))
+    error, angle = errors_at(law, outputs.reference, outputs.quaternion)
+    if isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
+        code = _refined_code(code, outputs.quaternion, is_far(first, task.quaternion))
+    commands = "rate" if isinstance(law, RateLaw) else "acceleration"
+    motion = (task.times, outputs.quaternion, outputs.rate, code, outputs.held.command, error, angle)
+    solution = Solution(*motion, "body", commands, body_motion)
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
-def _simulate(loop: Loop, setup: Setup, far: Flag) -> Solution:
+def _simulate(loop: Loop, setup: Setup) -> tuple[Output, Int[Array, ""], BodyMotion | None]:
     plant = Plant(loop, setup.scale)
     states, code = run(plant, setup)
     outputs = outputs_at(plant, setup, states)
-    code = _refined_code(loop.law, code, outputs.quaternion, far)
-    commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
-    motion = (setup.times, outputs.quaternion, outputs.rate, code, outputs.held.command, outputs.error, outputs.angle)
-    return Solution(*motion, "body", commands, _body_motion(plant, setup, outputs))
+    return outputs, code, _body_motion(plant, setup, outputs)
 
 
 def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | None:
@@ -124,21 +128,18 @@ def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | No
     return BodyMotion(setup.times, torques, mismatches[:, 1:], momenta, residuals, deviations)
 
 
-def _refined_code(
-    law: AbstractLaw, code: Int[Array, ""], quaternions: Float[Array, "n 4"], far: Flag
-) -> Int[Array, ""]:
-    """Return the result code, with the codes `near_zero_error` and `wrong_sign` for laws with a pole at μ = 0.
+@in_numpy
+def _refined_code(code: Int[Array, ""], quaternions: Float[Array, "n 4"], far: Flag) -> Int[Array, ""]:
+    """Return the result code, with the codes `near_zero_error` and `wrong_sign`, for a law with a pole at μ = 0.
 
     `far`: whether the motion starts with the quaternion that is farther from the program.
     """
-    if not isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
-        return code
-    lengths = jnp.sqrt(norm_squared(quaternions))
-    minimum = jnp.nanmin(lengths)
-    passed = (code == ResultCode.successful) & (minimum < NEAR * jnp.minimum(lengths[0], 1.0))
+    lengths = xp.sqrt(norm_squared(quaternions))
+    minimum = xp.min(xp.where(xp.isnan(lengths), xp.inf, lengths))
+    passed = (code == ResultCode.successful) & (minimum < NEAR * xp.minimum(lengths[0], 1.0))
     stuck = ((code == ResultCode.max_steps_reached) | (code == ResultCode.step_too_small)) & far
-    refined = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
-    return refined.astype(jnp.int32)
+    refined = xp.where(passed, ResultCode.near_zero_error, xp.where(stuck, ResultCode.wrong_sign, code))
+    return refined.astype(np.int32)
 
 
 def _disturbance(
