@@ -126,6 +126,15 @@ def test_times_far_from_zero_change_nothing(program, in_body_axes):
     np.testing.assert_allclose(other.quaternion, in_body_axes.quaternion, rtol=0, atol=1e-9)
 
 
+def test_the_steps_are_those_of_diffrax(program, in_body_axes):
+    """With an adjoint, `diffeqsolve` of diffrax integrates; without, its solver and controller in a loop of ours."""
+    import diffrax
+
+    other = integrate(Driven(program, jnp.asarray(0.0)), *start(program), TIMES, adjoint=diffrax.ForwardMode())
+    np.testing.assert_allclose(in_body_axes.quaternion, other.quaternion, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(in_body_axes.rate, other.rate, rtol=0, atol=ROUND_OFF)
+
+
 def test_tighter_tolerances_reach_round_off(program):
     other = integrate(Driven(program, jnp.asarray(0.0)), *start(program), TIMES, rtol=1e-13, atol=1e-15)
     exact = jax.jit(jax.vmap(program.attitude))(TIMES) * np.exp(0.5 * integrated_virtual_rate(TIMES))[:, None]
