@@ -148,9 +148,8 @@ class Arm(eqx.Module):
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
         """Return the position [m], the unit quaternion and the Jacobian (6, n) of the gripper, computed in one pass."""
-        axes, points = (
-            xp.stack([x.astype(q.dtype) for x in column]) for column in zip(*map(_line, self.joints), strict=True)
-        )
+        axes = xp.stack([joint.axis.astype(q.dtype) for joint in self.joints])
+        points = xp.stack([joint.point.astype(q.dtype) for joint in self.joints])
         turns = np.array([joint.kind == REVOLUTE for joint in self.joints])
         start = np.eye(4, dtype=q.dtype)[0], np.zeros(3, q.dtype)
         (rotated, shift), (axes, points) = _along(_after_joint, start, (axes, points, turns, q))

@@ -117,8 +117,9 @@ def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | No
         epsilon = plant.disturbed(t, plant.acceleration(t, now.rate, now.momentum, now.held))
         mismatch = epsilon - loop.law(now.reference, now.quaternion, now.rate)
         torque = body.control_torque(now.held.torques, now.momentum)
-        linear = isinstance(law, AccelerationLaw)
-        return mismatch, torque, residual_of(law, now.reference, now.quaternion, mismatch) if linear else None
+        if not isinstance(law, AccelerationLaw):
+            return mismatch, torque, None
+        return mismatch, torque, residual_of(law, now.reference, now.quaternion, mismatch)
 
     mismatches, torques, residuals = jax.lax.map(at, (setup.times, outputs))
     deviations = None

@@ -38,9 +38,7 @@ class Task(eqx.Module):
 
 
 @in_numpy
-def merged_grid(
-    times: Float[Array, " n"], jumps: Float[Array, " k"] | None, renewals: Float[Array, " m"] | None = None
-) -> tuple[Grid, Int[Array, " n"]]:
+def merged_grid(times: Any, jumps: Any, renewals: Any = None) -> tuple[Grid, Int[Array, " n"]]:
     """Return the grid of all instants, and the indices of the output instants `times` [s].
 
     The grid also contains the `jumps` [s] and the `renewals` [s], the instants of updates. At equal instants, an update
@@ -54,7 +52,7 @@ def merged_grid(
     points = xp.concatenate([xp.clip(renewals, 0.0, elapsed[-1]), xp.clip(jumps, 0.0, elapsed[-1]), elapsed])
     others = points.shape[0] - elapsed.shape[0]
     if others == 0:
-        return Grid(start, elapsed, np.zeros(elapsed.shape, bool)), np.arange(elapsed.shape[0])
+        return Grid(start, elapsed, xp.zeros(elapsed.shape, bool)), xp.arange(elapsed.shape[0])
     renews = xp.concatenate([renewals <= elapsed[-1], np.zeros(jumps.shape[0] + elapsed.shape[0], bool)])
     order = xp.argsort(points, stable=True)
     return Grid(start, points[order], renews[order]), xp.argsort(order, stable=True)[others:]
@@ -148,7 +146,7 @@ def switches_of(*parts: Any) -> Float[Array, " m"] | None:
     paths = [part for part in parts if isinstance(part, AbstractHodograph)]
     instants += [path.times if isinstance(path, Route) else path.nodes() for path in paths]
     known = [np.ravel(x) for x in map(_concrete_or_none, instants) if x is not None]
-    return np.unique(np.concatenate(known)) if known else None
+    return xp.unique(np.concatenate(known)) if known else None
 
 
 def _concrete_or_none(x: Any) -> np.ndarray | None:
@@ -163,7 +161,7 @@ def within(times: Float[Array, " n"], jumps: Float[Array, " k"] | None) -> Float
     span, values = concrete(times), _concrete_or_none(jumps)
     if jumps is None or span is None or values is None:
         return jumps
-    return values[(values > span[0]) & (values < span[-1])]
+    return xp.asarray(values[(values > span[0]) & (values < span[-1])])
 
 
 def checked_jumps(jumps: ArrayInput) -> Float[Array, " k"]:
