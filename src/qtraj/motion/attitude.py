@@ -86,6 +86,13 @@ class AbstractProgram(eqx.Module):
         """
         return self(t).in_axes(axes)
 
+    def prepared(self) -> "AbstractProgram":
+        """Return an equal program in which everything that does not depend on the time is already computed.
+
+        Simulations call it once before the integration. The default is the program itself.
+        """
+        return self
+
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the program without loss of precision to a TOML or JSON file, which `qtraj.load` reads.
 

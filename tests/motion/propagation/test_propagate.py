@@ -248,8 +248,8 @@ def test_in_a_batch_only_the_element_that_fails_is_nan():
 
 def test_float32():
     coning = Coning(50.0, 2 * np.pi, jnp.float32)
-    times = np.linspace(0.0, 3.0, 4, dtype=np.float32)
-    qs = propagate(coning, coning.quaternions([0.0])[0].astype(np.float32), times)
+    times = jnp.linspace(0.0, 3.0, 4, dtype=jnp.float32)
+    qs = propagate(coning, jnp.asarray(coning.quaternions([0.0])[0], jnp.float32), times)
     assert qs.dtype == jnp.float32
     assert angles(np.asarray(qs, float), FAST.quaternions(times)).max() < 1e-5
     np.testing.assert_allclose(np.linalg.norm(qs, axis=1), 1.0, rtol=1e-6, atol=0)

@@ -195,9 +195,9 @@ def test_derivatives_in_bias_and_attitude(kind):
 
 
 def test_float32():
-    times = np.linspace(0.0, 1.0, 49, dtype=np.float32)
-    rates = np.asarray(jax.vmap(CONE)(jnp.asarray(times, float)), np.float32)
-    qs = propagate_samples(times, rates, np.asarray(CONE.quaternions([0.0])[0], np.float32))
+    times = jnp.linspace(0.0, 1.0, 49, dtype=jnp.float32)
+    rates = jax.vmap(CONE)(times.astype(float)).astype(jnp.float32)
+    qs = propagate_samples(times, rates, jnp.asarray(CONE.quaternions([0.0])[0], jnp.float32))
     assert qs.dtype == jnp.float32
     assert angles(np.asarray(qs, float), CONE.quaternions(times)).max() < 3e-6
 

@@ -126,6 +126,15 @@ def test_times_far_from_zero_change_nothing(program, in_body_axes):
     np.testing.assert_allclose(other.quaternion, in_body_axes.quaternion, rtol=0, atol=1e-9)
 
 
+def test_the_steps_are_those_of_diffrax(program, in_body_axes):
+    """With an adjoint, `diffeqsolve` of diffrax integrates; without, its solver and controller in a loop of ours."""
+    import diffrax
+
+    other = integrate(Driven(program, jnp.asarray(0.0)), *start(program), TIMES, adjoint=diffrax.ForwardMode())
+    np.testing.assert_allclose(in_body_axes.quaternion, other.quaternion, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(in_body_axes.rate, other.rate, rtol=0, atol=ROUND_OFF)
+
+
 def test_tighter_tolerances_reach_round_off(program):
     other = integrate(Driven(program, jnp.asarray(0.0)), *start(program), TIMES, rtol=1e-13, atol=1e-15)
     exact = jax.jit(jax.vmap(program.attitude))(TIMES) * np.exp(0.5 * integrated_virtual_rate(TIMES))[:, None]
@@ -213,8 +222,8 @@ def braked(t, quaternion, rate):
 def test_float32_and_another_solver():
     import diffrax
 
-    quaternion, rate = np.array([0.6, 0, 0.8, 0], np.float32), np.array([0, 0, 2, 0], np.float32)
-    times = np.array([0.25, 1.0, 3.0], np.float32)
+    quaternion, rate = jnp.asarray([0.6, 0, 0.8, 0], jnp.float32), jnp.asarray([0, 0, 2, 0], jnp.float32)
+    times = jnp.asarray([0.25, 1.0, 3.0], jnp.float32)
     solution = integrate(braked, quaternion, rate, times, solver=diffrax.Tsit5(), rtol=1e-6, atol=1e-6)
     half = np.arctan2(0.8, 0.6) + 1 - np.exp(-(times - 0.25))
     assert solution.quaternion.dtype == np.float32
@@ -248,11 +257,12 @@ def test_invalid_arguments_are_refused():
         ([0.0, np.nan], "finite"),
         ([[0.0, 1.0]], "vector"),
         ([], "vector"),
-        (1e5 + np.arange(3, dtype=np.float32) / 100, "increase|resolve"),
-        (np.float32(1e4) + np.arange(3, dtype=np.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
+        (1e5 + jnp.arange(3, dtype=jnp.float32) / 100, "increase|resolve"),
+        (1e4 + jnp.arange(3, dtype=jnp.float32) / 64, "does not resolve the smallest step of times, 0.0156"),
     ]:
+        dtype = getattr(times, "dtype", float)
         with pytest.raises(ValueError, match=message):
-            integrate(still, one, rest, times)
+            integrate(still, jnp.asarray(one, dtype), jnp.asarray(rest, dtype), times)
     with pytest.raises(ValueError, match="axes must be"):
         integrate(still, one, rest, [0.0, 1.0], axes="world")
     with pytest.raises(ValueError, match="must not be zero"):

@@ -108,7 +108,7 @@ SINGLE = 2e-5
 
 def single(**parts):
     """A simulation in float32, except for the program."""
-    start, rate, times = (np.asarray(x, np.float32) for x in (START, RATE, [0, 1, 2, 3]))
+    start, rate, times = (jnp.asarray(x, jnp.float32) for x in (START, RATE, [0, 1, 2, 3]))
     solution = qt.simulate(ThreeAxis(), LAW, start, rate, times, **parts)
     assert solution.successful
     for x in (solution.quaternion, solution.rate, solution.command, solution.error, solution.angle):

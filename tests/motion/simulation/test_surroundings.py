@@ -36,7 +36,7 @@ def test_limits_do_not_affect_the_virtual_part(actuator, expected):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_sinusoid(dtype):
-    wave = Sinusoid(np.array([1.0, -2.0, 0.0], dtype), 8.0, np.pi / 2)
+    wave = Sinusoid(jnp.asarray([1.0, -2.0, 0.0], dtype), 8.0, np.pi / 2)
     value = wave(jnp.asarray(1.0, dtype))
     assert value.dtype == dtype
     np.testing.assert_allclose(value, np.array([1.0, -2.0, 0.0]) / np.sqrt(2), rtol=1e-6)

@@ -8,6 +8,8 @@ does not depend on the motion of the program. Each gain is a scalar, a diagonal 
 part of the command is 0, and the norm of the body's quaternion has no effect.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, rotate, unit
@@ -30,6 +32,7 @@ class QuaternionFeedback(AbstractLaw):
 
     k1: Gain
     k2: Gain
+    vectorized: ClassVar[bool] = True
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
@@ -60,6 +63,7 @@ class GeometricFeedback(AbstractLaw):
 
     k1: Gain
     k2: Gain
+    vectorized: ClassVar[bool] = True
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
@@ -86,6 +90,7 @@ class LogarithmicFeedback(AbstractLaw):
 
     k1: Gain
     k2: Gain
+    vectorized: ClassVar[bool] = True
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)

@@ -14,9 +14,11 @@ Rates have four components: first the virtual rate ω0 = d/dt ln|λ|², which is
 """
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, derivative, inverse, product
 from qtraj.algebra.vector import norm
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
 
@@ -69,7 +71,15 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
     """Return the attitude error angle [rad], from 0 to π; λ and −λ have the same angle."""
     mu = error_quaternion(reference, quaternion)
-    return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
+    return 2 * xp.arctan2(norm(mu[..., 1:]), abs(mu[..., 0]))
+
+
+@in_numpy
+def body_errors_at(
+    references: Attitude, quaternions: Float[Array, "n 4"]
+) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:
+    """Return the body errors μ and the attitude error angles [rad] at n instants."""
+    return error_quaternion(references, quaternions), error_angle(references, quaternions)
 
 
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:

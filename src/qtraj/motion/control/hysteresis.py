@@ -10,7 +10,7 @@ and the angle of the correction is at most 2 arccos(−δ).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
@@ -51,6 +51,7 @@ class HystereticLaw(AbstractLaw):
     law: AccelerationLaw | QuaternionFeedback
     half_width: Scalar
     sampling: Sampling | None
+    vectorized: ClassVar[bool] = True
 
     def __repr__(self) -> str:
         return shown(self, sampling="s")

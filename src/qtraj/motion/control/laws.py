@@ -8,8 +8,10 @@ virtual: the on-board computer uses it to control |λ|, which has no effect on t
 
 import abc
 import os
+from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -17,11 +19,13 @@ from qtraj.algebra.quaternion import derivative, inverse, product
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.shown import shown
 from qtraj.foundation.toml_fault import quoted
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import (
+    error_angle,
     error_quaternion,
     error_rate,
     pure,
@@ -35,7 +39,12 @@ Gain = Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
 
 
 class AbstractLaw(eqx.Module):
-    """A feedback law, which computes a command from the attitude of the program and the state of the body."""
+    """A feedback law, which computes a command from the attitude of the program and the state of the body.
+
+    `vectorized`: whether `deviation` also accepts arrays over many instants, NumPy or JAX, with components last.
+    """
+
+    vectorized: ClassVar[bool] = False
 
     @abc.abstractmethod
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
@@ -73,6 +82,7 @@ class AccelerationLaw(AbstractLaw):
     k1: Gain
     k2: Gain
     error: str = eqx.field(static=True)
+    vectorized: ClassVar[bool] = True
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput, error: str = "body"):
         self.k1 = gain(k1, "k1", 4)
@@ -117,6 +127,7 @@ class RateLaw(AbstractLaw):
     """
 
     k: Gain
+    vectorized: ClassVar[bool] = True
 
     def __init__(self, k: ArrayInput):
         self.k = gain(k, "k", 4)
@@ -134,6 +145,23 @@ class RateLaw(AbstractLaw):
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
+
+
+def errors_at(
+    law: AbstractLaw, references: Attitude, quaternions: Float[Array, "n 4"]
+) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:
+    """Return the error quaternion of the law and the attitude error angle [rad] at n instants."""
+    return (_errors_at if law.vectorized else _mapped_errors_at)(law, references, quaternions)
+
+
+@in_numpy
+def _errors_at(law: AbstractLaw, references: Attitude, quaternions: Float[Array, "n 4"]) -> tuple[Array, Array]:
+    return law.deviation(references, quaternions), error_angle(references, quaternions)
+
+
+@eqx.filter_jit
+def _mapped_errors_at(law: AbstractLaw, references: Attitude, quaternions: Float[Array, "n 4"]) -> tuple[Array, Array]:
+    return jax.vmap(lambda *x: (law.deviation(*x), error_angle(*x)))(references, quaternions)
 
 
 def second_derivative(reference: Attitude) -> Quat:

@@ -9,7 +9,8 @@ axes, the axes of the base.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,8 +20,10 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.quaternion import product, rotate
+from qtraj.algebra.vector import cross
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import is_host, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -133,10 +136,7 @@ class Arm(eqx.Module):
 
         `q` (n,): the joint values, angles [rad] and lengths [m].
         """
-        position, attitude = self.home_position.astype(q.dtype), self.home_quaternion.astype(q.dtype)
-        for k in reversed(range(len(self.joints))):
-            position, attitude = _moved(self.joints[k], q[k], position, attitude)
-        return position, attitude
+        return self.kinematics(q)[:2]
 
     def jacobian(self, q: Joints) -> Jacobian:
         """Return the Jacobian J (6, n) with (ω, v) = J q̇, the rate and the velocity of the gripper in inertial axes."""
@@ -148,26 +148,15 @@ class Arm(eqx.Module):
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
         """Return the position [m], the unit quaternion and the Jacobian (6, n) of the gripper, computed in one pass."""
-        rotated = jnp.zeros((4,), q.dtype).at[0].set(1.0)
-        shift, axes, points = jnp.zeros((3,), q.dtype), [], []
-        for k, joint in enumerate(self.joints):
-            axis = rotate(rotated, joint.axis.astype(q.dtype))
-            point = rotate(rotated, joint.point.astype(q.dtype)) + shift
-            axes.append(axis)
-            points.append(point)
-            if joint.kind == REVOLUTE:
-                spin = quaternion.exp(0.5 * q[k] * axis)
-                shift, rotated = point + rotate(spin, shift - point), product(spin, rotated)
-            else:
-                shift = shift + q[k] * axis
+        axes = xp.stack([joint.axis.astype(q.dtype) for joint in self.joints])
+        points = xp.stack([joint.point.astype(q.dtype) for joint in self.joints])
+        turns = np.array([joint.kind == REVOLUTE for joint in self.joints])
+        start = np.eye(4, dtype=q.dtype)[0], np.zeros(3, q.dtype)
+        (rotated, shift), (axes, points) = _along(_after_joint, start, (axes, points, turns, q))
         tip = rotate(rotated, self.home_position.astype(q.dtype)) + shift
-        columns = [
-            jnp.concatenate([axis, jnp.cross(axis, tip - point)])
-            if joint.kind == REVOLUTE
-            else jnp.concatenate([jnp.zeros_like(axis), axis])
-            for joint, axis, point in zip(self.joints, axes, points, strict=True)
-        ]
-        return tip, product(rotated, self.home_quaternion.astype(q.dtype)), jnp.stack(columns, axis=1)
+        arms = xp.where(turns[:, None], cross(axes, tip[None] - points), axes)
+        columns = xp.concatenate([xp.where(turns[:, None], axes, 0.0), arms], axis=1)
+        return tip, product(rotated, self.home_quaternion.astype(q.dtype)), columns.T
 
 
 def stanford_arm() -> Arm:
@@ -188,13 +177,28 @@ def stanford_arm() -> Arm:
     return Arm.from_dh(rows, [REVOLUTE, REVOLUTE, PRISMATIC, REVOLUTE, REVOLUTE, REVOLUTE])
 
 
-def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-    """Return the pose (`position`, `attitude`), base axes, after one joint has moved it by `value` [rad or m]."""
-    axis, point = joint.axis.astype(value.dtype), joint.point.astype(value.dtype)
-    if joint.kind == PRISMATIC:
-        return position + value * axis, attitude
-    spin = quaternion.exp(0.5 * value * axis)
-    return point + rotate(spin, position - point), product(spin, attitude)
+def _after_joint(frame: tuple[Quat, Vec3], joint: Any) -> tuple[tuple[Quat, Vec3], tuple[Vec3, Vec3]]:
+    """Return the motion of the frame after a joint, and the current axis of the joint and a point on it.
+
+    `frame` is the rotation and the translation of the frame before the joint. `joint`: the axis and the point for joint
+    values of zero, whether the joint is revolute, and its value.
+    """
+    (rotated, shift), (axis, point, turns, value) = frame, joint
+    axis, point = rotate(rotated, axis), rotate(rotated, point) + shift
+    spin = quaternion.exp(0.5 * xp.where(turns, value, 0.0) * axis)
+    moved = xp.where(turns, point + rotate(spin, shift - point), shift + value * axis)
+    return (product(spin, rotated), moved), (axis, point)
+
+
+def _along(step: Callable[..., Any], start: Any, rows: tuple[Any, ...]) -> tuple[Any, Any]:
+    """Return the last state and the stacked outputs of `step` along the first axis, in Python or in a loop of JAX."""
+    if not is_host(*rows):
+        return jax.lax.scan(step, jax.tree.map(jnp.asarray, start), rows)
+    outputs = []
+    for row in zip(*rows, strict=True):
+        start, output = step(start, row)
+        outputs.append(output)
+    return start, tuple(np.stack(x) for x in zip(*outputs, strict=True))
 
 
 def _dh(row: np.ndarray) -> np.ndarray:

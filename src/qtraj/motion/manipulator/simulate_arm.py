@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import real_scalar, real_vector, require_positive
@@ -29,6 +29,7 @@ from qtraj.motion.manipulator.arm_motion import ArmMotion
 from qtraj.motion.manipulator.inverse import Damping, joint_accelerations, smallest_singular_value
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.interval import MAX_STEPS, Method, State, Tolerances
+from qtraj.motion.simulation.ode import Grid
 from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
 from qtraj.path.hodograph import AbstractHodograph
 
@@ -143,12 +144,13 @@ def simulate_arm(
     dtype = common_dtype(q, q_dot, times)
     k1, k2 = (k.astype(dtype) for k in _gains(gains))
     damping = Damping() if damping is None else damping
-    task = _Task(arm, program, law, path, jnp.stack([k1, k2]), damping, jnp.ones((), dtype))
+    task = _Task(arm, program.prepared(), law, path, jnp.stack([k1, k2]), damping, jnp.ones((), dtype))
     start = jnp.concatenate([q, q_dot, jnp.zeros(2, dtype)]).astype(dtype)
     times, tolerances = times.astype(dtype), checked_tolerances(rtol, atol, dtype)
     jumps = switches_of(program, path) if jumps is None else checked_jumps(jumps)
     jumps = None if jumps is None else within(times, jumps.astype(dtype))
-    motion = _simulate(task, start, times, jumps, tolerances, Method(solver, adjoint, max_steps))
+    grid, outputs = merged_grid(times, jumps)
+    motion = _simulate(task, start, times, grid, outputs, tolerances, Method(solver, adjoint, max_steps))
     return motion.check() if throw else motion
 
 
@@ -157,7 +159,8 @@ def _simulate(
     task: _Task,
     start: State,
     times: Float[Array, " n"],
-    jumps: Float[Array, " k"] | None,
+    grid: Grid,
+    outputs: Int[Array, " n"],
     tolerances: Tolerances,
     method: Method,
 ) -> ArmMotion:
@@ -170,7 +173,6 @@ def _simulate(
         virtual, q_ddot, _, _ = task.accelerations(t, state, task.gripper(state))
         return jnp.concatenate([q_dot, q_ddot, jnp.stack([0.5 * omega0, virtual])])
 
-    grid, outputs = merged_grid(times, jumps)
     states, _, code = ode.march(field, ode.keep, start, None, grid, tolerances, method)
     states = states[outputs]
 
@@ -197,7 +199,7 @@ def _simulate(
             "angular_acceleration_error": norm(deficit[:3]),
         }
 
-    columns = jax.vmap(columns_at)(times, states)
+    columns = jax.lax.map(lambda x: columns_at(*x), (times, states))
     reached = jnp.isfinite(states[:, 0])
     columns = {name: jnp.where(reached.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.nan) for name, x in columns.items()}
     return ArmMotion(times, code=code, **columns)

@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.algebra import dual_quaternion
 from qtraj.algebra.quaternion import derivative
@@ -22,6 +22,7 @@ from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
 from qtraj.motion.simulation.initial_sign import NEARER
 from qtraj.motion.simulation.interval import MAX_STEPS, Method, State, Tolerances
+from qtraj.motion.simulation.ode import Grid
 from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
 
 
@@ -83,13 +84,14 @@ def simulate_pose(
     jumps = switches_of(program.attitude, program.path) if jumps is None else checked_jumps(jumps)
     jumps = None if jumps is None else within(times, jumps.astype(times.dtype))
     task = _Task(
-        program,
+        PoseProgram(program.path, program.attitude.prepared()),
         law,
         None if push is None else checked_signal(push, "the push"),
         None if twist is None else checked_signal(twist, "the twist"),
     )
     tolerances = checked_tolerances(rtol, atol, times.dtype)
-    motion = _simulate(task, start, times, jumps, tolerances, Method(solver, adjoint, max_steps))
+    grid, outputs = merged_grid(times, jumps)
+    motion = _simulate(task, start, times, grid, outputs, tolerances, Method(solver, adjoint, max_steps))
     return motion.check() if throw else motion
 
 
@@ -98,7 +100,8 @@ def _simulate(
     task: _Task,
     start: State,
     times: Float[Array, " n"],
-    jumps: Float[Array, " k"] | None,
+    grid: Grid,
+    outputs: Int[Array, " n"],
     tolerances: Tolerances,
     method: Method,
 ) -> PoseMotion:
@@ -111,7 +114,6 @@ def _simulate(
             acceleration = acceleration + at_instant(task.push, t).astype(state.dtype)
         return jnp.concatenate([derivative(quaternion, rate), epsilon, velocity, acceleration])
 
-    grid, outputs = merged_grid(times, jumps)
     states, _, code = ode.march(field, ode.keep, start, None, grid, tolerances, method)
     states = states[outputs]
 
@@ -132,7 +134,7 @@ def _simulate(
             "angle": error_angle(reference, quaternion),
         }
 
-    return PoseMotion(times, code=code, **jax.vmap(columns_at)(times, states))
+    return PoseMotion(times, code=code, **jax.lax.map(lambda x: columns_at(*x), (times, states)))
 
 
 def _split(state: State) -> tuple[Quat, Quat, Vec3, Vec3]:

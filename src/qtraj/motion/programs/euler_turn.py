@@ -56,6 +56,10 @@ class EulerTurn(AbstractProgram):
         """Return the attitude at the time `t` [s]."""
         return _slew(self.start_q, self.end_q, self.law.profile(self.angle), one_instant(t))
 
+    def prepared(self) -> "PreparedSlew":
+        """Return the slew with its start, its rotation vector and its profile already computed."""
+        return PreparedSlew(quaternion.unit(self.start_q), self.rotation_vector, self.profile)
+
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The duration of the slew [s]."""
@@ -94,6 +98,23 @@ class EulerTurn(AbstractProgram):
         require_axes(axes)
         e = _axis(self.rotation_vector)
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
+
+
+class PreparedSlew(AbstractProgram):
+    """An `EulerTurn` for repeated evaluation: the unit quaternion at its start, its rotation vector and its profile."""
+
+    start: Quat
+    rotation_vector: Vec3
+    profile: Profile
+
+    def __call__(self, t: ScalarLike) -> Attitude:
+        """Return the attitude at the time `t` [s]."""
+        return _slewed(self.start, self.rotation_vector, self.profile, one_instant(t))
+
+    @property
+    def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The duration of the slew [s]."""
+        return self.profile.duration
 
 
 @formerly("TurnChain")
@@ -246,12 +267,17 @@ _axis = of_arrays(_direction)
 @in_numpy_or_jit
 def _slew(start: Quat, end: Quat, profile: Profile, t: Scalar) -> Attitude:
     """Return the attitude at the time `t` [s] since the start of the shorter slew from `start` to `end`."""
-    vector = _shorter_rotation(start, end)
+    return _slewed(quaternion.unit(start), _shorter_rotation(start, end), profile, t)
+
+
+@in_numpy_or_jit
+def _slewed(start: Quat, vector: Vec3, profile: Profile, t: Scalar) -> Attitude:
+    """Return the attitude of a slew from the unit quaternion `start` by the rotation `vector` [rad]."""
     # A proportional shape multiplies the whole rotation vector, so the attitude is smooth at a zero vector.
     along = vector if profile.proportional else _direction(vector)
     angle, rate, acceleration = profile.shape(t, 2)
     return Attitude(
-        quaternion=quaternion.product(quaternion.unit(start), rotation.from_rotation_vector(angle * along)),
+        quaternion=quaternion.product(start, rotation.from_rotation_vector(angle * along)),
         rate=rate * along,
         acceleration=acceleration * along,
     )

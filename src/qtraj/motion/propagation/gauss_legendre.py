@@ -13,7 +13,7 @@ import decimal
 import functools
 import math
 from decimal import Decimal
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -184,7 +184,7 @@ def _enough_sweeps(scheme: Tableau, half: np.ndarray) -> int:
 
 def _values(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 *batch s"]) -> Float[Array, "4 *batch s"]:
     """Solve the stage equations for Y (4, s); `half` (3, s) is (h/2)ω at the nodes."""
-    identity = np.zeros((4, *half.shape[1:]), half.dtype)
+    identity: Any = np.zeros((4, *half.shape[1:]), half.dtype)
     identity[0] = 1.0
     return _sweep(sweeps, a, half, identity)
 

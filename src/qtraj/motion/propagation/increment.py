@@ -36,12 +36,12 @@ class AbstractIncrement(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def nodes(self) -> np.ndarray:
+    def nodes(self) -> Any:
         """The nodes (s,) on [0, 1] at which the rate is evaluated."""
 
     @property
     @abc.abstractmethod
-    def weights(self) -> np.ndarray:
+    def weights(self) -> Any:
         """The weights (s,) of the nodes in a quadrature that has the same order as the method."""
 
     @abc.abstractmethod
@@ -69,7 +69,7 @@ def _rotations(method: AbstractIncrement, rates: Float[Array, "n s 3"], h: Float
     if h.shape[0] <= BLOCK:
         return method.increment(rates, h)
     if is_host(rates, h):
-        return np.concatenate(
+        return xp.concatenate(
             [method.increment(rates[k : k + BLOCK], h[k : k + BLOCK]) for k in range(0, len(h), BLOCK)]
         )
     return jax.lax.map(lambda step: method.increment(*step), (rates, h), batch_size=BLOCK)
@@ -90,7 +90,7 @@ def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     return jax.lax.scan(multiply, identity, rotations)[1]
 
 
-def _parallel_products(rotations: np.ndarray) -> np.ndarray:
+def _parallel_products(rotations: Any) -> Any:
     """Return the `products` from the products of pairs, in a number of operations that grows with the logarithm."""
     if len(rotations) < 2:
         return rotations
@@ -138,6 +138,6 @@ def as_inputs(result: Any, inputs: Any) -> Any:
     return to_jax(result, float_dtype(x.dtype for x in inputs if not is_host(x)))
 
 
-def constant(x: Any, like: Any) -> np.ndarray:
+def constant(x: Any, like: Any) -> Any:
     """Return constants in the dtype of the array `like`."""
     return np.asarray(x, like.dtype)

@@ -45,7 +45,7 @@ class Mesh(eqx.Module):
     @property
     def used(self) -> Bool[Array, " n"]:
         """Whether each slot contains a step."""
-        return np.arange(self.start.shape[0], dtype=np.int32) < self.count
+        return xp.arange(self.start.shape[0], dtype=np.int32) < self.count
 
 
 def uniform(intervals: int, steps: int, slots: int | None = None) -> Mesh:
@@ -54,13 +54,13 @@ def uniform(intervals: int, steps: int, slots: int | None = None) -> Mesh:
     `slots`: the number of slots; None for the number of steps.
     """
     slots = intervals * steps if slots is None else slots
-    index = np.minimum(np.arange(slots), intervals * steps - 1)
-    position = np.where(np.arange(slots) < intervals * steps, index % steps, steps)
+    index = xp.minimum(np.arange(slots), intervals * steps - 1)
+    position = xp.where(np.arange(slots) < intervals * steps, index % steps, steps)
     return Mesh(
         interval=(index // steps).astype(np.int32),
         start=position / steps,
-        end=np.minimum(position + 1, steps) / steps,
-        count=np.asarray(intervals * steps, np.int32),
+        end=xp.minimum(position + 1, steps) / steps,
+        count=xp.asarray(intervals * steps, np.int32),
     )
 
 
@@ -76,9 +76,9 @@ def padded(mesh: Mesh, slots: int) -> Mesh:
     """Return a mesh of NumPy arrays with empty slots added, so that there are `slots` slots."""
     more = slots - len(mesh.start)
     return Mesh(
-        np.pad(mesh.interval, (0, more), mode="edge"),
-        np.pad(mesh.start, (0, more), constant_values=1.0),
-        np.pad(mesh.end, (0, more), constant_values=1.0),
+        xp.pad(mesh.interval, (0, more), mode="edge"),
+        xp.pad(mesh.start, (0, more), constant_values=1.0),
+        xp.pad(mesh.end, (0, more), constant_values=1.0),
         mesh.count,
     )
 
@@ -100,7 +100,7 @@ def spans(mesh: Mesh, times: Float[Array, " m"]) -> tuple[Float[Array, " n"], Fl
     return origin + mesh.start * length, (mesh.end - mesh.start) * length
 
 
-def estimate_nodes(method: AbstractIncrement) -> np.ndarray:
+def estimate_nodes(method: AbstractIncrement) -> Any:
     """Return the nodes (4s+1,) on [0, 1] at which `estimate` needs the rate, for a method with s nodes.
 
     The result contains the nodes of the step, the nodes of its two halves, and the Lobatto nodes, which include both

@@ -38,7 +38,7 @@ def require_max_steps(max_steps: int | None, intervals: int) -> None:
         )
 
 
-def known(problem: KnownProblem, steps: int | None, max_steps: int | None) -> tuple[Mesh, np.ndarray, Errors] | None:
+def known(problem: KnownProblem, steps: int | None, max_steps: int | None) -> tuple[Mesh, Any, Errors] | None:
     """Return a mesh that satisfies the tolerance, the rates at the nodes of its steps, and its errors.
 
     `steps`: a fixed number of equal steps in each interval, or None. If more than `max_steps` steps are needed, the
@@ -57,14 +57,14 @@ def known(problem: KnownProblem, steps: int | None, max_steps: int | None) -> tu
     return mesh, rates[:, : len(problem.method.nodes)], total
 
 
-def rates_at_nodes(problem: KnownProblem, mesh: Mesh) -> np.ndarray | None:
+def rates_at_nodes(problem: KnownProblem, mesh: Mesh) -> Any:
     """Return the rates at the nodes of the steps of a mesh; None if the rates are traced."""
     return problem.sampled(*meshes.spans(mesh, problem.times), problem.method.nodes)
 
 
 def _refined(
-    problem: KnownProblem, mesh: Mesh, rates: np.ndarray, errors: StepErrors, max_steps: int
-) -> tuple[Mesh, np.ndarray, Errors]:
+    problem: KnownProblem, mesh: Mesh, rates: Any, errors: StepErrors, max_steps: int
+) -> tuple[Mesh, Any, Errors]:
     for _ in range(MAX_ROUNDS):
         total = meshes.total_errors(errors, mesh.count)
         if not total.truncation > problem.tolerance:  # also true if `truncation` is NaN
@@ -81,7 +81,7 @@ def _refined(
     return mesh, rates, meshes.total_errors(errors, mesh.count)
 
 
-def _sampled(problem: KnownProblem, mesh: Mesh, rows: np.ndarray) -> tuple[np.ndarray, StepErrors] | None:
+def _sampled(problem: KnownProblem, mesh: Mesh, rows: Any) -> tuple[Any, StepErrors] | None:
     """Return the rates at the nodes of the steps `rows` of a mesh, and their errors; None if the rates are traced."""
     start, h = (x[rows] for x in meshes.spans(mesh, problem.times))
     rates = problem.sampled(start, h, meshes.estimate_nodes(problem.method))

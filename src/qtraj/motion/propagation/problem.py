@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
@@ -73,11 +72,11 @@ class KnownProblem(NamedTuple):
     """A problem with known values: instants [s] and tolerance [rad] in NumPy, and `rate`, which samples ω in NumPy."""
 
     rate: Sampler
-    times: np.ndarray
-    tolerance: np.ndarray
+    times: Any
+    tolerance: Any
     method: AbstractIncrement
 
-    def sampled(self, start: np.ndarray, h: np.ndarray, nodes: np.ndarray) -> np.ndarray | None:
+    def sampled(self, start: Any, h: Any, nodes: Any) -> Any:
         """Return the rates (n, s, k) at the nodes of steps; None if the rates are traced."""
         at = meshes.instants(start, h, nodes)
         rates = self.rate(at.ravel())
@@ -112,7 +111,7 @@ def mesh_errors(problem: Problem, mesh: Mesh) -> Errors:
     return meshes.total_errors(meshes.step_errors(problem.method, rates, start, h), mesh.count)
 
 
-def _rates(problem: Problem, mesh: Mesh, nodes: np.ndarray) -> tuple[Array, Array, Array]:
+def _rates(problem: Problem, mesh: Mesh, nodes: Any) -> tuple[Array, Array, Array]:
     """Return the rates (n, s, k) at the nodes of the steps, and the start and the length [s] of each step."""
     start, h = meshes.spans(mesh, problem.times)
     at = meshes.instants(start, h, nodes)

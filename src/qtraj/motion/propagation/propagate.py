@@ -7,6 +7,8 @@ the steps are chosen at run time within a fixed number of slots, `max_steps`, an
 this case `steps`, a fixed number of equal steps in each interval, is cheaper.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeAliasType
@@ -180,7 +182,7 @@ def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propag
     return Propagation(problem.times, quaternions, estimate, mesh.count, code)
 
 
-def _multiplied(problem: Problem, mesh: Mesh, rates: np.ndarray) -> np.ndarray:
+def _multiplied(problem: Problem, mesh: Mesh, rates: Any) -> Any:
     """Return the quaternions at the output times in NumPy, from the rates at the nodes of the steps."""
     q0, (_, h) = on_host(problem.q0), meshes.spans(mesh, on_host(problem.times))
     return at_outputs(q0, propagated(problem.method, problem.axes, q0, rates, h), mesh, problem.intervals)

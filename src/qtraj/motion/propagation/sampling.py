@@ -35,7 +35,7 @@ class Sampler:
         self.uses_jax = _uses_jax(omega)
         self.accepts_arrays = True
 
-    def __call__(self, times: Float[np.ndarray, " m"]) -> np.ndarray | None:
+    def __call__(self, times: Any) -> Any:
         """Return the rates, or None if they are traced.
 
         **Raises:** ValueError for a rate of another shape.
@@ -46,7 +46,7 @@ class Sampler:
         self.accepts_arrays = rates is not None
         return _one_by_one(self.omega, times) if rates is None else rates
 
-    def _at_once(self, times: np.ndarray) -> np.ndarray | None:
+    def _at_once(self, times: Any) -> Any:
         """Return the rates from one call, or None if the function does not accept an array of instants.
 
         Three of the values are compared with values of single calls.
@@ -96,14 +96,14 @@ def _uses_jax(omega: Callable[..., Any]) -> bool:
     return not is_host(*result[0])
 
 
-def _one_by_one(omega: Callable[..., Any], times: np.ndarray) -> np.ndarray:
+def _one_by_one(omega: Callable[..., Any], times: Any) -> Any:
     with np.errstate(all="ignore"):
         values = [np.asarray(omega(t), float) for t in times]
     require_rate(values[0].shape)
     return np.stack(values)
 
 
-def _in_chunks(omega: Callable[..., Any], times: np.ndarray, dtype: Any) -> np.ndarray | None:
+def _in_chunks(omega: Callable[..., Any], times: Any, dtype: Any) -> Any:
     size = CHUNKS[len(times) >= MANY]
     chunks = []
     for k in range(0, len(times), size):

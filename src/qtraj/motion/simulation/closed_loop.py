@@ -1,5 +1,6 @@
 """Integrate the closed loop, with a continuous command or with new commands at discrete instants."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -9,57 +10,87 @@ from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.hysteresis import initial_sign, updated_sign, with_sign
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.interval import Memory, State
-from qtraj.motion.simulation.loop import Loop
-from qtraj.motion.simulation.plant import Held, Plant, States
-from qtraj.motion.simulation.task import Scale, Task
+from qtraj.motion.simulation.plant import Held, Plant
+from qtraj.motion.simulation.task import Setup
 
 
-def run(
-    loop: Loop, task: Task, renewals: Float[Array, " m"] | None, references: Attitude
-) -> tuple[States, Int[Array, ""]]:
-    """Integrate the closed loop, and return the motion at the times of `task` and the result code.
+class States(eqx.Module):
+    """The state vectors at n instants, the held commands (None if the command is continuous) and the signs of λ.
 
-    `references` are the attitudes of the program at these times, with fields (n, …). With `renewals` [s], the command
-    is held between these instants if the sensor or the actuator is sampled, and the command is continuous if only the
-    law updates its sign. Without `renewals`, the command is continuous.
+    The signs are None for a law without hysteresis.
     """
-    plant = Plant(loop, Scale(task))
-    if renewals is None or not loop.holds:
-        return _continuous(plant, task, renewals, references)
-    return _sampled(plant, task, renewals)
+
+    states: Float[Array, "n d"]
+    held: Held | None
+    signs: Float[Array, " n"] | None
 
 
-def _continuous(
-    plant: Plant, task: Task, updates: Float[Array, " m"] | None, references: Attitude
-) -> tuple[States, Int[Array, ""]]:
-    loop = plant.loop
+class Output(eqx.Module):
+    """The attitude of the program, the motion of the body and the current commands at one instant."""
 
-    def measured(t: Scalar, state: State) -> tuple[Quat, Quat]:
-        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate, so its value has no effect
-        if loop.sensor is None:
-            return exact
-        return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, loop.sensor.start(*exact))[:2]
+    reference: Attitude
+    quaternion: Quat
+    rate: Quat
+    momentum: Float[Array, " m"]
+    held: Held
 
-    def command(t: Scalar, reference: Attitude, state: State, sign: Scalar | None) -> Held:
-        quaternion, rate = measured(t, state)
-        return plant.hold(state, loop.command(reference, with_sign(sign, quaternion), rate), rate)
+
+def run(plant: Plant, setup: Setup) -> tuple[States, Int[Array, ""]]:
+    """Integrate the closed loop, and return the states at the output instants and the result code.
+
+    If the sensor or the actuator is sampled, the command is held between the updates of the grid. Otherwise the command
+    is continuous, and the updates change only the sign of a hysteretic law.
+    """
+    states, held, signs, code = _sampled(plant, setup) if plant.loop.holds else _continuous(plant, setup)
+    states, held, signs = jax.tree.map(lambda x: x[setup.outputs], (states, held, signs))
+    return States(states, held, signs), code
+
+
+def outputs_at(plant: Plant, setup: Setup, states: States) -> Output:
+    """Return the outputs (n, …) at all output instants; a loop over them compiles faster than a vectorised form."""
+
+    def at(x: tuple[Scalar, States]) -> Output:
+        t, now = x
+        reference = plant.loop.reference(t, now.states.dtype)
+        held = _command(plant, setup, t, reference, now.states, now.signs) if now.held is None else now.held
+        quaternion, rate = plant.unpack(now.states, held.command)
+        return Output(reference, with_sign(now.signs, quaternion), rate, plant.momentum_of(now.states), held)
+
+    return jax.lax.map(at, (setup.times, states))
+
+
+def _measured(plant: Plant, setup: Setup, t: Scalar, state: State) -> tuple[Quat, Quat]:
+    """Return the measured λ and ω for a continuous command."""
+    exact = plant.unpack(state, setup.task.rate)  # a rate law does not use the rate, so its value has no effect
+    sensor = plant.loop.sensor
+    if sensor is None:
+        return exact
+    return sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, sensor.start(*exact))[:2]
+
+
+def _command(plant: Plant, setup: Setup, t: Scalar, reference: Attitude, state: State, sign: Scalar | None) -> Held:
+    quaternion, rate = _measured(plant, setup, t, state)
+    return plant.hold(state, plant.loop.command(reference, with_sign(sign, quaternion), rate), rate)
+
+
+def _continuous(plant: Plant, setup: Setup) -> tuple[Array, None, Array | None, Int[Array, ""]]:
+    task, loop = setup.task, plant.loop
 
     def field(t: Scalar, state: State, sign: Scalar | None) -> State:
-        return plant.slope(t, state, command(t, loop.reference(t, state.dtype), state, sign))
+        return plant.slope(t, state, _command(plant, setup, t, loop.reference(t, state.dtype), state, sign))
 
     def update(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
-        return updated_sign(loop.law, sign, loop.reference(t, state.dtype), measured(t, state)[0])
+        quaternion, _ = _measured(plant, setup, t, state)
+        return updated_sign(loop.law, sign, loop.reference(t, state.dtype), quaternion)
 
-    grid, outputs = task.grid(updates)
     start, sign = plant.pack(task.quaternion, task.rate), initial_sign(loop.law, task.quaternion)
-    states, signs, code = ode.march(field, update, start, sign, grid, task.tolerances, task.method)
-    states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)
-    held = jax.lax.map(lambda x: command(*x), (task.times, references, states, signs))
-    return plant.states(states, held, signs), code
+    renew = ode.keep if sign is None else update
+    states, signs, code = ode.march(field, renew, start, sign, setup.grid, task.tolerances, task.method)
+    return states, None, signs, code
 
 
-def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[States, Int[Array, ""]]:
-    loop = plant.loop
+def _sampled(plant: Plant, setup: Setup) -> tuple[Array, Held, Array | None, Int[Array, ""]]:
+    task, loop = setup.task, plant.loop
 
     def field(t: Scalar, state: State, memory: Memory) -> State:
         return plant.slope(t, state, memory[0])
@@ -79,9 +110,6 @@ def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[St
     start = plant.pack(task.quaternion, task.rate)
     no_command = jax.tree.map(jnp.zeros_like, plant.hold(start, task.rate, task.rate))
     memory = (no_command, jnp.asarray(0), task.times[0], sensed, sign)
-    grid, outputs = task.grid(renewals)
-    states, memories, code = ode.march(field, renew, start, memory, grid, task.tolerances, task.method)
-    states = states[outputs]
-    held, signs = (jax.tree.map(lambda x: x[outputs], memories[k]) for k in (0, 4))
+    states, memories, code = ode.march(field, renew, start, memory, setup.grid, task.tolerances, task.method)
     reached = jnp.isfinite(states[:, :1])
-    return plant.states(states, jax.tree.map(lambda x: jnp.where(reached, x, jnp.nan), held), signs), code
+    return states, jax.tree.map(lambda x: jnp.where(reached, x, jnp.nan), memories[0]), memories[4], code

@@ -22,7 +22,7 @@ from qtraj.motion.checks import require_axes
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.interval import MAX_STEPS, Method
 from qtraj.motion.simulation.solution import Solution
-from qtraj.motion.simulation.task import Scale, Task, checked
+from qtraj.motion.simulation.task import Setup, checked, setup
 
 Acceleration = TypeAliasType("Acceleration", Callable[[Scalar, Quat, Quat], Quat])
 
@@ -62,13 +62,13 @@ def integrate(
     """
     require_axes(axes)
     method = Method(solver, adjoint, max_steps)
-    solution = _integrate(acceleration, checked(quaternion, rate, times, jumps, rtol, atol, method), axes)
+    solution = _integrate(acceleration, setup(checked(quaternion, rate, times, jumps, rtol, atol, method)), axes)
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
-def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
-    scale = Scale(task)
+def _integrate(acceleration: Acceleration, setup: Setup, axes: str) -> Solution:
+    task, scale = setup.task, setup.scale
 
     def field(t: Scalar, state: Float[Array, 8], memory: None) -> Float[Array, 8]:
         quaternion, rate = scale.unpack(state)
@@ -80,7 +80,5 @@ def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
             )
         return scale.pack(derivative(quaternion, rate, axes), epsilon)
 
-    grid, outputs = task.grid()
-    start = scale.pack(task.quaternion, task.rate)
-    states, _, code = ode.march(field, ode.keep, start, None, grid, task.tolerances, task.method)
-    return Solution(task.times, *scale.unpack(states[outputs]), code, axes=axes)
+    states, _, code = ode.march(field, ode.keep, setup.start, None, setup.grid, task.tolerances, task.method)
+    return Solution(task.times, *scale.unpack(states[setup.outputs]), code, axes=axes)

@@ -72,8 +72,8 @@ def march(
     """
     # Captured values become arguments, so that they can be differentiated and batched.
     field = eqx.filter_closure_convert(field, grid.start, state, memory)
-    renew = eqx.filter_closure_convert(renew, jnp.asarray(0), grid.start, state, memory)
-    inputs = (field, renew, state, memory, grid, tolerances)
+    changes = None if renew is keep else eqx.filter_closure_convert(renew, jnp.asarray(0), grid.start, state, memory)
+    inputs = (field, changes, state, memory, grid, tolerances)
     if method.adjoint is None:
         return _plain(inputs, method=method)
     return _march(inputs, method=method, solve=differentiable)
@@ -107,7 +107,8 @@ def _march(inputs: Any, *, method: Method, solve: Callable[..., End]) -> Any:
         )
         code = jnp.where(running, interval_code, code)
         step = jnp.where(interval > 0, STEP_GROWTH * interval / accepted, step)
-        memory = jax.lax.cond(renews, lambda: renew(index, grid.start + now, state, memory), lambda: memory)
+        if renew is not None:
+            memory = jax.lax.cond(renews, lambda: renew(index, grid.start + now, state, memory), lambda: memory)
         output = jnp.where(code == ResultCode.successful, state, jnp.nan)
         return (now, state, memory, jax.lax.stop_gradient(step), code), (output, memory)
 

@@ -12,14 +12,15 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.foundation.arrays import real_vector
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
-from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import output_times, require_axes
-from qtraj.motion.control.errors import error_angle, error_quaternion, pure
+from qtraj.motion.control.errors import body_errors_at, pure
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
 from qtraj.motion.simulation.interval import MAX_STEPS
@@ -72,7 +73,7 @@ def open_loop(
     start = first.quaternion if quaternion is None else real_vector(quaternion, "the initial quaternion", 4)
     start = start_quaternion(sign, first, start)
     rate = pure(first.rate) if rate is None else rate
-    source = ProgramAcceleration(program, disturbance, axes)
+    source = ProgramAcceleration(program.prepared(), disturbance, axes)
     if jumps is None:
         jumps = switches_of(program)
     solution = integrate(
@@ -107,18 +108,26 @@ class ProgramAcceleration(eqx.Module):
 
 
 @eqx.filter_jit
+def _outputs(source: ProgramAcceleration, solution: Solution) -> tuple[Attitude, Float[Array, "n 4"]]:
+    """Return the attitudes of the program and the commands, at the instants of the solution."""
+
+    def at(x: tuple[Scalar, Quat]) -> tuple[Attitude, Quat]:
+        t, quaternion = x
+        reference = jax.tree.map(lambda x: x.astype(t.dtype), source.program(t))
+        return reference, source.command(t, quaternion)
+
+    return jax.lax.map(at, (solution.times, solution.quaternion))
+
+
 def _with_errors(source: ProgramAcceleration, solution: Solution) -> Solution:
     """Return the solution with commands, errors and angles."""
-
-    def at(t: Scalar, quaternion: Quat) -> tuple[Quat, Quat, Scalar]:
-        reference = jax.tree.map(lambda x: x.astype(t.dtype), source.program(t))
-        return (
-            source.command(t, quaternion),
-            error_quaternion(reference, quaternion),
-            error_angle(reference, quaternion),
-        )
-
     s = solution
-    commands, errors, angles = jax.vmap(at)(s.times, s.quaternion)
-    commands = jnp.where(jnp.isfinite(s.quaternion[:, :1]), commands, jnp.nan)
+    references, commands = _outputs(source, solution)
+    errors, angles = body_errors_at(references, s.quaternion)
+    commands = _where_reached(s.quaternion, commands)
     return Solution(s.times, s.quaternion, s.rate, s.code, commands, errors, angles, s.axes)
+
+
+@in_numpy
+def _where_reached(quaternions: Float[Array, "n 4"], values: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    return xp.where(xp.isfinite(quaternions[:, :1]), values, xp.nan)

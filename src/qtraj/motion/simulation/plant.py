@@ -23,15 +23,6 @@ class Held(eqx.Module):
     torques: Float[Array, " m"]
 
 
-class States(eqx.Module):
-    """The values of λ, ω, the wheel momenta and the commands at the n output instants."""
-
-    quaternion: Float[Array, "n 4"]
-    rate: Float[Array, "n 4"]
-    momentum: Float[Array, "n m"]
-    held: Held
-
-
 class Plant(eqx.Module):
     """The body under a command.
 
@@ -73,14 +64,12 @@ class Plant(eqx.Module):
         """Return the new command with its torques, which are calculated from the measured `rate`."""
         if self.loop.body is None:
             return Held(command, jnp.zeros_like(command, shape=(0,)))
-        momentum = state[RIGID:] * self.momentum_scale
+        momentum = self.momentum_of(state)
         return Held(command, self.loop.body.commanded_torques(command[1:], rate[1:], momentum))
 
-    def states(self, states: Float[Array, "n d"], held: Held, signs: Float[Array, " n"] | None) -> States:
-        """Return λ, ω, momenta and commands for n state vectors; the signs ±1 of a hysteretic law are applied to λ."""
-        quaternions, rates = jax.vmap(self.unpack)(states, held.command)
-        quaternions = quaternions if signs is None else signs[:, None] * quaternions
-        return States(quaternions, rates, states[:, RIGID:] * self.momentum_scale, held)
+    def momentum_of(self, state: State) -> Float[Array, " m"]:
+        """Return the wheel momenta [N m s] of a state vector."""
+        return state[RIGID:] * self.momentum_scale
 
     def acceleration(self, t: Scalar, rate: Quat, momentum: Float[Array, " m"], held: Held) -> Quat:
         """Return the acceleration (4,) [rad/s²], body axes, under the current command without a disturbance."""
@@ -95,7 +84,7 @@ class Plant(eqx.Module):
         if self.loop.commands_rate:
             return derivative(state, command)
         quaternion, rate = self.scale.unpack(state[:RIGID])
-        momentum = state[RIGID:] * self.momentum_scale
+        momentum = self.momentum_of(state)
         epsilon = self.disturbed(t, self.acceleration(t, rate, momentum, held).astype(state.dtype))
         slope = self.scale.pack(derivative(quaternion, rate), epsilon)
         if self.loop.body is None:

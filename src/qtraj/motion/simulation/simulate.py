@@ -7,28 +7,28 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.control.errors import error_angle
+from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
+from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.hysteresis import without_hysteresis
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, errors_at
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
-from qtraj.motion.simulation.closed_loop import run
+from qtraj.motion.simulation.closed_loop import Output, outputs_at, run
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
-from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
+from qtraj.motion.simulation.initial_sign import NEARER, is_far, require_sign, start_quaternion
 from qtraj.motion.simulation.interval import MAX_STEPS, Method
 from qtraj.motion.simulation.loop import Loop, renewal_instants
-from qtraj.motion.simulation.plant import Held, Plant, States
+from qtraj.motion.simulation.plant import Plant
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.motion.simulation.solution import Solution
-from qtraj.motion.simulation.task import Scale, Task, checked
+from qtraj.motion.simulation.task import Setup, checked, setup
 
 NEAR = 0.1
 """|μ| counts as near zero if it is below this fraction of the smaller of |μ(0)| and 1."""
@@ -83,61 +83,64 @@ def simulate(
     require_sign(sign)
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator, body)
-    solution = _simulate(loop, task, renewal_instants(loop, task.times), sign)
+    renewals = renewal_instants(loop, task.times)
+    first = program(task.times[0])
+    task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
+    loop = eqx.tree_at(lambda x: x.program, loop, program.prepared())
+    outputs, code, body_motion = _simulate(loop, setup(task, renewals))
+    error, angle = errors_at(law, outputs.reference, outputs.quaternion)
+    if isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
+        code = _refined_code(code, outputs.quaternion, is_far(first, task.quaternion))
+    commands = "rate" if isinstance(law, RateLaw) else "acceleration"
+    motion = (task.times, outputs.quaternion, outputs.rate, code, outputs.held.command, error, angle)
+    solution = Solution(*motion, "body", commands, body_motion)
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
-def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign: str) -> Solution:
-    # One loop over the instants compiles in half the time of a vectorised evaluation.
-    references = jax.lax.map(lambda t: loop.reference(t, t.dtype), task.times)
-    first = jax.tree.map(lambda x: x[0], references)
-    task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
-    states, code = run(loop, task, renewals, references)
-    errors, angles = jax.lax.map(lambda x: (loop.law.deviation(*x), error_angle(*x)), (references, states.quaternion))
-    code = _refined_code(loop.law, code, references, states.quaternion)
-    commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
-    body_motion = _body_motion(loop, task, states, references)
-    motion = (task.times, states.quaternion, states.rate, code, states.held.command, errors, angles)
-    return Solution(*motion, "body", commands, body_motion)
+def _simulate(loop: Loop, setup: Setup) -> tuple[Output, Int[Array, ""], BodyMotion | None]:
+    plant = Plant(loop, setup.scale)
+    states, code = run(plant, setup)
+    outputs = outputs_at(plant, setup, states)
+    return outputs, code, _body_motion(plant, setup, outputs)
 
 
-def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -> BodyMotion | None:
+def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | None:
     """Return torques and deviations from the exact error equation of a `RigidBody`; None without a `RigidBody`."""
+    loop = plant.loop
     if loop.body is None:
         return None
-    plant = Plant(loop, Scale(task))
     law, body = without_hysteresis(loop.law), loop.body
 
-    def mismatch(t: Scalar, reference: Attitude, quaternion: Quat, rate: Quat, momentum: Array, held: Held) -> Quat:
-        epsilon = plant.disturbed(t, plant.acceleration(t, rate, momentum, held))
-        return epsilon - loop.law(reference, quaternion, rate)
+    def at(x: tuple[Scalar, Output]) -> tuple[Quat, Array, Quat | None]:
+        t, now = x
+        epsilon = plant.disturbed(t, plant.acceleration(t, now.rate, now.momentum, now.held))
+        mismatch = epsilon - loop.law(now.reference, now.quaternion, now.rate)
+        torque = body.control_torque(now.held.torques, now.momentum)
+        if not isinstance(law, AccelerationLaw):
+            return mismatch, torque, None
+        return mismatch, torque, residual_of(law, now.reference, now.quaternion, mismatch)
 
-    motion = (states.quaternion, states.rate, states.momentum, states.held)
-    mismatches = jax.lax.map(lambda x: mismatch(*x), (task.times, references, *motion))
-    torques = jax.lax.map(lambda x: body.control_torque(*x), (states.held.torques, states.momentum))
-    residuals = deviations = None
-    if isinstance(law, AccelerationLaw):
-        residuals = jax.lax.map(lambda x: residual_of(law, *x), (references, states.quaternion, mismatches))
+    mismatches, torques, residuals = jax.lax.map(at, (setup.times, outputs))
+    deviations = None
     if isinstance(loop.law, AccelerationLaw):
-        deviations = deviation_of(loop.law, references, task.times, states.quaternion, states.rate)
-    momenta = None if body.wheels is None else states.momentum
-    return BodyMotion(task.times, torques, mismatches[:, 1:], momenta, residuals, deviations)
+        deviations = deviation_of(loop.law, outputs.reference, setup.times, outputs.quaternion, outputs.rate)
+    momenta = None if body.wheels is None else outputs.momentum
+    return BodyMotion(setup.times, torques, mismatches[:, 1:], momenta, residuals, deviations)
 
 
-def _refined_code(
-    law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
-) -> Int[Array, ""]:
-    """Return the result code, with the codes `near_zero_error` and `wrong_sign` for laws with a pole at μ = 0."""
-    if not isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
-        return code
-    lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
-    minimum = jnp.nanmin(lengths)
-    far = jnp.sum(references.quaternion[0] * quaternions[0]) < 0
-    passed = (code == ResultCode.successful) & (minimum < NEAR * jnp.minimum(lengths[0], 1.0))
+@in_numpy
+def _refined_code(code: Int[Array, ""], quaternions: Float[Array, "n 4"], far: Flag) -> Int[Array, ""]:
+    """Return the result code, with the codes `near_zero_error` and `wrong_sign`, for a law with a pole at μ = 0.
+
+    `far`: whether the motion starts with the quaternion that is farther from the program.
+    """
+    lengths = xp.sqrt(norm_squared(quaternions))
+    minimum = xp.min(xp.where(xp.isnan(lengths), xp.inf, lengths))
+    passed = (code == ResultCode.successful) & (minimum < NEAR * xp.minimum(lengths[0], 1.0))
     stuck = ((code == ResultCode.max_steps_reached) | (code == ResultCode.step_too_small)) & far
-    refined = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
-    return refined.astype(jnp.int32)
+    refined = xp.where(passed, ResultCode.near_zero_error, xp.where(stuck, ResultCode.wrong_sign, code))
+    return refined.astype(np.int32)
 
 
 def _disturbance(

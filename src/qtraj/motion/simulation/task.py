@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
 from qtraj.motion.simulation.interval import Method, Tolerances
@@ -35,31 +36,26 @@ class Task(eqx.Module):
     tolerances: Tolerances
     method: Method
 
-    def grid(self, renewals: Float[Array, " m"] | None = None) -> tuple[Grid, Int[Array, " n"]]:
-        """Return the grid of all instants, and the indices of the output instants.
 
-        The grid also contains the jumps and the `renewals` [s], the instants of updates. At equal instants, an update
-        precedes an output. Instants before the time span are moved to the start of the span, where updates still have
-        an effect; instants after the span are moved to its end and have no effect.
-        """
-        return merged_grid(self.times, self.jumps, renewals)
+@in_numpy
+def merged_grid(times: Any, jumps: Any, renewals: Any = None) -> tuple[Grid, Int[Array, " n"]]:
+    """Return the grid of all instants, and the indices of the output instants `times` [s].
 
-
-def merged_grid(
-    times: Float[Array, " n"], jumps: Float[Array, " k"] | None, renewals: Float[Array, " m"] | None = None
-) -> tuple[Grid, Int[Array, " n"]]:
-    """Return the grid of output instants, jumps and renewals [s], and the indices of the outputs (see `Task.grid`)."""
+    The grid also contains the `jumps` [s] and the `renewals` [s], the instants of updates. At equal instants, an update
+    precedes an output. Instants before the time span are moved to the start of the span, where updates still have an
+    effect; instants after the span are moved to its end and have no effect.
+    """
     start = times[0]
     elapsed = times - start  # small numbers, even if the times are far from zero
-    empty = jnp.zeros((0,), elapsed.dtype)
+    empty = elapsed[:0]
     renewals, jumps = (empty if x is None else x - start for x in (renewals, jumps))
-    points = jnp.concatenate([jnp.clip(renewals, 0.0, elapsed[-1]), jnp.clip(jumps, 0.0, elapsed[-1]), elapsed])
+    points = xp.concatenate([xp.clip(renewals, 0.0, elapsed[-1]), xp.clip(jumps, 0.0, elapsed[-1]), elapsed])
     others = points.shape[0] - elapsed.shape[0]
     if others == 0:
-        return Grid(start, elapsed, jnp.zeros(elapsed.shape, bool)), jnp.arange(elapsed.shape[0])
-    renews = jnp.concatenate([renewals <= elapsed[-1], jnp.zeros(jumps.shape[0] + elapsed.shape[0], bool)])
-    order = jnp.argsort(points, stable=True)
-    return Grid(start, points[order], renews[order]), jnp.argsort(order, stable=True)[others:]
+        return Grid(start, elapsed, xp.zeros(elapsed.shape, bool)), xp.arange(elapsed.shape[0])
+    renews = xp.concatenate([renewals <= elapsed[-1], np.zeros(jumps.shape[0] + elapsed.shape[0], bool)])
+    order = xp.argsort(points, stable=True)
+    return Grid(start, points[order], renews[order]), xp.argsort(order, stable=True)[others:]
 
 
 class Scale(eqx.Module):
@@ -71,19 +67,48 @@ class Scale(eqx.Module):
     quaternion: Scalar
     rate: Scalar
 
-    def __init__(self, task: Task):
-        span = task.times[-1] - task.times[0]
-        min_rate = 1 / jnp.where(span > 0, span, 1.0)
-        self.quaternion = jax.lax.stop_gradient(norm(task.quaternion))
-        self.rate = jax.lax.stop_gradient(jnp.maximum(norm(task.rate), min_rate))
-
     def pack(self, quaternion: Quat, rate: Quat) -> Float[Array, "8"]:
         """Return the state vector of λ and ω."""
-        return jnp.concatenate([quaternion / self.quaternion, rate / self.rate])
+        return xp.concatenate([quaternion / self.quaternion, rate / self.rate])
 
     def unpack(self, state: Float[Array, "... 8"]) -> tuple[Float[Array, "... 4"], Float[Array, "... 4"]]:
         """Return λ and ω of a state vector."""
         return state[..., :4] * self.quaternion, state[..., 4:] * self.rate
+
+
+class Setup(eqx.Module):
+    """A task with the values that are computed before the integration.
+
+    `outputs` (n,) are the indices of the output instants in `grid`.
+    """
+
+    task: Task
+    scale: Scale
+    grid: Grid
+    outputs: Int[Array, " n"]
+
+    @property
+    def times(self) -> Float[Array, " n"]:
+        """The output instants [s]."""
+        return self.task.times
+
+    @property
+    def start(self) -> Float[Array, "8"]:
+        """The initial state vector of λ and ω."""
+        return self.scale.pack(self.task.quaternion, self.task.rate)
+
+
+def setup(task: Task, renewals: Float[Array, " m"] | None = None) -> Setup:
+    """Compute the scales of a task, and the grid of its instants and of the updates `renewals` [s]."""
+    scale = _scale(task.quaternion, task.rate, task.times)
+    return Setup(task, scale, *merged_grid(task.times, task.jumps, renewals))
+
+
+@in_numpy
+def _scale(quaternion: Quat, rate: Quat, times: Float[Array, " n"]) -> Scale:
+    span = times[-1] - times[0]
+    min_rate = 1 / xp.where(span > 0, span, 1.0)
+    return Scale(stop_gradient(norm(quaternion)), stop_gradient(xp.maximum(norm(rate), min_rate)))
 
 
 def checked(
@@ -99,8 +124,8 @@ def checked(
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         quaternion, times = initial_quaternion(quaternion), output_times(times)
         rate = real_vector(rate, "the initial rate", 4)
-        _require_resolved(times)
-        dtype = common_dtype(quaternion, rate, times)
+        dtype = jax.dtypes.canonicalize_dtype(common_dtype(quaternion, rate, times))
+        _require_resolved(times, dtype)
         return Task(
             quaternion.astype(dtype),
             rate.astype(dtype),
@@ -121,7 +146,7 @@ def switches_of(*parts: Any) -> Float[Array, " m"] | None:
     paths = [part for part in parts if isinstance(part, AbstractHodograph)]
     instants += [path.times if isinstance(path, Route) else path.nodes() for path in paths]
     known = [np.ravel(x) for x in map(_concrete_or_none, instants) if x is not None]
-    return jnp.asarray(np.unique(np.concatenate(known))) if known else None
+    return xp.unique(np.concatenate(known)) if known else None
 
 
 def _concrete_or_none(x: Any) -> np.ndarray | None:
@@ -136,7 +161,7 @@ def within(times: Float[Array, " n"], jumps: Float[Array, " k"] | None) -> Float
     span, values = concrete(times), _concrete_or_none(jumps)
     if jumps is None or span is None or values is None:
         return jumps
-    return jnp.asarray(values[(values > span[0]) & (values < span[-1])])
+    return xp.asarray(values[(values > span[0]) & (values < span[-1])])
 
 
 def checked_jumps(jumps: ArrayInput) -> Float[Array, " k"]:
@@ -159,17 +184,17 @@ def checked_tolerances(rtol: ArrayInput, atol: ArrayInput, dtype: jnp.dtype) -> 
         if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
             raise ValueError(f"{name} must be finite and not negative, but {value!r} was given")
     relative, absolute = (as_float(x).astype(dtype) for x in (rtol, atol))
-    return Tolerances(jnp.maximum(relative, epsilon), jnp.maximum(absolute, 0.25 * epsilon))
+    return Tolerances(xp.maximum(relative, epsilon), xp.maximum(absolute, 0.25 * epsilon))
 
 
-def _require_resolved(times: Float[Array, " n"]) -> None:
-    """Raise a ValueError if the dtype does not resolve the differences of concrete instants far from zero."""
+def _require_resolved(times: Float[Array, " n"], dtype: jnp.dtype) -> None:
+    """Raise a ValueError if `dtype` does not resolve the differences of concrete instants far from zero."""
     values = concrete(times)
     if values is None or values.size == 1:
         return
     step = np.diff(values).min()
-    if step < RESOLUTION * np.spacing(np.abs(values[0])):
+    if step < RESOLUTION * np.spacing(np.abs(values[0]).astype(dtype)):
         raise ValueError(
-            f"{values.dtype} does not resolve the smallest step of times, {step:.3g} s, at t = {values[0]:.9g} s. "
+            f"{dtype} does not resolve the smallest step of times, {step:.3g} s, at t = {values[0]:.9g} s. "
             "Measure time from the start of the motion, or call jax.config.update('jax_enable_x64', True) first."
         )
