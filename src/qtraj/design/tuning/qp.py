@@ -14,6 +14,9 @@ from jaxtyping import Float
 
 MAX_STEPS = 30
 
+CENTRAL = 0.3
+"""Below this length of the predictor, a step moves to a more central point with this part of the mean product."""
+
 TO_BOUNDARY = 0.995
 """Fraction of the longest step that keeps slacks and multipliers positive."""
 
@@ -104,8 +107,10 @@ def _step(qp: QP, state: _State, slack: np.ndarray, mean: np.ndarray) -> _State:
     change = -multipliers + weight * moved
     length = _longest(slack, -moved, multipliers, change)
     after = ((slack - length * moved) * (multipliers + length * change)).mean(axis=0)
-    target = (after / mean) ** 3 * mean
-    corrected = (target + moved * change) / slack  # the product of the two changes is −moved·change
+    # A short step means that some products are far below the mean: the next point must be more central.
+    central = length < CENTRAL
+    target = np.where(central, CENTRAL, (after / mean) ** 3) * mean
+    corrected = (target + np.where(central, 0.0, moved * change)) / slack  # the product of changes is −moved·change
     step = solve(inverse, base - _back(qp, corrected))
     moved = _along(qp, step)
     change = -multipliers + corrected + weight * moved
