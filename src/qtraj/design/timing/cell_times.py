@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar, ScalarLike
@@ -69,7 +69,7 @@ def newton(cells: Cells, t: Any, cell: Any) -> Any:
     return z
 
 
-def elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+def elapsed(c: Any, length: Any, starts: Any, ends: Any, z: Any) -> Any:
     """Return the time [s] from the start of a cell to the position `stretched(z)`."""
     xp = namespace(c, length, z)
     at, weights = (
@@ -79,25 +79,25 @@ def elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Ar
     return z * xp.sum(weights * pace(c, length, starts, ends, at * z[..., None]), axis=-1)
 
 
-def stretched(z: Array, starts: Array, ends: Array) -> Array:
+def stretched(z: Any, starts: Any, ends: Any) -> Any:
     """Return the place in a cell at z; `starts` and `ends` are whether the cell starts and ends at rest."""
     xp = namespace(z, starts)
     return xp.where(starts, z**2, xp.where(ends, z * (2 - z), z))
 
 
-def stretching(z: Array, starts: Array, ends: Array) -> Array:
+def stretching(z: Any, starts: Any, ends: Any) -> Any:
     """Return the derivative of `stretched`."""
     xp = namespace(z, starts)
     return xp.where(starts, 2 * z, xp.where(ends, 2 * (1 - z), 1.0))
 
 
-def unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
+def unstretched(place: Scalar, starts: Any, ends: Any) -> Scalar:
     """Return z for a place in a cell, the inverse of `stretched`."""
     xp = namespace(place, starts)
     return xp.where(starts, root(place), xp.where(ends, 1 - root(1 - place), place))
 
 
-def pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+def pace(c: Any, length: Any, starts: Any, ends: Any, z: Any) -> Any:
     """Return dt/dz [s] at the position `stretched(z)` in a cell.
 
     The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
@@ -110,18 +110,18 @@ def pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array
     return length * rest * xp.where(starts, from_start, xp.where(ends, to_end, horner(c, place))) ** -0.5
 
 
-def clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
+def clipped(x: Any, low: ScalarLike, high: ScalarLike) -> Any:
     """Clip `x` to its bounds; unlike with `jnp.clip`, the derivative is 1 if `x` equals a bound."""
     xp = namespace(x, high)
     return xp.where(x < low, low, xp.where(x > high, high, x))
 
 
-def horner(c: Array, x: Array) -> Array:
+def horner(c: Any, x: Any) -> Any:
     """Return the value at x of a cubic with the coefficients on the first axis of `c`."""
     return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
 
 
-def root(x: Array) -> Array:
+def root(x: Any) -> Any:
     """Return √x, with the derivative 0 at x = 0."""
     xp = namespace(x)
     return xp.where(x > 0, xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)

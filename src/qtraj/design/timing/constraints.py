@@ -20,7 +20,7 @@ from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.timing import road
 from qtraj.design.timing.road import ROAD, Road
@@ -65,9 +65,9 @@ class Constraints(NamedTuple):
     limit of `FORMS` that is set. `jerk` is None without a limit on the jerk, and `road` is None without a vehicle.
     """
 
-    upper: Float[Array, "*nodes"]
-    forms: Float[Array, "forms 2 2 *nodes"]
-    jerk: Float[Array, "3 3 *nodes"] | None = None
+    upper: Float[Any, "*nodes"]
+    forms: Float[Any, "forms 2 2 *nodes"]
+    jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
 
     @property
@@ -86,19 +86,19 @@ class Constraints(NamedTuple):
         return 2 if self.jerk is None else 3
 
 
-Gradients = Float[Array, "count orders *nodes"]
+Gradients = Float[Any, "count orders *nodes"]
 """For each constraint, the derivatives with respect to a = u̇², a' and, with a limit on the jerk, a''."""
 
 
 class Parts(NamedTuple):
     """The constraints before the upper bounds are combined; `upper` has one row for each limit."""
 
-    upper: Float[Array, "uppers *nodes"]
-    forms: Float[Array, "forms 2 2 *nodes"]
-    jerk: Float[Array, "3 3 *nodes"] | None = None
+    upper: Float[Any, "uppers *nodes"]
+    forms: Float[Any, "forms 2 2 *nodes"]
+    jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
 
-    def constraints(self, largest: Float[Array, "*nodes"]) -> Constraints:
+    def constraints(self, largest: Float[Any, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
         xp = namespace(self.upper, largest)
         upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
@@ -107,7 +107,7 @@ class Parts(NamedTuple):
 
 
 def parts(
-    r: Float[Array, "3 3 *nodes"], unit: Scalar, bounds: dict[str, Scalar], vehicle: RoadParameters | None = None
+    r: Float[Any, "3 3 *nodes"], unit: Scalar, bounds: dict[str, Scalar], vehicle: RoadParameters | None = None
 ) -> Parts:
     """Compute the constraints on a = u̇² from `r`, the derivatives r', r'' and r''' at the nodes.
 
@@ -145,7 +145,7 @@ def parts(
     return found._replace(road=road.without(on_road, ~moving))
 
 
-def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
+def _upper(name: str, i: Any, bound: Scalar, moving: Any) -> Any:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
     xp, square = namespace(moving, bound, i.S), entry.numerator(i)
@@ -159,22 +159,22 @@ def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
     return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _symmetric(entries: Float[Array, "entries *nodes"]) -> Float[Array, "n n *nodes"]:
+def _symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]:
     """Return the symmetric matrix with the rows of its lower triangle in `entries`."""
     return entries[np.array([[0, 1], [1, 2]] if entries.shape[0] == 3 else [[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
 
 
-def _inverse_root(x: Array) -> Array:
+def _inverse_root(x: Any) -> Any:
     xp = namespace(x)
     return xp.where(x > 0, xp.where(x > 0, x, 1.0) ** -0.5, 0.0)
 
 
-def _square(p: Array, q: Array) -> tuple[Array, Array, Array]:
+def _square(p: Any, q: Any) -> tuple[Any, Any, Any]:
     """Return the entries (aa, ab, bb) of the quadratic form (p·a + q·b)², where b = a'."""
     return p * p, p * q, q * q
 
 
-def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constraints:
+def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraints:
     """Return the same constraints with their limits divided by `factors`."""
     own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
     squares, forms = factors[1:] ** 2, c.forms.shape[0]
@@ -182,7 +182,7 @@ def tightened(c: Constraints, factors: Float[Array, "count *nodes"]) -> Constrai
     return Constraints(c.upper * factors[0], c.forms * squares[:forms, None, None], jerk, own)
 
 
-def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *nodes"]:
+def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:
     """Return each quantity divided by its limit in the order of `NAMES`, or a divided by its bound for `UPPER`.
 
     `v` contains a = u̇² and its derivatives with respect to the path parameter.
@@ -193,21 +193,21 @@ def used(p: Parts, v: Float[Array, "orders *nodes"]) -> Float[Array, "limits *no
     return xp.concatenate([upper, *(xp.sqrt(xp.maximum(x, 0.0)) for x in squares), *(x[None] for x in on_road)])
 
 
-def ratios(found: Float[Array, "limits *nodes"], rows: tuple[str, ...]) -> Float[Array, "limits *nodes"]:
+def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[Any, "limits *nodes"]:
     """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
     linear = [name in UPPER and POWERS[name] < 1 for name in rows]
     xp = namespace(found)
     return xp.stack([xp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
 
 
-def values(c: Constraints, v: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
+def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
     on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
     upper = (c.upper * v[0])[None]
     return namespace(v, c.upper).concatenate([*(x - 1 for x in (upper, *_squares(c, v))), *on_road])
 
 
-def gradients(c: Constraints, v: Float[Array, "orders *nodes"]) -> Gradients:
+def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
     xp = namespace(v, c.upper)
     zero = xp.zeros_like(v[:1] * c.upper[None])
@@ -251,30 +251,30 @@ def second_derivatives(
     return found
 
 
-def changes(slope: Gradients, dv: Float[Array, "orders *nodes"]) -> Float[Array, "count *nodes"]:
+def changes(slope: Gradients, dv: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
     """Return the changes of the linearised constraint values for the changes `dv` of a and its derivatives."""
     return namespace(slope, dv).einsum("ci...,i...->c...", slope, dv)
 
 
-def weighted(slope: Gradients, weights: Float[Array, "count *nodes"]) -> Float[Array, "orders *nodes"]:
+def weighted(slope: Gradients, weights: Float[Any, "count *nodes"]) -> Float[Any, "orders *nodes"]:
     """Return the weighted sums of the gradients."""
     return namespace(slope, weights).einsum("ci...,c...->i...", slope, weights)
 
 
-def _squares(c: Constraints | Parts, v: Float[Array, "orders *nodes"]) -> list[Float[Array, "some *nodes"]]:
+def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Float[Any, "some *nodes"]]:
     """Return the squares of the quantities of the forms, divided by their limits, and that of the jerk."""
     xp = namespace(v, c.upper)
     forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
     return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
 
 
-def _products(xp: Any, forms: Float[Array, "forms 2 2 *nodes"], v: Array) -> Float[Array, "forms 2 *nodes"]:
+def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:
     return xp.einsum("fij...,j...->fi...", forms, v[:2])
 
 
-def _product(xp: Any, matrix: Float[Array, "3 3 *nodes"], v: Float[Array, "3 *nodes"]) -> Float[Array, "3 *nodes"]:
+def _product(xp: Any, matrix: Float[Any, "3 3 *nodes"], v: Float[Any, "3 *nodes"]) -> Float[Any, "3 *nodes"]:
     return xp.einsum("ij...,j...->i...", matrix, v)
 
 
-def _dot(xp: Any, x: Float[Array, "n *nodes"], y: Float[Array, "n *nodes"]) -> Float[Array, "*nodes"]:
+def _dot(xp: Any, x: Float[Any, "n *nodes"], y: Float[Any, "n *nodes"]) -> Float[Any, "*nodes"]:
     return xp.einsum("i...,i...->...", x, y)

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
@@ -44,17 +44,17 @@ class Road(NamedTuple):
     bound on a that the lateral force alone implies.
     """
 
-    along: Float[Array, "3 *nodes"]
-    across: Float[Array, "2 *nodes"]
-    onto: Float[Array, "2 *nodes"]
-    power: Float[Array, "3 *nodes"]
-    upper: Float[Array, "*nodes"]
+    along: Float[Any, "3 *nodes"]
+    across: Float[Any, "2 *nodes"]
+    onto: Float[Any, "2 *nodes"]
+    power: Float[Any, "3 *nodes"]
+    upper: Float[Any, "*nodes"]
 
 
 def coefficients(
-    ahead: Float[Array, "3 *nodes"],
-    second: tuple[Array, ...],
-    speed: Float[Array, "*nodes"],
+    ahead: Float[Any, "3 *nodes"],
+    second: tuple[Any, ...],
+    speed: Float[Any, "*nodes"],
     half: Scalar,
     vehicle: RoadParameters,
     bounds: Mapping[str, Scalar],
@@ -85,7 +85,7 @@ def coefficients(
     return Road(*grip, power, _upper(*grip[1:]))
 
 
-def _upper(across: Array, onto: Array) -> Array:
+def _upper(across: Any, onto: Any) -> Any:
     """Return 1/a for the largest a = u̇² with |Y| ≤ Z, where `across` is Y and `onto` is Z.
 
     The result is 0 if a is unbounded. A side on which the inequality is violated at rest is ignored.
@@ -98,14 +98,14 @@ def _upper(across: Array, onto: Array) -> Array:
     return found
 
 
-def steady(r: Road) -> Float[Array, "*nodes"]:
+def steady(r: Road) -> Float[Any, "*nodes"]:
     """Return a lower bound on the largest constant a = u̇² for which the power suffices; infinite without a limit."""
     slope, drag = np.maximum(2 * r.power[0], 0.0), np.maximum(2 * r.power[1], 0.0)
     bounds = [np.where(x > 0, np.where(x > 0, x, 1.0) ** e, np.inf) for x, e in ((slope, -2.0), (drag, -2 / 3))]
     return np.minimum(*bounds)
 
 
-def without(r: Road, omitted: Array) -> Road:
+def without(r: Road, omitted: Any) -> Road:
     """Replace the constraints at the nodes where `omitted` is true by constraints that are always satisfied."""
     xp = namespace(*r)
     neutral = Road(*(xp.zeros_like(x) for x in r))
@@ -113,7 +113,7 @@ def without(r: Road, omitted: Array) -> Road:
     return Road(*(xp.where(xp.broadcast_to(omitted, x.shape), x, y) for x, y in zip(neutral, r, strict=True)))
 
 
-def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
+def tightened(r: Road, factors: Float[Any, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
     For friction, the parts of the force components X and Y that depend on the timing are multiplied by the factors
@@ -126,21 +126,19 @@ def tightened(r: Road, factors: Float[Array, "2 *nodes"]) -> Road:
     return r._replace(along=along, across=across, power=r.power * power)
 
 
-def values(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
+def values(r: Road, v: Float[Any, "orders *nodes"]) -> list[Any]:
     """Return the constraint values, which must not be positive."""
     x, y, z = _grip(r, v)
     return [x * x + y * y - z * z, _root(v[0]) * _affine(r.power, v) - 1]
 
 
-def used(r: Road, v: Float[Array, "orders *nodes"]) -> list[Array]:
+def used(r: Road, v: Float[Any, "orders *nodes"]) -> list[Any]:
     """Return the friction and the power divided by their limits."""
     xp, (x, y, z) = namespace(v, r.power), _grip(r, v)
     return [xp.sqrt(x * x + y * y) / xp.maximum(z, LEAST_LOAD), _root(v[0]) * _affine(r.power, v)]
 
 
-def slowing(
-    usage: Float[Array, "2 *cells"], at_rest: Float[Array, "2 *cells"], allowed: float
-) -> Float[Array, "2 *cells"]:
+def slowing(usage: Float[Any, "2 *cells"], at_rest: Float[Any, "2 *cells"], allowed: float) -> Float[Any, "2 *cells"]:
     """Return the factors on a = u̇² with which friction and power satisfy their limits approximately, or 1.
 
     A relative violation of at most `allowed` gets the factor 1, because a slower timing may need more power where the
@@ -157,7 +155,7 @@ def slowing(
     return xp.where(over & (factors >= SLOWEST), factors, 1.0)
 
 
-def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ...]]:
+def gradients(r: Road, v: Float[Any, "orders *nodes"]) -> list[tuple[Any, ...]]:
     """Return the gradients of `values` with respect to a = u̇² and a'."""
     x, y, z = _grip(r, v)
     xp, root = namespace(v, r.power), _root(v[0])
@@ -166,7 +164,7 @@ def gradients(r: Road, v: Float[Array, "orders *nodes"]) -> list[tuple[Array, ..
     return [friction, (0.5 * inverse * _affine(r.power, v) + root * r.power[1], root * r.power[2])]
 
 
-def second_derivatives(r: Road, multipliers: Float[Array, "2 *nodes"]) -> tuple[Array, Array, Array]:
+def second_derivatives(r: Road, multipliers: Float[Any, "2 *nodes"]) -> tuple[Any, Any, Any]:
     """Return the entries (aa, ab, bb) of Σ multiplier·(second derivatives), without the terms that are not convex.
 
     The derivatives are with respect to a = u̇² and b = a'.
@@ -176,11 +174,11 @@ def second_derivatives(r: Road, multipliers: Float[Array, "2 *nodes"]) -> tuple[
     return twice * (p * p + s * s), twice * p * q, twice * q * q
 
 
-def _grip(r: Road, v: Float[Array, "orders *nodes"]) -> tuple[Array, Array, Array]:
+def _grip(r: Road, v: Float[Any, "orders *nodes"]) -> tuple[Any, Any, Any]:
     return _affine(r.along, v), r.across[0] + r.across[1] * v[0], r.onto[0] + r.onto[1] * v[0]
 
 
-def _affine(c: Float[Array, "3 *nodes"], v: Float[Array, "orders *nodes"]) -> Array:
+def _affine(c: Float[Any, "3 *nodes"], v: Float[Any, "orders *nodes"]) -> Any:
     return c[0] + c[1] * v[0] + c[2] * v[1]
 
 

@@ -10,10 +10,10 @@ axes of the nodes.
 
 import functools
 import operator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from qtraj.foundation.namespace import namespace
 
@@ -123,15 +123,15 @@ def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[np.ndarray, "3 
     return np.einsum("dpn,pkn->dkn", powers, form) / length ** np.arange(ORDERS)[:, None, None]
 
 
-def local(coefficients: Float[Array, "*batch cells+3"]) -> Float[Array, "4 *batch cells"]:
+def local(coefficients: Float[Any, "*batch cells+3"]) -> Float[Any, "4 *batch cells"]:
     """Return the four coefficients of each cell."""
     cells = coefficients.shape[-1] - DEGREE
     return namespace(coefficients).stack([coefficients[..., k : k + cells] for k in range(DEGREE + 1)])
 
 
 def at_nodes(
-    n: Nodes, coefficients: Float[Array, "*batch cells+3"], orders: int = ORDERS
-) -> Float[Array, "orders *batch 2 cells+1"]:
+    n: Nodes, coefficients: Float[Any, "*batch cells+3"], orders: int = ORDERS
+) -> Float[Any, "orders *batch 2 cells+1"]:
     """Return value and derivatives at the nodes."""
     xp = namespace(coefficients)
     own = local(xp.concatenate([coefficients, xp.zeros_like(coefficients[..., :1])], axis=-1))
@@ -139,13 +139,13 @@ def at_nodes(
 
 
 def within_cells(
-    table: Float[np.ndarray, "count 3 4 cells"], coefficients: Float[Array, "*batch cells+3"], orders: int
-) -> Float[Array, "orders *batch count cells"]:
+    table: Float[np.ndarray, "count 3 4 cells"], coefficients: Float[Any, "*batch cells+3"], orders: int
+) -> Float[Any, "orders *batch count cells"]:
     """Return value and derivatives at the points of a table of `within`."""
     return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
 
 
-def gathered(n: Nodes, parts: Float[Array, "orders *batch 2 cells+1"]) -> Float[Array, "*batch cells+3"]:
+def gathered(n: Nodes, parts: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
     found = namespace(parts).einsum("okmn,o...mn->k...n", n.basis[: parts.shape[0]], parts)
     return _overlapped(_padded(found), range(DEGREE + 1))
@@ -170,7 +170,7 @@ def gathered_band(
 ) -> tuple[Float[np.ndarray, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Array d of the result
+    `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Any d of the result
     contains the entries (i, i − d) of the matrix for the coefficients.
     """
     found = _padded(np.einsum("eqmn,e...mn->q...n", table, matrix[np.tril_indices(len(matrix))]))
@@ -178,13 +178,13 @@ def gathered_band(
     return tuple(_overlapped(found[firsts[d] : firsts[d + 1]], range(d, DEGREE + 1)) for d in range(DEGREE + 1))
 
 
-def _padded(rows: Float[Array, "rows *batch cells+1"]) -> Float[Array, "rows *batch cells+7"]:
+def _padded(rows: Float[Any, "rows *batch cells+1"]) -> Float[Any, "rows *batch cells+7"]:
     xp = namespace(rows)
     zeros = xp.zeros((*rows.shape[:-1], DEGREE), rows.dtype)
     return xp.concatenate([zeros, rows, zeros], axis=-1)
 
 
-def _overlapped(padded: Float[Array, "rows *batch cells+7"], firsts: range) -> Float[Array, "*batch cells+3"]:
+def _overlapped(padded: Float[Any, "rows *batch cells+7"], firsts: range) -> Float[Any, "*batch cells+3"]:
     """Return the sum of the rows; each starts at the coefficient in `firsts`."""
     count = padded.shape[-1] - DEGREE - 1
     rows = (x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
