@@ -34,8 +34,9 @@ def evaluated(task: Task, work: Any, times: Any) -> dict[str, Any]:
     """Return the arrays of the outputs by name, computed in NumPy."""
     driven, frame = stacked(task, work)
     about = frame if driven.vehicle is None else (*frame[:2], driven.vehicle)
-    found = channels(driven.paths, np.atleast_2d(times), about, task.names)
+    rows: Any = np.atleast_2d(times)
+    found = channels(driven.paths, rows, about, task.names)
     lead = next(iter(found.values()))[0].shape if found else ()
     lead = lead if task.batched else lead[1:]
-    raw = {name: np.stack(x).reshape(*CHANNELS[name].shape, *lead) for name, x in found.items()}
+    raw: Any = {name: np.stack(x).reshape(*CHANNELS[name].shape, *lead) for name, x in found.items()}
     return results(task, raw)

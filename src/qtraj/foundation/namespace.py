@@ -168,7 +168,7 @@ def on_host(x: Any) -> Any:
     """Return a concrete JAX or NumPy array as a NumPy array, floats in float64; any other value is unchanged."""
     if _in_numpy[type(x)] and type(x) is not np.ndarray:
         return x
-    if jax.dtypes.issubdtype(x.dtype, jax.dtypes.extended):  # keys of random numbers
+    if jnp.issubdtype(x.dtype, jax.dtypes.extended):  # keys of random numbers
         return x
     array = np.asarray(x)
     return array.astype(np.float64) if jnp.issubdtype(array.dtype, jnp.floating) else array

@@ -35,7 +35,7 @@ def add_vectors(a: Triple, b: Triple) -> Triple:
     return (add([a[0], b[0]]), add([a[1], b[1]]), add([a[2], b[2]]))
 
 
-def scaled(a: Triple, factor: Array) -> Triple:
+def scaled(a: Triple, factor: Any) -> Triple:
     """Return the triple multiplied by `factor`."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 

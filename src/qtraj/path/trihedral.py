@@ -207,7 +207,7 @@ def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Sc
     )
 
 
-def from_rows(frame: AbstractFrame, t: Scalar | None, r: Float[Array, "5 3"], duration: Scalar) -> Any:
+def from_rows(frame: AbstractFrame, t: Any, r: Float[Array, "5 3"], duration: Scalar) -> Any:
     """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
     basis = Basis()
     i = basis.invariants([triple(row) for row in r])
