@@ -1,10 +1,11 @@
 """Compute λ(t) for a prescribed ω(t); the rotations of all steps are computed at once and multiplied in parallel.
 
-Outside `jit` the steps are chosen to satisfy the tolerance, even under `grad`, `jvp` and `jacfwd`. The choice depends
-on values only; derivatives are computed with these steps fixed. In a jitted function in which ω and the times are
-concrete, the steps are chosen during tracing. If the times or parameters of ω are traced, as under `jit` or `vmap`,
-the steps are chosen at run time within a fixed number of slots, `max_steps`, and each slot costs as much as a step. In
-this case `steps`, a fixed number of equal steps in each interval, is cheaper.
+If the times, the initial quaternion, the tolerance and the values of ω are known, NumPy computes everything, and
+nothing is compiled except ω itself if it computes with JAX. Under `grad`, `jvp` and `jacfwd` outside `jit`, NumPy still
+chooses the steps. The choice depends on values only; derivatives are computed with these steps fixed. In a jitted
+function in which ω and the times are concrete, the steps are chosen during tracing. If the times or parameters of ω are
+traced, as under `jit` or `vmap`, the steps are chosen at run time within a fixed number of slots, `max_steps`, and each
+slot costs as much as a step. In this case `steps`, a fixed number of equal steps in each interval, is cheaper.
 """
 
 from typing import Any
