@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, bucket, concrete
 from qtraj.foundation.document import reads_older, storable
-from qtraj.foundation.namespace import in_numpy, needs_jax, xp
+from qtraj.foundation.namespace import in_numpy, is_host, needs_jax, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -133,7 +133,7 @@ def _measures(
     count: Int[Array, ""],
 ) -> dict[str, Any]:
     """Compute the fields of the residual from the first `count` samples."""
-    position, velocity = path.sampled(times, 1)
+    position, velocity = _states(path, times)
     valid = xp.arange(times.shape[0]) < count
     squares = xp.where(valid[:, None], position - positions, 0.0) ** 2
     distance = xp.sum(squares, axis=1)
@@ -152,6 +152,15 @@ def _measures(
 
 
 _compiled_measures, _measures_in_numpy = eqx.filter_jit(_measures), in_numpy(_measures)
+
+
+def _states(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+    """Return the positions and velocities of a path."""
+    if is_host(times):
+        position, velocity = path.sampled(times, 1)
+        return position, velocity
+    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
+    return states[:, 0], states[:, 1]
 
 
 def _angles(
