@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -54,6 +56,32 @@ def test_the_default_succeeds_and_writes_its_files(default_run):
     assert {file.name for file in default_run.out.iterdir()} == FILES
     assert [str(default_run.out / name) for name in ("paths.nc", "path.toml")] == default_run.content["files"][:2]
     assert all((default_run.out / name).stat().st_size > 500 for name in FILES)
+
+
+COUNTED = """
+import sys
+import jax
+
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda name, *_, **__: compiled.append(name) if name.endswith("backend_compile_duration") else None
+)
+from qtraj.cli.main import main
+
+sys.argv = ["qtraj", "tune"]
+try:
+    main()
+except SystemExit as end:
+    sys.exit(end.code or (f"{len(compiled)} compilations" if compiled else 0))
+"""
+"""A program that runs `qtraj tune`, and fails if JAX compiles anything."""
+
+
+def test_the_default_compiles_nothing(tmp_path):
+    """In a new process, because JAX keeps compiled code."""
+    run = subprocess.run([sys.executable, "-c", COUNTED], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "qtraj-out" / "path.toml").exists()
 
 
 def test_no_progress_where_stderr_is_no_terminal(default_run):

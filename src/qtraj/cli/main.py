@@ -128,8 +128,6 @@ def prepare() -> None:
     jax.config.update("jax_enable_x64", True)
     if not os.environ.get("JAX_PLATFORMS"):
         jax.config.update("jax_platforms", "cpu")  # problems are small, sequential and in float64
-    # Compilation takes much longer than the computation, so LLVM does not optimise unless the user sets XLA_FLAGS.
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     _enable_cache(jax.config.jax_enable_compilation_cache)  # type: ignore[attr-defined]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

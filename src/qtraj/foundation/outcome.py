@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from qtraj.foundation.arrays import concrete
+from qtraj.foundation.arrays import as_array, concrete
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.texts import Texts
 
@@ -226,7 +226,8 @@ class AbstractOutcome(AbstractResult):
     @property
     def successful(self) -> Bool[Array, "*batch"]:
         """Whether the solve succeeded, for each element of the batch; also available inside a trace."""
-        return self.code < FAILURES
+        code = concrete(self.code)
+        return self.code < FAILURES if code is None else as_array(code < FAILURES, bool)
 
     @property
     def result(self) -> Any:

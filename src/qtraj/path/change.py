@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, xp
+from qtraj.foundation.arrays import part
+from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, is_host, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import Scalar, Vec3
@@ -74,7 +75,7 @@ class PathChange(AbstractResult):
             was, now = np.asarray(values).tolist()
             if now > MAX_RATIO * was:
                 texts.append(f"{what.format(now / was)} ({now:.4g} {unit} instead of {was:.4g} {unit})")
-        if self.deviation > self.size:
+        if float(self.deviation) > float(self.size):
             texts.append(
                 f"deviates from the original path by {self.deviation:.3g} m, more than the size of that path, "
                 f"{self.size:.3g} m"
@@ -96,7 +97,7 @@ class PathChange(AbstractResult):
     @property
     def given_text(self) -> str | None:
         """A description of the requested boundary velocities if they differ from the original path, otherwise None."""
-        if self.given is None or np.allclose(self.given, self.velocities[0], rtol=1e-6, atol=1e-6):
+        if self.given is None or np.allclose(self.given, np.asarray(self.velocities)[0], rtol=1e-6, atol=1e-6):
             return None
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(self.given))
         return f"The specified states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."
@@ -150,7 +151,7 @@ class PathChange(AbstractResult):
             "end": Quantity(np.array(ENDS), "", "end of the path", ("end",)),
             "cylindrical": Quantity(np.array(COMPONENTS), "", "component about the axis", ("cylindrical",)),
         }
-        longer, slower = (float(values[1] - values[0]) for values in (self.lengths, self.durations))
+        longer, slower = (float(np.diff(np.asarray(values))[0]) for values in (self.lengths, self.durations))
         summary = f"{longer:+.6g} m, {slower:+.6g} s, {float(self.deviation):.6g} m maximum deviation"
         return Record(summary, variables, coordinates, {"frame": "world"})
 
@@ -195,7 +196,7 @@ class Sampled(NamedTuple):
     @property
     def ends(self) -> tuple[BoundaryState, BoundaryState]:
         """The boundary states at both ends, in world axes."""
-        first, last = (BoundaryState(self.positions[k], self.velocities[k]) for k in (0, -1))
+        first, last = (BoundaryState(_row_of(self.positions, k), _row_of(self.velocities, k)) for k in (0, -1))
         return first, last
 
 
@@ -204,6 +205,11 @@ def sampled(path: SpiralHelix) -> Sampled:
     """Sample a path at equally spaced instants, both ends included."""
     times = np.linspace(0.0, 1.0, SAMPLES).astype(path.duration.dtype) * path.duration
     return Sampled(*path.sampled(times, 1), path.turn, path.length())
+
+
+def _row_of(rows: Float[Array, "n 3"], k: int) -> Vec3:
+    """Return one row; nothing is compiled for a concrete JAX array."""
+    return rows[k] if is_host(rows) else part(rows, k)
 
 
 def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
@@ -221,7 +227,7 @@ def _heading_change(before: Vec3, after: Vec3) -> Any:
 
 
 def _row(name: str, values: Any, unit: str) -> tuple[str, str, str, str, str]:
-    before, after = map(float, values)
+    before, after = np.asarray(values).tolist()
     was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # avoids -0.0000
     return name, f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", unit
 

@@ -4,13 +4,12 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_array, as_float, bucket, concrete
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.namespace import in_numpy, is_host, needs_jax, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -108,23 +107,24 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     """
     _require_covered(path, track)
     elapsed = elapsed_times(track)
+    dtype = path.duration.dtype
+    samples = (elapsed, to_float64(track.positions), None if track.velocities is None else to_float64(track.velocities))
+    if path.supports_numpy and not needs_jax(jax.tree.leaves(path)):
+        measures = _measures_in_numpy(path, *(None if x is None else as_array(x, dtype) for x in samples), len(elapsed))
+        return Residual(**measures, turn=track.turn, samples=len(elapsed))
 
     # Pad with copies of the first sample, so that tracks of similar length share an executable. `count` is the number
     # of samples without the copies.
     def padded(x: np.ndarray) -> Array:
         padding = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
-        return as_array(np.concatenate([x, padding]), path.duration.dtype)
+        return as_array(np.concatenate([x, padding]), dtype)
 
-    velocities = None if track.velocities is None else padded(to_float64(track.velocities))
-    count = as_array(len(elapsed), int)
-    return Residual(
-        **_measures(path, padded(elapsed), padded(to_float64(track.positions)), velocities, count),
-        turn=track.turn,
-        samples=len(elapsed),
+    measures = _compiled_measures(
+        path, *(None if x is None else padded(x) for x in samples), as_array(len(elapsed), int)
     )
+    return Residual(**measures, turn=track.turn, samples=len(elapsed))
 
 
-@eqx.filter_jit
 def _measures(
     path: AbstractHodograph,
     times: Float[Array, " n"],
@@ -133,22 +133,34 @@ def _measures(
     count: Int[Array, ""],
 ) -> dict[str, Any]:
     """Compute the fields of the residual from the first `count` samples."""
-    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
-    valid = jnp.arange(times.shape[0]) < count
-    squares = jnp.where(valid[:, None], states[:, 0] - positions, 0.0) ** 2
-    distance = jnp.sum(squares, axis=1)
+    position, velocity = _states(path, times)
+    valid = xp.arange(times.shape[0]) < count
+    squares = xp.where(valid[:, None], position - positions, 0.0) ** 2
+    distance = xp.sum(squares, axis=1)
     sums = {"horizontal_rms": squares[:, 0] + squares[:, 1], "vertical_rms": squares[:, 2], "distance_rms": distance}
     if velocities is not None:
-        sums["velocity_rms"] = jnp.sum(jnp.where(valid[:, None], states[:, 1] - velocities, 0.0) ** 2, axis=1)
-        angles, moving = _angles(states[:, 1], velocities, valid)
-        sums["direction_rms"] = angles**2 * (count / moving).astype(angles.dtype)
-    means = jnp.sum(jnp.stack([*sums.values()]), axis=1) / count.astype(times.dtype)
+        sums["velocity_rms"] = xp.sum(xp.where(valid[:, None], velocity - velocities, 0.0) ** 2, axis=1)
+        angles, moving = _angles(velocity, velocities, valid)
+        sums["direction_rms"] = angles**2 * xp.asarray(count / moving, angles.dtype)
+    means = xp.sum(xp.stack([*sums.values()]), axis=1) / xp.asarray(count, times.dtype)
     measures: dict[str, Any] = dict.fromkeys(("velocity_rms", "direction_rms", "radius_min", "radius_max"))
-    measures |= dict(zip(sums, _root(means), strict=True)) | {"maximum": _root(jnp.max(distance))}
+    measures |= dict(zip(sums, _root(means), strict=True)) | {"maximum": _root(xp.max(distance))}
     if isinstance(path, SpiralHelix):
-        radius = jax.vmap(lambda t: polynomial.evaluate(path.radius, t))(times)
-        measures |= {"radius_min": jnp.min(radius), "radius_max": jnp.max(radius)}
+        radius = xp.polyval(path.radius[::-1], times)
+        measures |= {"radius_min": xp.min(radius), "radius_max": xp.max(radius)}
     return measures
+
+
+_compiled_measures, _measures_in_numpy = eqx.filter_jit(_measures), in_numpy(_measures)
+
+
+def _states(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+    """Return the positions and velocities of a path."""
+    if is_host(times):
+        position, velocity = path.sampled(times, 1)
+        return position, velocity
+    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
+    return states[:, 0], states[:, 1]
 
 
 def _angles(
@@ -158,17 +170,17 @@ def _angles(
 
     For a sample without motion, the angle is 0. If no sample has motion, the number is 1, so that it can be a divisor.
     """
-    speeds = jnp.sum(recorded**2, axis=1)
-    moving = valid & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)
-    along = jnp.where(moving, jnp.sum(velocities * recorded, axis=1), 1.0)
-    across = jnp.where(moving[:, None], jnp.cross(velocities, recorded), 0.0)
-    return jnp.arctan2(_root(jnp.sum(across**2, axis=1)), along), jnp.maximum(jnp.sum(moving), 1)
+    speeds = xp.sum(recorded**2, axis=1)
+    moving = valid & (speeds > STANDING**2 * xp.max(speeds)) & (xp.sum(velocities**2, axis=1) > 0)
+    along = xp.where(moving, xp.sum(velocities * recorded, axis=1), 1.0)
+    across = xp.where(moving[:, None], xp.cross(velocities, recorded), 0.0)
+    return xp.arctan2(_root(xp.sum(across**2, axis=1)), along), xp.maximum(xp.sum(moving), 1)
 
 
 def _root(squares: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Return square roots whose derivative is 0 at 0."""
     zero = squares == 0
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squares)))
+    return xp.where(zero, 0.0, xp.sqrt(xp.where(zero, 1.0, squares)))
 
 
 def _optional(x: ArrayInput | None) -> Scalar | None:

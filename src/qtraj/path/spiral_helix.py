@@ -139,7 +139,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         integer ≥ 0, or an acceleration is given. Traced values are not checked; check the `mismatch` of the path
         instead.
         """
-        eps = float(np.finfo(np.result_type(start.position, end.position)).eps)
+        eps = float(np.finfo(np.result_type(start.position.dtype, end.position.dtype)).eps)
         return cls(*problem.uniform(start, end, turns, placement, eps))
 
     @classmethod

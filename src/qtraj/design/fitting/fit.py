@@ -16,15 +16,14 @@ from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from qtraj.design.fitting.axis_search import MAX_STARTS, starts
+from qtraj.design.fitting.axis_search import starts
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.quality import Quality, judge, speed_misfit
 from qtraj.design.fitting.radius_bounds import is_at_bound, shrink_into_bounds
-from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, legendre_basis, minimise, problem
+from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, legendre_basis, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, measure_turn
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
@@ -136,21 +135,18 @@ def _fit_plane(
             f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be fitted to this "
             "window. Choose a window with one bend, or pass different radius_bounds."
         )
-    initial = np.zeros((MAX_STARTS, UNKNOWNS))
-    initial[:, : 2 + TERMS + angle_terms] = [axes[k % len(axes)] for k in range(MAX_STARTS)]
-    free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
     turn = problem(track, centre, scale, bounds, ratio)
-    unknowns, shifts = as_array(initial, float), as_array(np.zeros((MAX_STARTS, 2, POINTS)), float)
-    total, rounds = np.zeros(MAX_STARTS, int), 0
+    unknowns, shifts = np.stack(axes), np.zeros((len(axes), 2, POINTS))
+    total, rounds = np.zeros(len(axes), int), 0
     while True:
-        searches = minimise(turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32))
-        unknowns, violations, misfit, converged, steps = searches
-        max_violation, total, rounds = np.asarray(violations).max(axis=(1, 2)), total + np.asarray(steps), rounds + 1
-        best = _best(np.asarray(misfit), max_violation)
+        search = minimise(turn, unknowns, shifts, int(max_steps))
+        unknowns, converged = search.unknowns, search.converged
+        max_violation, total, rounds = search.violations.max(axis=(1, 2)), total + search.steps, rounds + 1
+        best = _best(search.misfit, max_violation)
         bounds_met = bool(max_violation[best] <= BOUND_TOLERANCE)
         if bounds_met or not converged[best] or rounds == ROUNDS:
-            return np.asarray(unknowns[best], np.float64), bounds_met and bool(converged[best]), int(total[best])
-        shifts = jnp.maximum(shifts + violations, 0.0)
+            return unknowns[best], bounds_met and bool(converged[best]), int(total[best])
+        shifts = np.maximum(shifts + search.violations, 0.0)
 
 
 def _best(misfit: np.ndarray, max_violation: np.ndarray) -> int:

@@ -41,10 +41,12 @@ def make_outcome(
     """Return the outcome of a batch of tasks; `faults` is the result of `fault_codes`."""
     if is_traced(tasks, result):
         parts = _traced_paths(tasks, jax.lax.stop_gradient(result), start, end)
+        parts = parts if batch else one(parts)
     else:
         with np.errstate(all="ignore"):
-            parts = as_jax(_paths(tasks, result.z.T, start, end))
-    path, objective, first, last, reference = parts if batch else one(parts)
+            parts = _paths(tasks, result.z.T, start, end)
+        parts = as_jax(parts if batch else one(parts))  # in this order, because an index compiles for a JAX array
+    path, objective, first, last, reference = parts
     if placement is None:
         path, reference = (eqx.tree_at(lambda path: path.placement, x, None) for x in (path, reference))
     ill_posed = faults != ResultCode.successful
@@ -55,11 +57,15 @@ def make_outcome(
         path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
     certificate = certify(path, limits, corridor=corridor, reference=None if corridor is None else reference)
     stationary, violation, steps = (x if batch else x[0] for x in (result.stationary, result.violation, result.steps))
-    code = _code(stationary, violation, certificate.codes <= SAMPLED)
+    code = _code(stationary, violation, _concrete_or_traced(certificate.codes) <= SAMPLED)
     xp: Any = jnp if is_traced(code, faults) else np
     code = xp.where(ill_posed, faults, code).astype(np.int32)
     vehicle = with_batch(limits.vehicle, batch[0]) if batch else limits.vehicle
     return Tuned(path, first, last, objective, certificate, code, steps, vehicle=vehicle)
+
+
+def _concrete_or_traced(x: Array) -> Any:
+    return x if is_traced(x) else np.asarray(x)
 
 
 def _paths(

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.problem import Problem
-from qtraj.foundation.arrays import as_array
+from qtraj.foundation.arrays import as_array, part
 
 
 class Task(eqx.Module):
@@ -41,7 +41,7 @@ def constraint_values(task: Task, z: Float[Array, " n"], u: Float[Array, "limits
 
 def one(tree: Any) -> Any:
     """Return the only element of a batch."""
-    return jax.tree.map(lambda x: x[0], tree)
+    return jax.tree.map(lambda x: part(x, 0) if isinstance(x, jax.Array) else x[0], tree)
 
 
 def as_jax(tree: Any) -> Any:
