@@ -32,8 +32,12 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD, PathQuantity
 from qtraj.path.vehicle import RoadParameters
 
-GRIDS = {True: np.linspace(0.0, 1.0, 97), False: np.linspace(0.0, 1.0, 1153)}
-"""The instants at which quantities are sampled, with and without a proof."""
+GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
+"""The instants at which quantities are sampled.
+
+The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
+one. The last grid is for quantities that are only sampled.
+"""
 
 
 class Limit(NamedTuple):
@@ -70,6 +74,7 @@ class _Task:
         self.source, self.vehicle = source, vehicle
         entries = [limit.entry for limit in limits]
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
+        self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
         self._divisors: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._grids: dict[int, Invariants] = {}
@@ -177,7 +182,7 @@ class _Task:
             return at, limit.factors * values * source.length**entry.length / source.duration**entry.per_time
 
     def _grid(self, provable: np.ndarray) -> np.ndarray:
-        return GRIDS[bool(np.all(provable))]
+        return self.grid if np.all(provable) else FINEST_GRID
 
     def _at(self, u: np.ndarray) -> Invariants:
         """Return the invariants at instants (k, n), or on a grid (k,), for which they are computed only once."""

@@ -13,13 +13,13 @@ from jaxtyping import Float
 
 from qtraj.foundation.namespace import xp
 
-PEAKS = 3
+PEAKS = 4
 """Number of local maxima of the samples that are refined."""
 
 OFFSETS = np.linspace(-1.0, 1.0, 7)
 """The instants of a window, in units of its half-width."""
 
-WIDE, NARROW = (1.0, 1 / 4), (1 / 8, 1 / 32, 1 / 256, 1 / 2048)
+WIDE, NARROW = (1.0, 1 / 2), (1 / 4, 1 / 8, 1 / 16, 1 / 64, 1 / 512, 1 / 4096)
 """Half-widths of the windows about all local maxima, and then about the highest one, in units of the samples' spacing.
 
 A window contains the instants next to the largest value in the previous window.
