@@ -87,7 +87,10 @@ def _exact(coefficients):
 
 
 def _value(coefficients, t):
-    return mpmath.polyval(coefficients[::-1], t)
+    result = mpmath.mpf(0)
+    for c in reversed(coefficients):
+        result = result * t + c
+    return result
 
 
 def _slope(coefficients):

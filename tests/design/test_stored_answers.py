@@ -20,7 +20,7 @@ SUCCESSFUL = int(qt.ResultCode.successful)
 VALUE = 1e-9
 """Relative tolerance of largest values; values below the limit are compared relative to the limit."""
 
-LOWER, HIGHER = 1e-6, 1e-2
+LOWER, HIGHER = 1e-5, 1e-2
 """The same for the angular acceleration, whose narrow peaks the stored values miss: they may be larger now."""
 
 OBJECTIVE, SMALL = 1e-9, 1e-10
