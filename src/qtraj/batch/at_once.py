@@ -11,8 +11,11 @@ from qtraj.batch.task import Task
 from qtraj.foundation.namespace import in_numpy, needs_jax
 from qtraj.path.channel import CHANNELS
 
-FEW = 4096
-"""Largest number of instants, counted over all paths, that are evaluated in NumPy; more are evaluated by JAX."""
+FEW, FEW_OF_ONE = 4096, 65536
+"""Largest number of instants that are evaluated in NumPy: in total over a batch of paths, and of a single path.
+
+More instants are evaluated by JAX. JAX is twice as fast for a single path, but compiling takes more than a second.
+"""
 
 
 def is_small(task: Task, work: Any, times: Any) -> bool:
@@ -25,8 +28,10 @@ def is_small(task: Task, work: Any, times: Any) -> bool:
         return False
     if task.batched and paths.polynomials() is None:
         return False
-    count = paths.duration.shape[0] if task.batched else 1
-    return count * times.shape[-1] <= FEW and not needs_jax(jax.tree.leaves((work, times)))
+    few = times.shape[-1] <= FEW_OF_ONE
+    if task.batched:
+        few = paths.duration.shape[0] * times.shape[-1] <= FEW
+    return few and not needs_jax(jax.tree.leaves((work, times)))
 
 
 @in_numpy

@@ -10,12 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.algebra.vector import norm
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.road import coefficients
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.drawing import draw
+from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import Scalar
@@ -153,7 +155,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
     distance = _distances(timed.path.path, parameter)
-    found = jax.tree.map(np.array, _sampled(timed.path, jnp.asarray(parameter), names, vehicle, bounds))
+    found = jax.tree.map(np.array, _sampled(timed.path, as_array(parameter, float), names, vehicle, bounds))
     still = found.speed <= STILL * found.speed.max()
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
     values = np.stack([_mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
@@ -174,10 +176,10 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         values=as_float(values),
         cell_distance=as_float(ends),
         usage=as_float(usage),
-        active=jnp.asarray(active, jnp.int32),
+        active=as_array(active, jnp.int32),
         limits=as_float(limits),
         shares=as_float(shares),
-        durations=jnp.stack([jnp.asarray(timed.path.path.duration), jnp.asarray(timing.duration)]),
+        durations=as_float(np.stack([np.asarray(timed.path.path.duration), np.asarray(timing.duration)])),
         stops=as_float(stops),
         stop_distance=as_float(places),
     )
@@ -212,13 +214,16 @@ def _distances(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.
     """Return the distances [m] travelled up to the parameters `u`."""
     half = np.diff(u)[:, None] / 2
     at = u[:-1, None] + half * (NODES + 1)
-    paces = np.asarray(_paces(path, jnp.asarray(at.ravel()))).reshape(at.shape)
+    compute = in_numpy(_paces) if path.supports_numpy else _compiled_paces
+    paces = np.asarray(compute(path, as_array(at.ravel(), path.duration.dtype))).reshape(at.shape)
     return np.append(0.0, np.cumsum(np.sum(half * WEIGHTS * paces, axis=1)))
 
 
-@eqx.filter_jit
 def _paces(path: AbstractHodograph, u: Float[Array, " n"]) -> Float[Array, " n"]:
-    return jax.vmap(lambda x: jnp.linalg.norm(path.velocity(x)))(u)
+    return norm(path.sampled(u, 1)[1])
+
+
+_compiled_paces = eqx.filter_jit(_paces)
 
 
 @eqx.filter_jit

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, concrete, require_element
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, counts_text
@@ -191,10 +192,12 @@ class Certificate(AbstractOutcome):
     @property
     def code(self) -> Int[Array, "*batch"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The `ResultCode` of the whole path, from its worst finding."""
-        code = jnp.full(self.codes.shape[:-1], ResultCode.successful, jnp.int32)
+        known = concrete(self.codes)
+        findings = self.codes if known is None else known
+        code = xp.full(findings.shape[:-1], int(ResultCode.successful), np.int32)
         for finding, result in reversed(_RESULT_OF_FINDING):
-            code = jnp.where(jnp.any(self.codes == finding, axis=-1), int(result), code)
-        return code
+            code = xp.where(xp.any(findings == finding, axis=-1), np.int32(result), code)
+        return as_array(code, jnp.int32)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result of one path."""
