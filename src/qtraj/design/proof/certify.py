@@ -151,7 +151,8 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     if not is_traced(arrays, numbers):
         return _on_host(names, *arrays, *numbers)
     dtype, shape = jnp.result_type(float), (*batch, len(names))
-    result = Findings(*(jax.ShapeDtypeStruct(shape, x) for x in (np.int32, dtype, dtype)))
+    likes: list[Any] = [jax.ShapeDtypeStruct(shape, x) for x in (np.int32, dtype, dtype)]
+    result = Findings(*likes)
 
     def on_host(*arrays: Any) -> Findings:
         return Findings(*(x.astype(y.dtype) for x, y in zip(_on_host(names, *arrays), result, strict=True)))

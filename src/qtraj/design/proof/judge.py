@@ -112,7 +112,8 @@ class _Task:
             return self._exact_formulas(k).within(entry, Bound(bound, factor))
 
         if not np.any(wanted):
-            return Decided(*2 * [np.zeros(wanted.shape, bool)], np.zeros(wanted.shape))
+            nothing = np.zeros(wanted.shape, bool)
+            return Decided(nothing, nothing, np.zeros(wanted.shape))
         return decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
 
     def _divisor(self, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -169,7 +170,7 @@ class _Task:
         h, length = self.source.duration, self.source.length
         return vehicle._replace(gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length)
 
-    def _largest(self, limit: Limit, hints: np.ndarray, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _largest(self, limit: Limit, hints: np.ndarray | None, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the instant and the largest value of a quantity, in SI units."""
         entry, source, grid = limit.entry, self.source, self._grid(provable)
 

@@ -104,7 +104,8 @@ def _at_rest(limits: Sequence[Limit], road: RoadParameters | None) -> tuple[np.n
     """Return the status codes and values of a segment without motion: only gravity acts, on a road without slope."""
     values, bounds = np.zeros(len(limits)), np.array([float(x.bounds) for x in limits])
     if road is not None:
-        zero, one = np.zeros(()), np.ones(())
+        zero: Any = np.zeros(())
+        one: Any = np.ones(())
         forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one)
         values = np.array([float(x.entry.value(forces)) if x.entry.on_road else 0.0 for x in limits])
     proved, broken = values * (1 + ZERO) < bounds, values * (1 - ZERO) > bounds

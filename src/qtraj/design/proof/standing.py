@@ -34,7 +34,7 @@ class StandingSource(Source):
 
     def __init__(self, segments: Segments, rows: np.ndarray, keep_acceleration: bool):
         self.duration = segments.durations[rows]
-        self._given = [_divided(_velocity(segments, i)) for i in rows]
+        self._given = [_divided(_velocity(segments, int(i))) for i in rows]
         self._keep = keep_acceleration
         sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in self._given]
         self.length = power_of_two(np.array(sizes, float))
@@ -75,7 +75,7 @@ def standing(segments: Segments) -> Bool[np.ndarray, "segments 2"]:
     start = np.linalg.norm(scaled[:, 0], axis=-1) <= ZERO * sizes
     end = np.linalg.norm((k * scaled).sum(axis=1), axis=-1) <= 1e3 * ZERO * sizes
     for i in np.flatnonzero(end & moving):  # the sum in floats only finds candidates
-        end[i] = _starts_at_rest([p.reflected() for p in _velocity(segments, i)])
+        end[i] = _starts_at_rest([p.reflected() for p in _velocity(segments, int(i))])
     return np.stack([start & moving, end & moving], axis=1)
 
 
