@@ -11,6 +11,10 @@ from collections.abc import Iterable
 from typing import Any
 
 
+MANY = 20
+"""From this number of coefficients on, polynomials are multiplied as long integers."""
+
+
 class ExactPolynomial:
     """The polynomial Σ numbers[k]·u^k·2^exponent with integer `numbers`."""
 
@@ -129,9 +133,38 @@ def _product(a: list[int], b: list[int]) -> list[int]:
     """Return the coefficients of the product of two polynomials."""
     if len(a) > len(b):
         a, b = b, a
+    if len(a) >= MANY:
+        return _packed_product(a, b)
     result = [0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         if x:
             for j, y in enumerate(b, start=i):
                 result[j] += x * y
     return result
+
+
+def _packed_product(a: list[int], b: list[int]) -> list[int]:
+    """Return the same by one multiplication of long integers, whose digits are the coefficients (Kronecker)."""
+    bits = _magnitude(a) + _magnitude(b) + len(a).bit_length() + 2
+    width = -(-bits // 8)
+    half = 1 << (8 * width - 1)
+    count = len(a) + len(b) - 1
+    # Digits are stored as digit + half, which is not negative.
+    digits = (_packed(a, width, half) * _packed(b, width, half) + _repeated(half, width, count)).to_bytes(
+        width * count, "little"
+    )
+    return [int.from_bytes(digits[k * width : (k + 1) * width], "little") - half for k in range(count)]
+
+
+def _packed(a: list[int], width: int, half: int) -> int:
+    """Return Σ a_k·2^(8·width·k)."""
+    digits = b"".join((x + half).to_bytes(width, "little") for x in a)
+    return int.from_bytes(digits, "little") - _repeated(half, width, len(a))
+
+
+def _repeated(half: int, width: int, count: int) -> int:
+    return int.from_bytes(half.to_bytes(width, "little") * count, "little")
+
+
+def _magnitude(a: list[int]) -> int:
+    return max(max(a), -min(a)).bit_length()
