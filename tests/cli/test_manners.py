@@ -61,6 +61,15 @@ def test_a_failure_leaves_nothing(tmp_path, error):
     assert (tmp_path / "a").read_text() == "old"
 
 
+@pytest.fixture
+def interruptible():
+    """Handle SIGINT as a process in the foreground does; one in the background of a script ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield  # processes that start here inherit the default handler
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
     replace = os.replace
 
@@ -353,6 +362,7 @@ def process(arguments, **environment):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process of a group")
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
     """Interrupted once it computes, which it does when the first compilation lies in its cache."""
     cache, out = tmp_path / "cache", tmp_path / "results"
