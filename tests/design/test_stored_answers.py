@@ -27,8 +27,10 @@ OBJECTIVE, SMALL = 1e-9, 1e-10
 """Relative and absolute tolerance by which an objective of `tune` may be larger than before."""
 
 KINKS = {"tunings.hermite_torsion": 1e-8}
-"""Absolute tolerances of objectives for groups in which peaks of the torsion appear and vanish at the optimum: one search
-of eight ends 5e-9 above the stored objective."""
+"""Absolute tolerances of objectives for groups in which peaks of the torsion appear and vanish at the optimum.
+
+One search of eight ends 5e-9 above the stored objective.
+"""
 
 ROUTE_OBJECTIVE = 1e-6
 """Relative tolerance by which an objective of `tune_route` may be larger than before; its tightening stops at 1e-6."""
