@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-
 MANY = 20
 """From this number of coefficients on, polynomials are multiplied as long integers."""
 
