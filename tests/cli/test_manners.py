@@ -30,7 +30,8 @@ from qtraj.scenario import KINDS
 from qtraj.viz.result_files import obsolete_files
 
 SOURCE = Path(__file__).parents[2] / "src"
-HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+HELIX, SIMULATION = EXAMPLES / "helix.toml", EXAMPLES / "simulate_ramp.toml"
 DATA = KINDS["route"].embedded.parent
 
 
@@ -60,6 +61,15 @@ def test_a_failure_leaves_nothing(tmp_path, error):
     assert (tmp_path / "a").read_text() == "old"
 
 
+@pytest.fixture
+def interruptible():
+    """Handle SIGINT as a process in the foreground does; one in the background of a script ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield  # processes that start here inherit the default handler
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
     replace = os.replace
 
@@ -352,10 +362,11 @@ def process(arguments, **environment):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process of a group")
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
     """Interrupted once it computes, which it does when the first compilation lies in its cache."""
     cache, out = tmp_path / "cache", tmp_path / "results"
-    command = [sys.executable, "-m", "qtraj", "tune", "--out", str(out)]
+    command = [sys.executable, "-m", "qtraj", "simulate", str(SIMULATION), "--out", str(out)]
     environment = surroundings(XDG_CACHE_HOME=str(cache))
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
         deadline = time.monotonic() + 60
@@ -368,12 +379,17 @@ def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["cache"]
 
 
-def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
-    done = process(["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--json"], XDG_CACHE_HOME=str(tmp_path))
+def test_a_process_computes_in_float64():
+    done = process(["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--json"])
     assert (done.returncode, done.stderr) == (0, "")
     curvature = json.loads(done.stdout)["columns"]["curvature"][0]
     rate = 0.39269908169872414
     assert curvature == pytest.approx(10 * rate**2 / (100 * rate**2 + 0.25**2), rel=1e-14)
+
+
+def test_a_process_keeps_its_compilations(tmp_path):
+    done = process(["-m", "qtraj", "simulate", str(SIMULATION), "--json"], XDG_CACHE_HOME=str(tmp_path))
+    assert (done.returncode, done.stderr) == (0, "")
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 

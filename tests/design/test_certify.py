@@ -158,7 +158,7 @@ def test_the_initial_height_and_azimuth_do_not_matter():
     """A path 6400 km above the origin is proved like one at height 0."""
     _, peak = qt.peak(PATH, "slope")
     limits = qt.Limits(slope=peak * (1 + 1e-8), curvature=1.0)
-    high = qt.SpiralHelix(PATH.radius, PATH.angle.at[0].set(1e4), PATH.height.at[0].set(6.4e6), PATH.duration)
+    high = qt.SpiralHelix(PATH.radius, [1e4, *PATH.angle[1:]], [6.4e6, *PATH.height[1:]], PATH.duration)
     assert qt.certify(high, limits).holds
 
 

@@ -28,7 +28,7 @@ def test_plain_arrays_change_only_their_order():
     assert np.array_equal(exchange.wxyz_from_xyzw(exchange.xyzw_from_wxyz(many)), many)
     assert qt.quaternion.to_xyzw(jnp.asarray(Q[0])).tolist() == exchange.xyzw_from_wxyz(Q[0]).tolist()
     assert qt.quaternion.from_xyzw(jnp.asarray(Q[0])).tolist() == exchange.wxyz_from_xyzw(Q[0]).tolist()
-    assert exchange.xyzw_from_wxyz(np.float32([1, 0, 0, 0])).dtype == jnp.float32
+    assert exchange.xyzw_from_wxyz(jnp.float32([1, 0, 0, 0])).dtype == jnp.float32
 
 
 def test_scipy_rotates_vectors_equally():

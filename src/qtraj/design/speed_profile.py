@@ -29,12 +29,9 @@ from qtraj.path.vehicle import RoadParameters
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PER_CELL = 4
-"""Number of samples in each cell of the timing."""
-REACHED = 0.99
-"""A limit is reached in a cell if the quantity is at least this fraction of the limit."""
-STILL = 1e-9
-"""A speed below this fraction of the highest speed is treated as zero."""
+PER_CELL, REACHED, STILL = 4, 0.99, 1e-9
+"""Number of samples in each cell of the timing; a limit is reached if the quantity is at least this fraction of it, and
+a speed counts as zero below this fraction of the highest speed."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Nodes and weights of the quadrature for the distance between two samples."""
 ORDER = 3
@@ -258,10 +255,7 @@ def _invariants(path: AbstractHodograph, t: Scalar, vehicle: RoadParameters | No
 
 
 def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the quantities that, at constant speed, are proportional to a power of the speed.
-
-    "acceleration" becomes "lateral_acceleration", because at constant speed the two are equal.
-    """
+    """Return the quantities that are proportional to a power of a constant speed; the acceleration is then lateral."""
     return tuple("lateral_acceleration" if n == "acceleration" else n for n in names if _is_power(n))
 
 

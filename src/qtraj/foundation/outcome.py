@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
@@ -227,7 +228,9 @@ class AbstractOutcome(AbstractResult):
     def successful(self) -> Bool[Array, "*batch"]:
         """Whether the solve succeeded, for each element of the batch; also available inside a trace."""
         code = concrete(self.code)
-        return self.code < FAILURES if code is None else as_array(code < FAILURES, bool)
+        if code is None or not isinstance(self.code, jax.Array):
+            return self.code < FAILURES
+        return as_array(code < FAILURES, bool)  # JAX would compile the comparison
 
     @property
     def result(self) -> Any:

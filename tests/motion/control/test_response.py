@@ -115,7 +115,7 @@ def test_arguments_of_single_and_double_precision_can_be_mixed():
     for make in (gains.from_settling_time, gains.from_damping):
         np.testing.assert_allclose(make(np.float32(2.0), 0.5), make(2.0, 0.5), rtol=EXACT)
     np.testing.assert_allclose(gains.from_weights(np.float32(4.0), 2.0, 1.0), gains.from_weights(4.0, 2.0, 1.0))
-    assert gains.from_damping(np.float32(2.0), np.float32(0.5))[0].dtype == np.float32
+    assert gains.from_damping(np.float32(2.0), np.float32(0.5))[0].dtype == np.float64
 
 
 def test_arguments_out_of_range_are_refused():

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import lapack
 
 
 class Factored(NamedTuple):
@@ -23,6 +22,8 @@ def factor(band: Float[np.ndarray, "batch n width"]) -> Factored:
 
     Entries before the first column must be zero. The array is overwritten.
     """
+    from scipy.linalg import lapack  # slow to import, and most programs never solve a band system
+
     failed = ~np.isfinite(band).all(axis=(1, 2))
     while True:
         if failed.any():
@@ -35,6 +36,8 @@ def factor(band: Float[np.ndarray, "batch n width"]) -> Factored:
 
 def solve(f: Factored, right: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
     """Return the solutions of the linear systems; NaN for a matrix that is not positive definite."""
+    from scipy.linalg import lapack
+
     failed = f.failed | ~np.isfinite(right).all(axis=1)
     if failed.any():
         right = np.where(failed[:, None], 0.0, right)

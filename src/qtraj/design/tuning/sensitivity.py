@@ -43,7 +43,22 @@ class _Kinds(NamedTuple):
 @eqx.filter_custom_jvp
 def solution(task: Task, result: SearchResult) -> Solution:
     """Return the solution of a search as a differentiable function of the task."""
-    return Solution(result.z, result.multiplier, result.time)
+    return Solution(result.z, _multipliers(task, result), result.time)
+
+
+def _multipliers(task: Task, result: SearchResult) -> Float[Array, " k"]:
+    """Return the multipliers of the active peaks that satisfy the conditions best (least squares).
+
+    The multipliers of a search are those of its last subproblem. They are less accurate than its variables, and the
+    second derivatives of the Lagrangian need accurate ones.
+    """
+    active = result.multiplier > ACTIVE
+    free = (result.z > task.low + AT_BOUND) & (result.z < task.high - AT_BOUND)
+    slope = jnp.where(free, jax.grad(task.problem.cost)(result.z), 0.0)
+    slopes = jax.jacfwd(lambda z: _at(task, result, z, result.time))(result.z)
+    slopes = jnp.where(active[:, None] & free[None], slopes, 0.0)
+    found = jnp.linalg.lstsq(slopes.T, -slope)[0]
+    return jnp.where(active, jnp.maximum(found, 2 * ACTIVE), result.multiplier)
 
 
 @solution.def_jvp
