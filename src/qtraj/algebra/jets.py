@@ -26,7 +26,8 @@ class Jet:
         gradient: Float[np.ndarray, "n *batch"],
         hessian: Float[np.ndarray, "n n *batch"] | None = None,
     ):
-        self.value, self.gradient, self.hessian = value, gradient, hessian
+        self.value, self.gradient = value, gradient
+        self.hessian: Any = hessian
 
     def __add__(self, other: Any) -> "Jet":
         if isinstance(other, Jet):

@@ -86,7 +86,7 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     return c / duration ** np.arange(m + n).astype(c.dtype)
 
 
-def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar) -> Float[Array, " 4"]:
+def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Any) -> Float[Array, " 4"]:
     """Return the cubic with given values and slopes at both ends, the most common case of `hermite`, in closed form."""
     mean = (end[0] - start[0]) / duration
     second = (3 * mean - 2 * start[1] - end[1]) / duration
@@ -94,6 +94,6 @@ def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar)
     return xp.stack([start[0], start[1], second, third])
 
 
-def _unit_scales(count: int, duration: Scalar) -> Float[Array, " count"]:
+def _unit_scales(count: int, duration: Any) -> Float[Array, " count"]:
     """Return duration^k / k! for k < `count`, which converts derivatives in t to Taylor coefficients in t/duration."""
     return xp.stack([duration**k / math.factorial(k) for k in range(count)])

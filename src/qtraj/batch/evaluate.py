@@ -107,7 +107,7 @@ def evaluate(
     work = (paths, frame, vehicle)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
     if devices is None and is_host(*(reused or {}).values()) and is_small(task, work, instants):
-        values = evaluated(task, work, instants)
+        values: Any = evaluated(task, work, instants)
     else:
         traced = is_traced(work, instants)
         values = run(task, work, instants, None if traced else devices, traced, reused)

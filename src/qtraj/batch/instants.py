@@ -8,6 +8,7 @@ quaternion of the moving basis and the quaternion of the frame relative to this 
 Arrays are (paths, instants). Where a frame is not defined, its outputs are the fallback values of `trihedral`.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -196,7 +197,7 @@ def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple
     return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
 
 
-def _columns(c: Float[Array, "paths n"]) -> list[Any]:
+def _columns(c: Float[Array, "paths n"]) -> Sequence[Any]:
     """Return the columns (paths, 1); XLA compiles a split to faster loops than slices."""
     return np.split(c, c.shape[1], axis=1) if is_host(c) else split(c, [1] * c.shape[1], axis=1)
 

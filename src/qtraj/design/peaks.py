@@ -11,6 +11,7 @@ times t* of the maxima as constants. The gradient of f(t*, x) with respect to pa
 from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -61,12 +62,12 @@ def _compiled_peak(path: AbstractHodograph, name: str, road: RoadParameters | No
     return maximum(lambda path, t: value(path, t, name, road), path, CELLS)
 
 
-def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Scalar, Scalar]:
+def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Any, Any]:
     """Return the time [s] and the value of the maximum, in NumPy; only cells with the highest values are refined."""
     duration = path.duration
     low, high = _divided(*_cells(path, CELLS)[1:])
 
-    def quantity_at(u: Float[Array, ...]) -> Float[Array, ...]:
+    def quantity_at(u: Any) -> Any:
         found = value(path, (u * duration).ravel(), name, road)
         return np.broadcast_to(found, u.size).reshape(u.shape)
 
@@ -113,7 +114,7 @@ def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Ar
     return jnp.take_along_axis(candidates, jnp.argmax(values, axis=0)[None], axis=0)[0]
 
 
-def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
+def _cells(path: AbstractHodograph, cells: int) -> tuple[Any, Any, Any]:
     """Return the nodes and both ends of the cells, as fractions of the duration.
 
     A cell of a route or a retimed path ends just before the next cell, so that it does not contain values of the next

@@ -33,7 +33,8 @@ def as_float(x: ArrayInput) -> Array:
         x = np.asarray(x)
         if x.dtype.kind not in "fiub":
             raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
-        return np.array(x, np.float64)  # a copy, because the caller may overwrite its memory
+        copy: Any = np.array(x, np.float64)  # because the caller may overwrite its memory
+        return copy
     x = jnp.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
         return x

@@ -5,6 +5,7 @@ subintervals, is differentiable in forward and reverse mode.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox.internal as eqxi  # for `unvmap_max`, which JAX does not provide
 import jax
@@ -69,7 +70,7 @@ def arc_length(speed: Speed, duration: Scalar) -> Scalar:
     return jnp.where(converged, total, jnp.nan)
 
 
-def _refined(speed: Speed, duration: Scalar) -> Scalar:
+def _refined(speed: Speed, duration: Any) -> Any:
     """Return the length computed in NumPy, with the same refinement as `_refine`."""
     pieces, previous, current = 0, np.nan, np.nan
     while not abs(current - previous) <= TOLERANCE * current:
@@ -110,7 +111,7 @@ def _refine(speed: Speed, duration: Scalar) -> tuple[Int[Array, ""], Array]:
     return last[0], agree(last, max(MAX_CHANGE, tolerance))
 
 
-def _piece(speed: Speed, duration: Scalar, k: Int[Array, ""], pieces: Int[Array, ""]) -> Scalar:
+def _piece(speed: Speed, duration: Any, k: Any, pieces: Any) -> Any:
     """Return the length of subinterval `k` of `pieces` subintervals of equal duration."""
     part, dtype = duration / pieces.astype(duration.dtype), duration.dtype
     speeds = speed(part * (k.astype(dtype) + PLACES.astype(dtype)))

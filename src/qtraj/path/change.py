@@ -203,8 +203,9 @@ class Sampled(NamedTuple):
 @in_numpy_or_jit
 def sampled(path: SpiralHelix) -> Sampled:
     """Sample a path at equally spaced instants, both ends included."""
-    times = np.linspace(0.0, 1.0, SAMPLES).astype(path.duration.dtype) * path.duration
-    return Sampled(*path.sampled(times, 1), path.turn, path.length())
+    times: Any = np.linspace(0.0, 1.0, SAMPLES).astype(path.duration.dtype) * path.duration
+    positions, velocities = path.sampled(times, 1)
+    return Sampled(positions, velocities, path.turn, path.length())
 
 
 def _row_of(rows: Float[Array, "n 3"], k: int) -> Vec3:

@@ -108,9 +108,12 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     _require_covered(path, track)
     elapsed = elapsed_times(track)
     dtype = path.duration.dtype
-    samples = (elapsed, to_float64(track.positions), None if track.velocities is None else to_float64(track.velocities))
+    velocities = None if track.velocities is None else to_float64(track.velocities)
+    positions = to_float64(track.positions)
     if path.supports_numpy and not needs_jax(jax.tree.leaves(path)):
-        measures = _measures_in_numpy(path, *(None if x is None else as_array(x, dtype) for x in samples), len(elapsed))
+        count: Any = len(elapsed)
+        v = None if velocities is None else as_array(velocities, dtype)
+        measures = _measures_in_numpy(path, as_array(elapsed, dtype), as_array(positions, dtype), v, count)
         return Residual(**measures, turn=track.turn, samples=len(elapsed))
 
     # Pad with copies of the first sample, so that tracks of similar length share an executable. `count` is the number
@@ -119,9 +122,8 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
         padding = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
         return as_array(np.concatenate([x, padding]), dtype)
 
-    measures = _compiled_measures(
-        path, *(None if x is None else padded(x) for x in samples), as_array(len(elapsed), int)
-    )
+    v = None if velocities is None else padded(velocities)
+    measures = _compiled_measures(path, padded(elapsed), padded(positions), v, as_array(len(elapsed), int))
     return Residual(**measures, turn=track.turn, samples=len(elapsed))
 
 

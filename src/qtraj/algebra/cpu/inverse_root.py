@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from qtraj.foundation.namespace import is_host
 
-Numbers = Float[Array, "..."]
-Choice = Bool[Array, "..."] | bool
+Numbers = Float[Any, "..."]
+Choice = Bool[Any, "..."] | bool
 
 # For each dtype: the integer dtype of the same width, a constant, and the number of iterations to full precision. The
 # constant minus the bit pattern of x shifted right by one is the bit pattern of an estimate of 1/√x. The relative error

@@ -6,15 +6,17 @@ and evaluates two short minimax polynomials on [−π/4, π/4], which the compil
 one machine epsilon if the angle is less than 2^20 quarter turns in float64, or 2^13 in float32.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.algebra.polynomial import horner
 from qtraj.foundation.namespace import is_host
 
-Angles = Float[Array, "..."]
+Angles = Float[Any, "..."]
 
 # The sum of the three numbers is π/2. The first two have so few significant bits that their integer multiples are exact
 # below 2^20 quarter turns in float64, and below 2^13 in float32 (Cody–Waite reduction).

@@ -1,6 +1,6 @@
 """Find and refine the highest peaks of each constraint of one problem in JAX, for the optimisers of optax."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,12 +24,12 @@ MIN_DISTANCE = 1e-5
 class GridPeaks(NamedTuple):
     """The peaks of all constraints, and the ends of the path; `present` marks the elements that are in use."""
 
-    time: Float[Array, "limits k"]  # fractions of the duration
-    present: Bool[Array, "limits k"]
-    value: Float[Array, "limits k"]
+    time: Float[Any, "limits k"]  # fractions of the duration
+    present: Bool[Any, "limits k"]
+    value: Float[Any, "limits k"]
 
 
-def no_peaks(limits: int, dtype: type) -> GridPeaks:
+def no_peaks(limits: int, dtype: Any) -> GridPeaks:
     """Return peaks without any used element."""
     zeros = np.zeros((limits, SIZE), dtype)
     return GridPeaks(zeros, zeros > 0, zeros + ABSENT)

@@ -44,10 +44,10 @@ def initial_path(
         any_limit = Limits(speed=1.0)  # the checks require a limit, but the initial path does not depend on limits
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
-        states = (jax.tree.map(lambda x: x[None], state) for state in (start, end))
+        first, last = (jax.tree.map(lambda x: x[None], state) for state in (start, end))
         # The initial path does not depend on the objective, which may be a function of the user.
         kind = objective if objective.is_smooth else Nearest()
-        problem = pose(*states, kind, motion, duration, whole_turns(turns), placement, turn)
+        problem = pose(first, last, kind, motion, duration, whole_turns(turns), placement, turn)
         require_well_posed(one(problem), turn, any_limit, None, placement is not None)
         path = as_jax(one(problem.path(problem.zero)))
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)

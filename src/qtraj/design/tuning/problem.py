@@ -214,10 +214,10 @@ def pose(
     if is_traced(start, end, duration, placement, turn, weights, road, objective):
         xp = jnp
     data = (start, end, duration, placement, turn, road, np.ones(7) if weights is None else weights)
-    start, end, duration, placement, turn, road, weights = jax.tree.map(lambda x: xp.asarray(x, float), data)
+    start, end, duration, placed, turn, road, weights = jax.tree.map(lambda x: xp.asarray(x, float), data)
     batch = start.position.shape[:-1]
-    placement = jax.tree.map(lambda x: xp.broadcast_to(x, (*batch, x.shape[-1])), placement)
-    own = placement.origin, placement.orientation, xp
+    placed = jax.tree.map(lambda x: xp.broadcast_to(x, (*batch, x.shape[-1])), placed)
+    own = placed.origin, placed.orientation, xp
     a, b = (ends.cylindrical(state.position, state.velocity, *own) for state in (start, end))
     angle = ends.signed_turn(a, b, turns, turn, xp)
     speed = xp.sqrt((start.velocity**2 + end.velocity**2).sum(axis=-1) / 2)
@@ -230,8 +230,8 @@ def pose(
         duration=motion.duration(a, b, angle) if duration is None else xp.broadcast_to(duration, batch),
         speed=speed,
         scale=xp.ones_like(speed),
-        placement=placement,
-        vertical=ends.vertical(placement.orientation, xp),
+        placement=placed,
+        vertical=ends.vertical(placed.orientation, xp),
         weights=xp.broadcast_to(weights, (*batch, 7)),
         heading_fixed=xp.broadcast_to(xp.asarray(headings), (*batch, 2)),
         motion=motion,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.design.tuning.searches import Searches
 
@@ -17,11 +17,11 @@ Callback = Callable[[int], None]
 class Ends(NamedTuple):
     """The final points of a batch of searches; `largest` is the largest constraint value."""
 
-    z: Float[np.ndarray, "n batch"]
-    cost: Float[np.ndarray, " batch"]
-    largest: Float[np.ndarray, " batch"]
-    stationary: Bool[np.ndarray, " batch"]  # ended at a stationary point
-    steps: Int[np.ndarray, " batch"]
+    z: Float[Any, "n batch"]
+    cost: Float[Any, " batch"]
+    largest: Float[Any, " batch"]
+    stationary: Bool[Any, " batch"]  # ended at a stationary point
+    steps: Int[Any, " batch"]
 
     def take(self, index: Any) -> "Ends":
         """Return the final points of some searches."""
@@ -40,13 +40,13 @@ class SearchResult(NamedTuple):
     the largest constraint value, or zero if all limits are satisfied.
     """
 
-    z: Float[Array, "*batch n"]
-    limit: Int[Array, "*batch k"]
-    time: Float[Array, "*batch k"]
-    multiplier: Float[Array, "*batch k"]
-    violation: Float[Array, "*batch"]
-    stationary: Bool[Array, "*batch"]
-    steps: Int[Array, "*batch"]
+    z: Float[Any, "*batch n"]
+    limit: Int[Any, "*batch k"]
+    time: Float[Any, "*batch k"]
+    multiplier: Float[Any, "*batch k"]
+    violation: Float[Any, "*batch"]
+    stationary: Bool[Any, "*batch"]
+    steps: Int[Any, "*batch"]
 
 
 class AbstractSearch(eqx.Module):

@@ -177,7 +177,7 @@ def corresponding(model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:
 def transferred(multipliers: np.ndarray, old: Model, new: Model) -> Float[np.ndarray, "k batch"]:
     """Assign the multipliers of the constraints of a model to the nearest peaks of the same limit in another model."""
     result = np.zeros(new.value.shape)
-    columns = np.arange(result.shape[1])
+    columns = np.arange(new.value.shape[1])
     for row in range(len(multipliers)):
         apart = np.abs(new.time - old.time[row]) + 2.0 * (new.limit != old.limit[row])
         if not len(apart):

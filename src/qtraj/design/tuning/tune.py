@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning import multistart, traced
@@ -186,7 +187,7 @@ def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, 
     count = batch[0] if batch else 1
 
     def expanded(x: Any) -> Any:
-        if isinstance(x, jax.core.Tracer):
+        if isinstance(x, Tracer):
             return jnp.broadcast_to(x, (count, 3))
         return as_array(np.broadcast_to(np.asarray(x), (count, 3)), x.dtype)
 

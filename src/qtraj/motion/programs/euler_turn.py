@@ -58,7 +58,8 @@ class EulerTurn(AbstractProgram):
 
     def prepared(self) -> "PreparedSlew":
         """Return the slew with its start, its rotation vector and its profile already computed."""
-        return PreparedSlew(quaternion.unit(self.start_q), self.rotation_vector, self.profile)
+        start = quaternion.unit(self.start_q)
+        return PreparedSlew(start, self.rotation_vector, self.profile)  # pyright: ignore[reportCallIssue]
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]

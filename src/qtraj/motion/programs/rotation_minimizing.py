@@ -8,6 +8,8 @@ wherever the speed is not zero, even on straight segments, and r'''' is not need
 computed once, by quaternion products from one node to the next.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -134,10 +136,11 @@ def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Fl
     """Return quaternions of the frame at ascending `times` [s] from 0, with continuous signs; the first is `start`."""
     steps = _steps(path, times[:-1], times[1:])
     if is_host(start, steps):
-        found = [start]
+        found: list[Any] = [start]
         for step in steps:
             found.append(np.stack(hamilton.product(step, found[-1])))
-        return quaternion.unit(np.stack(found))
+        stacked: Any = np.stack(found)
+        return quaternion.unit(stacked)
 
     def advance(before: Quat, step: Quat) -> tuple[Quat, Quat]:
         after = quaternion.product(step, before)
