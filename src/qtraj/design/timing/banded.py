@@ -4,7 +4,7 @@ The systems of a batch are blocks of one band matrix, whose entries between bloc
 factorises all of them.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,11 +13,11 @@ from jaxtyping import Bool, Float
 class Factored(NamedTuple):
     """The Cholesky factor of all blocks in LAPACK's form, and a mask of the matrices that are not positive definite."""
 
-    upper: Float[np.ndarray, "width n"]
-    failed: Bool[np.ndarray, " batch"]
+    upper: Float[Any, "width n"]
+    failed: Bool[Any, " batch"]
 
 
-def factor(band: Float[np.ndarray, "batch n width"]) -> Factored:
+def factor(band: Float[Any, "batch n width"]) -> Factored:
     """Factorise matrices; row i of `band` contains the entries (i, i − width + 1) to (i, i) of a matrix.
 
     Entries before the first column must be zero. The array is overwritten.
@@ -28,18 +28,19 @@ def factor(band: Float[np.ndarray, "batch n width"]) -> Factored:
     while True:
         if failed.any():
             band[failed] = np.eye(band.shape[2])[-1]
-        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T)
+        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T)  # pyright: ignore[reportAttributeAccessIssue]
         if info <= 0:
             return Factored(upper, failed)
         failed[(info - 1) // band.shape[1]] = True
 
 
-def solve(f: Factored, right: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
+def solve(f: Factored, right: Float[Any, "batch n"]) -> Float[Any, "batch n"]:
     """Return the solutions of the linear systems; NaN for a matrix that is not positive definite."""
     from scipy.linalg import lapack
 
     failed = f.failed | ~np.isfinite(right).all(axis=1)
     if failed.any():
         right = np.where(failed[:, None], 0.0, right)
-    found = lapack.dpbtrs(f.upper, right.ravel())[0].reshape(right.shape)
+    found = lapack.dpbtrs(f.upper, right.ravel())[0]  # pyright: ignore[reportAttributeAccessIssue]
+    found = found.reshape(right.shape)
     return np.where(failed[:, None], np.nan, found) if failed.any() else found

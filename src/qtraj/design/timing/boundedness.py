@@ -15,9 +15,11 @@ A value of a counts as large if its ratio to a typical value is large. The typic
 length of the path and the speeds at its ends. So the result does not depend on units or on the parameter of the path.
 """
 
+from typing import Any
+
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
@@ -36,12 +38,12 @@ by less than about this angle [rad] in a cell."""
 
 
 def largest(
-    r1: Float[Array, "3 *nodes"],
+    r1: Float[Any, "3 *nodes"],
     span: Scalar,
     bounds: dict[str, Scalar],
-    ends: Float[Array, " 2"],
+    ends: Float[Any, " 2"],
     vehicle: RoadParameters | None,
-) -> Float[Array, "*nodes"]:
+) -> Float[Any, "*nodes"]:
     """Return the bounds on a = u̇² for nodes at which no limit bounds a.
 
     `r1` contains r' at the nodes, and `span` is the duration of the path.
@@ -68,9 +70,7 @@ def largest(
     return LARGEST * (length * rate) ** 2 / xp.maximum(square, STANDING**2 * highest)
 
 
-def unbounded(
-    program: Program, a: Float[np.ndarray, "batch 2 cells+1"], stops: Bool[np.ndarray, " 2"]
-) -> Bool[np.ndarray, " batch"]:
+def unbounded(program: Program, a: Float[Any, "batch 2 cells+1"], stops: Bool[Any, " 2"]) -> Bool[Any, " batch"]:
     """Return whether the speed is unbounded, or the solution `a` exceeds half of `program.largest` at some node.
 
     `a` contains u̇² at the nodes. `stops` indicates whether r' = 0 at the start and at the end.
@@ -86,12 +86,12 @@ def unbounded(
     return found | ((_in_order(a) > 0.5 * most) & (standing == 0)).any(axis=-1)
 
 
-def _in_order(x: Float[np.ndarray, "*rows 2 cells+1"]) -> Float[np.ndarray, "*rows nodes"]:
+def _in_order(x: Float[Any, "*rows 2 cells+1"]) -> Float[Any, "*rows nodes"]:
     """Return the values at all nodes in the order of the path, without the padding."""
     return np.swapaxes(x, -1, -2).reshape(*x.shape[:-2], x.shape[-2] * x.shape[-1])[..., :-1]
 
 
-Nodes = Float[np.ndarray, "batch nodes"]
+Nodes = Float[Any, "batch nodes"]
 
 
 def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
@@ -123,7 +123,7 @@ def _within(low: Nodes, high: Nodes, limited: np.ndarray, middle: Nodes, square:
     )
 
 
-def _any(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[np.ndarray, " batch"]:
+def _any(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[Any, " batch"]:
     """Return whether a = u̇² can be large at all three nodes of some cell."""
     ends = np.arange(possible.shape[-1])
     begun = _reached(possible, (high == np.inf) | (ends == 0))
@@ -140,13 +140,13 @@ def _reached(possible: np.ndarray, entered: np.ndarray) -> np.ndarray:
 
 
 def _linear(
-    jerk: Float[np.ndarray, "3 3 batch nodes"],
-    place: Float[np.ndarray, " nodes"],
+    jerk: Float[Any, "3 3 batch nodes"],
+    place: Float[Any, " nodes"],
     a: Nodes,
     possible: np.ndarray,
     low: Nodes,
     high: Nodes,
-) -> Bool[np.ndarray, " batch"]:
+) -> Bool[Any, " batch"]:
     """Return whether the path is straight and the limits allow motion with zero jerk at arbitrarily high speed.
 
     The squared speed of such a motion is constant, or proportional to the distance from one end.

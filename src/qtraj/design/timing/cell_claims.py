@@ -115,7 +115,8 @@ class CellClaims:
         if self._on_road is None:
             vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * pace if own.drag else 0)
             self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
-        i, entry = self._on_road, QUANTITIES[name]
+        i: Any = self._on_road
+        entry: Any = QUANTITIES[name]
         if name == "friction":
             slack, load = (limit * limit) * entry.denominator(i) - entry.numerator(i), i.contact.onto
             if self.roots is None:

@@ -19,8 +19,8 @@ from qtraj.algebra.sparse import mul
 from qtraj.design.proof.sources import moving_derivatives, powers
 from qtraj.design.timing.directions import Direction
 
-Columns = Float[np.ndarray, "terms n"]
-PerCell = Float[np.ndarray, " n"]
+Columns = Float[Any, "terms n"]
+PerCell = Float[Any, " n"]
 
 
 class Motion(NamedTuple):
@@ -51,18 +51,19 @@ class CellMotions(NamedTuple):
     duration: PerCell
     first: PerCell
     half: PerCell
-    timing: Float[np.ndarray, "4 n"]
-    rest: Bool[np.ndarray, "2 n"]
-    segment: Int[np.ndarray, " n"]
+    timing: Float[Any, "4 n"]
+    rest: Bool[Any, "2 n"]
+    segment: Int[Any, " n"]
     directions: dict[int, Direction]
 
     def chosen(self, which: np.ndarray) -> CellMotions:
         """Return the motions in some cells."""
         position = tuple(None if c is None else c[:, which] for c in self.position)
-        return CellMotions(position, *(x[..., which] for x in self[1:7]), self.directions)
+        chosen: list[Any] = [position, *(x[..., which] for x in self[1:7]), self.directions]
+        return CellMotions(*chosen)
 
     @property
-    def standing(self) -> Bool[np.ndarray, " n"]:
+    def standing(self) -> Bool[Any, " n"]:
         """Whether a cell is part of a segment that starts or ends at a stop."""
         return np.isin(self.segment, list(self.directions))
 
@@ -115,8 +116,8 @@ def _motion(path: list[Any], ahead: tuple[list[Any], Any] | None, timing: tuple[
 
 def _derivatives(position: tuple[Any, ...], of_cell: Callable[[Columns], Any], order: int) -> list[Any]:
     """Return the derivatives of the path up to `order` with respect to x."""
-    polynomials = [0 if c is None else of_cell(c) for c in position]
-    return moving_derivatives(*polynomials, order)[1:]
+    x, y, z, angle = (0 if c is None else of_cell(c) for c in position)
+    return moving_derivatives(x, y, z, angle, order)[1:]
 
 
 def _slopes(vector: tuple[Any, ...], order: int) -> list[Any]:

@@ -26,7 +26,7 @@ class Cells(NamedTuple):
     rest: tuple[bool, bool]
 
     @property
-    def count(self) -> int:
+    def count(self) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The number of cells."""
         return self.coefficients.shape[-2]
 

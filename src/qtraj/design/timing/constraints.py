@@ -227,11 +227,11 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
 def second_derivatives(
     c: Constraints,
     slope: Gradients,
-    v: Float[np.ndarray, "orders *nodes"],
-    multipliers: Float[np.ndarray, "count *nodes"],
-    ratio: Float[np.ndarray, "count *nodes"],
-    a: Float[np.ndarray, "*nodes"],
-) -> Float[np.ndarray, "orders orders *nodes"]:
+    v: Float[Any, "orders *nodes"],
+    multipliers: Float[Any, "count *nodes"],
+    ratio: Float[Any, "count *nodes"],
+    a: Float[Any, "*nodes"],
+) -> Float[Any, "orders orders *nodes"]:
     """Return Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0, and `slope` are the gradients.
 
     The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with

@@ -5,10 +5,10 @@ vanish at the stops. The factors of q are positive except at stops, so the direc
 be computed from q.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.timing.grid import path_derivatives
@@ -35,7 +35,7 @@ class Direction(NamedTuple):
     factor: ExactPolynomial
 
 
-def directions(s: Segments, standing: Bool[np.ndarray, "segments 2"]) -> dict[int, Direction]:
+def directions(s: Segments, standing: Bool[Any, "segments 2"]) -> dict[int, Direction]:
     """Return the directions of the moving segments that start or end at a stop, by the index of the segment.
 
     `standing` indicates whether the velocity is zero at the start and at the end.
@@ -47,7 +47,7 @@ def directions(s: Segments, standing: Bool[np.ndarray, "segments 2"]) -> dict[in
     }
 
 
-def _direction(c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray) -> Direction:
+def _direction(c: Float[Any, "terms 3"], duration: float, standing: np.ndarray) -> Direction:
     q: Vector = tuple(ExactPolynomial.from_floats(c[:, axis]).substituted(duration).derivative() for axis in range(3))
     size, factor = _size(q), ExactPolynomial([1])
     for side, own in zip(standing, (ExactPolynomial([0, 1]), ExactPolynomial([1, -1])), strict=True):
@@ -62,7 +62,7 @@ def _size(q: Vector) -> float:
     return max(abs(x) for p in q for x in p.floats())
 
 
-def straight(path: AbstractHodograph, knots: Float[Array, " cells+1"]) -> Bool[Array, " cells"]:
+def straight(path: AbstractHodograph, knots: Float[Any, " cells+1"]) -> Bool[Any, " cells"]:
     """Return whether the curvature of the path is zero to within rounding in the middle of each cell."""
     r1, r2, _ = path_derivatives(path, 0.5 * (knots[1:] + knots[:-1]))
     xp = namespace(r1)

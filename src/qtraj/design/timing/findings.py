@@ -1,11 +1,12 @@
 """Combine the findings on the cells of a timing into a certificate."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.timing.directions import straight
@@ -17,8 +18,8 @@ from qtraj.path.quantity import QUANTITIES
 
 
 def with_straight(
-    path: AbstractHodograph, knots: Float[Array, " cells+1"], codes: Int[Array, "limits cells"], names: tuple[str, ...]
-) -> Int[Array, "limits cells"]:
+    path: AbstractHodograph, knots: Float[Any, " cells+1"], codes: Int[Any, "limits cells"], names: tuple[str, ...]
+) -> Int[Any, "limits cells"]:
     """Return the codes; for the angular rate on straight parts, UNDEFINED replaces UNDECIDED and SAMPLED.
 
     On straight parts the natural trihedral is undefined.
@@ -31,12 +32,12 @@ def with_straight(
     return xp.where(without & ((codes == UNDECIDED) | (codes == SAMPLED)), UNDEFINED, codes)
 
 
-def undefined(codes: Int[Array, "limits cells"]) -> Bool[Array, "limits cells"]:
+def undefined(codes: Int[Any, "limits cells"]) -> Bool[Any, "limits cells"]:
     """Return a mask of the cells in which a quantity is undefined; false if its limit is violated in some cell."""
     return (codes == UNDEFINED) & ~(codes == BROKEN).any(axis=1, keepdims=True)
 
 
-def worst_cell(codes: Int[Array, "limits cells"], usage: Float[Array, "limits cells"]) -> Int[Array, " limits"]:
+def worst_cell(codes: Int[Any, "limits cells"], usage: Float[Any, "limits cells"]) -> Int[Any, " limits"]:
     """Return the cell of the largest usage (quantity divided by limit) of each limit.
 
     If the quantity is undefined in some cell, return the first such cell, unless the limit is violated.
@@ -46,10 +47,10 @@ def worst_cell(codes: Int[Array, "limits cells"], usage: Float[Array, "limits ce
 
 
 def certificate(
-    codes: Int[Array, "limits cells"],
-    times: Float[Array, " limits"],
-    values: Float[Array, " limits"],
-    limits: Float[Array, " limits"],
+    codes: Int[Any, "limits cells"],
+    times: Float[Any, " limits"],
+    values: Float[Any, " limits"],
+    limits: Float[Any, " limits"],
     polynomials: MovingPolynomials | None,
     names: tuple[str, ...],
 ) -> Certificate:
@@ -74,7 +75,7 @@ def joined(found: Sequence[Certificate], names: tuple[str, ...]) -> Certificate:
     """Return one certificate of all limits in the order of `names`; each name is in exactly one of the certificates."""
     own = [name for certificate in found for name in certificate.names]
     order = np.array([own.index(name) for name in names], int)
-    xp = jnp if is_traced(found) else np
+    xp: Any = jnp if is_traced(found) else np
     fields = ("codes", "times", "values", "limits")
     arrays = ([xp.asarray(getattr(certificate, field)) for certificate in found] for field in fields)
     return Certificate(names, *(xp.concatenate(x, axis=-1)[..., order] for x in arrays))

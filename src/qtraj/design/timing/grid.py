@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.foundation.arrays import is_traced
@@ -32,10 +32,10 @@ class Grid(NamedTuple):
     their mean length. Each `half` is a power of two.
     """
 
-    knots: Float[np.ndarray, " cells+1"]
-    segment: Int[np.ndarray, " cells"]
-    middle: Float[np.ndarray, " cells"]
-    half: Float[np.ndarray, " cells"]
+    knots: Float[Any, " cells+1"]
+    segment: Int[Any, " cells"]
+    middle: Float[Any, " cells"]
+    half: Float[Any, " cells"]
 
     @property
     def cells(self) -> int:
@@ -57,7 +57,7 @@ def uniform(cells: int) -> Grid:
     return Grid(np.arange(cells + 1.0), np.zeros(cells, int), (2 * k + 1) / cells - 1, np.full(cells, 1 / cells))
 
 
-def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops: tuple[bool, bool]) -> Grid:
+def of_segments(starts: Float[Any, " n+1"], first: int, cells: int, stops: tuple[bool, bool]) -> Grid:
     """Return at least `cells` cells of n segments, whose indices start at `first`.
 
     Initially each segment is one cell. Then the longest cell is halved repeatedly until there are enough cells. In this
@@ -81,29 +81,31 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int, stops
     return Grid(knots, segment.astype(int) + first, middle, half)
 
 
-def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
+def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
     """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell.
 
     The axes of the result are the order of the derivative, the component and the point. The result is a NumPy array
     unless the path or the other arguments are traced.
     """
-    path, xp = shape.path, jnp if is_traced(shape, cell, place) else np
+    xp: Any = jnp if is_traced(shape, cell, place) else np
+    path = shape.path
     if isinstance(path, Route):
         segment, middle, half = (xp.asarray(x)[cell] for x in grid[1:])
         starts, duration, c = (xp.asarray(x) for x in (path.starts, path.duration, path.coefficients))
         span = pieces.durations(starts, duration)[segment]
         local = 0.5 * span * (1 + middle + half * (2 * place - 1))
-        rows = pieces.values(c[segment], local, ORDER)
+        rows: Any = pieces.values(c[segment], local, ORDER)
         return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
     knots = xp.asarray(grid.knots)
     x = knots[cell] + place * (knots[cell + 1] - knots[cell])
     return path_derivatives(path, shape.start + x * shape.per_cell)
 
 
-def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
+def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
     """Return r', r'' and r''' of a path in world axes at the parameters `u`, as a NumPy array unless it is traced."""
     traced = is_traced(path, u)
-    xp, polynomials = jnp if traced else np, path.polynomials()
+    xp: Any = jnp if traced else np
+    polynomials = path.polynomials()
     if isinstance(path, Route):
         starts, c = (xp.asarray(x) for x in (path.starts, path.coefficients))
         i = xp.maximum(xp.searchsorted(starts, u, side="right") - 1, 0)
@@ -127,5 +129,5 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Arra
 
 
 @eqx.filter_jit
-def _of_any_path(path: AbstractHodograph, u: Float[Array, " m"]) -> Float[Array, "m {ORDER} 3"]:
+def _of_any_path(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any, "m {ORDER} 3"]:
     return jax.vmap(lambda x: path.derivatives(x, ORDER)[1:])(u)

@@ -1,5 +1,7 @@
 """Compute the initial iterate of the search for the fastest timing."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -12,7 +14,7 @@ RANGE, RAMP, SMOOTHED = 1e3, 32, 32
 """
 
 
-def initial(p: Program) -> Float[np.ndarray, "batch cells+3"]:
+def initial(p: Program) -> Float[Any, "batch cells+3"]:
     """Return coefficients of the smoothed fastest timing for the upper bounds on a = u̇² and bounds on |a'| = |da/du|.
 
     Limits on power and jerk are replaced by the upper bounds on a that they imply for a constant a.

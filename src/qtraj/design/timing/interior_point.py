@@ -9,11 +9,11 @@ The search runs in NumPy for a batch of problems with the same nodes; finished p
 precedes the axes of the nodes.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.timing.banded import Factored, factor, solve as solve_band
 from qtraj.design.timing.constraints import (
@@ -43,7 +43,7 @@ SLACK = 1.0
 
 MAX_STEPS = 100
 
-PerProblem = Float[np.ndarray, " batch"]
+PerProblem = Float[Any, " batch"]
 
 
 class Program(NamedTuple):
@@ -54,11 +54,11 @@ class Program(NamedTuple):
     """
 
     nodes: Nodes
-    weights: Float[Array, "*batch 2 cells+1"]
+    weights: Float[Any, "*batch 2 cells+1"]
     constraints: Constraints
-    largest: Float[Array, "*batch 2 cells+1"]
+    largest: Float[Any, "*batch 2 cells+1"]
 
-    def at_nodes(self, coefficients: Float[Array, "*batch cells+3"]) -> Float[Array, "orders *batch 2 cells+1"]:
+    def at_nodes(self, coefficients: Float[Any, "*batch cells+3"]) -> Float[Any, "orders *batch 2 cells+1"]:
         """Return a = u̇² at the nodes, and the derivatives of a that the constraints contain."""
         return at_nodes(self.nodes, coefficients, self.constraints.orders)
 
@@ -71,16 +71,17 @@ class Program(NamedTuple):
 class State(NamedTuple):
     """The iterates of a batch: coefficients, slacks, multipliers, number of steps, and relative optimality error."""
 
-    coefficients: Float[np.ndarray, "batch cells+3"]
-    slacks: Float[np.ndarray, "count batch 2 cells+1"]
-    multipliers: Float[np.ndarray, "count batch 2 cells+1"]
-    steps: Int[np.ndarray, " batch"]
+    coefficients: Float[Any, "batch cells+3"]
+    slacks: Float[Any, "count batch 2 cells+1"]
+    multipliers: Float[Any, "count batch 2 cells+1"]
+    steps: Int[Any, " batch"]
     error: PerProblem
 
     def chosen(self, which: np.ndarray) -> "State":
         """Return some iterates of the batch."""
         nodes = (x[:, which] for x in self[1:3])
-        return State(self.coefficients[which], *nodes, self.steps[which], self.error[which])
+        slacks, multipliers = nodes
+        return State(self.coefficients[which], slacks, multipliers, self.steps[which], self.error[which])
 
     def store(self, which: np.ndarray, own: "State") -> None:
         """Replace some iterates of the batch by the iterates `own`."""
@@ -90,7 +91,7 @@ class State(NamedTuple):
             x[:, which] = y
 
 
-def begun(p: Program, coefficients: Float[np.ndarray, "batch cells+3"]) -> State:
+def begun(p: Program, coefficients: Float[Any, "batch cells+3"]) -> State:
     """Return the first iterates; the duality gap of each equals its duration."""
     v = p.at_nodes(coefficients)
     slacks = np.maximum(-values(p.constraints, v), SLACK)
@@ -111,7 +112,7 @@ def continued(p: Program, s: State) -> State:
     return State(s.coefficients, slacks, np.maximum(s.multipliers, least), s.steps, np.full_like(s.error, np.inf))
 
 
-def solve(program: Program, start: State, enough: Float[np.ndarray, " batch"]) -> State:
+def solve(program: Program, start: State, enough: Float[Any, " batch"]) -> State:
     """Compute the optimal coefficients; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
@@ -127,12 +128,12 @@ def solve(program: Program, start: State, enough: Float[np.ndarray, " batch"]) -
     return result
 
 
-def duration(p: Program, v: Float[Array, "orders 2 cells+1"]) -> Scalar:
+def duration(p: Program, v: Float[Any, "orders 2 cells+1"]) -> Scalar:
     """Return the duration ∫ du/√a [s], where a = u̇²."""
     return namespace(v, p.weights).sum(p.weights * _positive(p, v) ** -0.5)
 
 
-def _positive(p: Program, v: Float[Array, "orders *batch 2 cells+1"]) -> Float[Array, "*batch 2 cells+1"]:
+def _positive(p: Program, v: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch 2 cells+1"]:
     """Return a = u̇² at the nodes, or 1 at nodes at rest; nodes at rest have the weight zero."""
     xp = namespace(v)
     return xp.where(xp.broadcast_to(p.nodes.standing > 0, v[0].shape), 1.0, v[0])
@@ -190,7 +191,7 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
 
 def _gradient(
     p: Program, cost_slope: np.ndarray, slope: Gradients, multipliers: np.ndarray
-) -> Float[np.ndarray, "batch cells+3"]:
+) -> Float[Any, "batch cells+3"]:
     """Return the gradient of the Lagrangian with respect to the free coefficients."""
     at = weighted(slope, multipliers)
     at[0] += cost_slope
@@ -201,13 +202,13 @@ class _Scaled(NamedTuple):
     """A factored matrix that was scaled to a unit diagonal, and the scale of its rows and columns."""
 
     factored: Factored
-    scale: Float[np.ndarray, "batch cells+3"]
+    scale: Float[Any, "batch cells+3"]
 
 
 def factored(
-    free: Float[np.ndarray, " cells+3"],
+    free: Float[Any, " cells+3"],
     table: np.ndarray,
-    curvature: Float[np.ndarray, "orders orders batch 2 cells+1"],
+    curvature: Float[Any, "orders orders batch 2 cells+1"],
 ) -> _Scaled:
     """Factorise the band matrices of the second derivatives `curvature` at the nodes."""
     own, *below = gathered_band(table, curvature)
@@ -220,7 +221,7 @@ def factored(
     return _Scaled(factor(band), scale)
 
 
-def solved(s: _Scaled, right: Float[np.ndarray, "batch cells+3"]) -> Float[np.ndarray, "batch cells+3"]:
+def solved(s: _Scaled, right: Float[Any, "batch cells+3"]) -> Float[Any, "batch cells+3"]:
     """Solve the linear systems with factorised matrices."""
     return solve_band(s.factored, right * s.scale) * s.scale
 
@@ -234,7 +235,7 @@ def _max(x: np.ndarray) -> PerProblem:
     return np.max(x if x.ndim == 3 else np.max(x, axis=0), axis=(1, 2))
 
 
-def _of_problems(x: PerProblem) -> Float[np.ndarray, "batch 1 1"]:
+def _of_problems(x: PerProblem) -> Float[Any, "batch 1 1"]:
     """Return an array that broadcasts over the nodes."""
     return x[:, None, None]
 

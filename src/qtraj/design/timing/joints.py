@@ -1,8 +1,10 @@
 """Find the knots of a retimed path at which its velocity or its acceleration jumps."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.parts import CONTINUOUS
@@ -12,7 +14,7 @@ from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import namespace
 
 
-def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array, "limits moving"]:
+def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Any, "limits moving"]:
     """Return a mask of the cells in which the vehicle moves: true where a jump at an end affects the quantity.
 
     The jump makes the quantity infinite or undefined. A jump of the velocity makes all quantities infinite except those
@@ -21,7 +23,7 @@ def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array
     the speed there is not zero, all quantities are undefined.
     """
     moving = cells.grid.half.shape[0]
-    xp = jnp if is_traced(path) else np
+    xp: Any = jnp if is_traced(path) else np
     cell, both = np.tile(np.arange(moving), 2), np.repeat([0.0, 1.0], moving)
     (r1, r2, _), (a, slope, _) = motion_at(path, cells, cell, both)
     a = xp.maximum(a, 0.0)
@@ -35,7 +37,7 @@ def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Array
     return wrong | xp.stack([of_name.get(name, faster) for name in names])
 
 
-def _jump(x: Float[Array, "3 2 moving"], cells: Cells) -> Bool[Array, " moving"]:
+def _jump(x: Float[Any, "3 2 moving"], cells: Cells) -> Bool[Any, " moving"]:
     """Return the cells at whose ends a vector differs from its value in the adjacent cell."""
     xp = namespace(x)
     change = xp.linalg.norm(x[:, 1, :-1] - x[:, 0, 1:], axis=0)

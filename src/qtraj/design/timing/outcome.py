@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -42,12 +42,12 @@ class Retimed(AbstractOutcome):
     """
 
     path: RetimedPath
-    duration: Float[Array, "*batch"]
+    duration: Float[Any, "*batch"]
     certificate: Certificate
-    usage: Float[Array, "*batch limits cells"]
-    speeds: Float[Array, "*batch 2"]
-    code: Int[Array, "*batch"]
-    iterations: Int[Array, "*batch"]
+    usage: Float[Any, "*batch limits cells"]
+    speeds: Float[Any, "*batch 2"]
+    code: Int[Any, "*batch"]
+    iterations: Int[Any, "*batch"]
     vehicle: Vehicle | None
 
     def __init__(

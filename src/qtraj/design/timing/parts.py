@@ -98,7 +98,7 @@ def standing_ends(s: Segments) -> np.ndarray:
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)
 
 
-def _speeds(s: Segments) -> Float[np.ndarray, "n samples"]:
+def _speeds(s: Segments) -> Float[Any, "n samples"]:
     local = s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
     c = np.broadcast_to(s.coefficients[:, None], (*local.shape, *s.coefficients.shape[1:]))
     return np.linalg.norm(pieces.values(c, local, 1)[1], axis=-1)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
@@ -35,15 +35,15 @@ BLOCK_SIZE = 512
 MAX_WORK = 400_000
 """Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
 
-PerCell = Float[np.ndarray, " n"]
+PerCell = Float[Any, " n"]
 
 
 class Proofs(NamedTuple):
     """For each limit, in the order of `NAMES`, the status PROVED, BROKEN or UNDECIDED on each cell."""
 
-    codes: Int[Array, "limits cells"]
+    codes: Int[Any, "limits cells"]
 
-    def whole(self) -> Int[np.ndarray, " limits"]:
+    def whole(self) -> Int[Any, " limits"]:
         """Return the status on all cells together."""
         codes = np.asarray(self.codes)
         broken, proved = np.any(codes == BROKEN, axis=1), np.all(codes == PROVED, axis=1)
@@ -53,7 +53,7 @@ class Proofs(NamedTuple):
 def prove(
     path: Source,
     grid: Grid,
-    timing: tuple[Float[Array, "cells 4"], Bool[Any, " 2"]],
+    timing: tuple[Float[Any, "cells 4"], Bool[Any, " 2"]],
     bounds: Mapping[str, Scalar],
     vehicle: RoadParameters | None = None,
 ) -> Proofs:
@@ -66,7 +66,7 @@ def prove(
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
 
-    def judge(*given: Any) -> Int[np.ndarray, "batch limits cells"]:
+    def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
         return _judged(
             path.directions, grid, rest, position, durations, powers, dict(zip(names, limits, strict=True)), road
@@ -80,13 +80,13 @@ def prove(
 def _judged(
     directions: Any,
     grid: Grid,
-    rest: Bool[np.ndarray, " 2"],
+    rest: Bool[Any, " 2"],
     position: list[np.ndarray | None],
-    durations: Float[np.ndarray, "batch segments"],
-    powers: Float[np.ndarray, "batch cells 4"],
+    durations: Float[Any, "batch segments"],
+    powers: Float[Any, "batch cells 4"],
     limits: dict[str, PerCell],
     road: RoadParameters | None,
-) -> Int[np.ndarray, "batch limits cells"]:
+) -> Int[Any, "batch limits cells"]:
     """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path."""
     batch, cells = powers.shape[:2]
 
@@ -112,9 +112,7 @@ def _judged(
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 
-def _codes(
-    motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None
-) -> Int[np.ndarray, "limits n"]:
+def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None) -> Int[Any, "limits n"]:
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
@@ -141,7 +139,7 @@ class _Task:
         self._roots: list[Enclosure] = []
         self._integers: dict[int, CellClaims] = {}
 
-    def decided(self, wanted: Bool[np.ndarray, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
+    def decided(self, wanted: Bool[Any, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
         """Decide a claim, which is a function of the claims about the motions, and of a function of a limit's name."""
         return decided(
             wanted,

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
@@ -131,7 +131,7 @@ class _Timed(NamedTuple):
     powers: Float[Any, "cells 4"]
     usage: Float[Any, "limits cells"]
     codes: Int[Any, "limits cells"]
-    knots: Float[Array, " cells+1"]
+    knots: Float[Any, " cells+1"]
     found: Found | None
 
 
@@ -143,7 +143,7 @@ def _retimed(
     vehicle: RoadParameters | None,
     speeds: tuple[Scalar | None, ...],
     names: tuple[str, ...],
-) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
+) -> tuple[RetimedPath, Scalar, Certificate, Any, Any, Any, Any]:
     """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
     begins = _begun(path, wanted, np.array(standing))
@@ -171,15 +171,15 @@ class _Begun(NamedTuple):
     `slowest` is the lowest speed |r'(u)| divided by the highest.
     """
 
-    pace: Float[Array, " 2"]
-    wanted: Float[Array, " 2"]
-    largest: dict[tuple[bool, bool], Float[Array, " 2"]]
-    free: Float[Array, " 2"]
+    pace: Float[Any, " 2"]
+    wanted: Float[Any, " 2"]
+    largest: dict[tuple[bool, bool], Float[Any, " 2"]]
+    free: Float[Any, " 2"]
     slowest: Scalar
 
 
 def _begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> _Begun:
-    xp = jnp if is_traced(path, wanted) else np
+    xp: Any = jnp if is_traced(path, wanted) else np
     times = xp.asarray(path.duration) * np.linspace(0.0, 1.0, 257)
     speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
     pace = xp.where(standing, 0.0, speeds[np.array([0, -1])])
@@ -198,11 +198,12 @@ def _timed(
     part: Part,
     bounds: dict[str, Scalar],
     vehicle: RoadParameters | None,
-    ends: Array,
+    ends: Any,
     rest: tuple[bool, bool],
     names: tuple[str, ...],
 ) -> _Timed:
-    start, end = (x if is_traced(x) else np.asarray(x) for x in part[:2])
+    ends_of_part: list[Any] = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
+    start, end = ends_of_part
     grid = part.grid
     if grid is None:
         unit, nothing = np.array([[1.0, 0, 0, 0]]), np.zeros((len(listed(names, vehicle is not None)), 1))
@@ -224,15 +225,15 @@ def _judged(
     path: AbstractHodograph,
     timed: list[_Timed],
     bounds: dict[str, Scalar],
-    speeds: tuple[Array, Array],
+    speeds: tuple[Any, Any],
     enough: Float[Any, " searches"],
     vehicle: RoadParameters | None,
     cells: Cells,
     names: tuple[str, ...],
     rest: tuple[bool, bool],
-) -> tuple[RetimedPath, Scalar, Certificate, Array, Array, Array, Array]:
+) -> tuple[RetimedPath, Scalar, Certificate, Any, Any, Any, Any]:
     """Combine the timings of all parts, and return the fields of `Retimed`."""
-    xp = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
+    xp: Any = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
     knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
@@ -260,12 +261,12 @@ def _judged(
 
 def _code(
     xp: Any,
-    code: Array,
+    code: Any,
     searches: list[Found],
-    enough: Array,
-    speeds: tuple[Array, Array],
-    finite: tuple[Array, Scalar],
-) -> Array:
+    enough: Any,
+    speeds: tuple[Any, Any],
+    finite: tuple[Any, Scalar],
+) -> Any:
     """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
 
     `speeds` are the speeds at both ends and the prescribed speeds; the numbers `finite` must be finite.

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.timing.grid import Grid, Shape, derivatives, uniform
 from qtraj.design.timing.parts import Part, known_segments, standing_ends
@@ -27,7 +27,7 @@ class Cells(NamedTuple):
     """
 
     grid: Grid
-    columns: Int[np.ndarray, " cells"]
+    columns: Int[Any, " cells"]
     stops: Any
 
 
@@ -60,9 +60,9 @@ def cells_of(path: RetimedPath) -> Cells | None:
     return Cells(grid, columns, sides & standing_ends(segments)[grid.segment].T) if columns.size else None
 
 
-def divides_equally(path: RetimedPath, cells: Cells) -> Array:
+def divides_equally(path: RetimedPath, cells: Cells) -> Any:
     """Return whether the knots divide the whole path into cells of equal length, for each path of a batch."""
-    xp = jnp if is_traced(path) else np
+    xp: Any = jnp if is_traced(path) else np
     duration, knots = xp.asarray(path.path.duration)[..., None], xp.asarray(path.timing.knots)
     equal = (cells.grid.knots / cells.grid.cells).reshape(*[1] * (knots.ndim - 1), -1)
     error = xp.abs(knots - duration * equal)
@@ -86,14 +86,15 @@ def of_parts(parts: list[Part]) -> Cells:
 
 
 def motion_at(
-    path: RetimedPath, cells: Cells, cell: Int[Array, " m"], place: Float[Array, " m"]
-) -> tuple[Float[Array, "3 3 m"], Float[Array, "3 m"]]:
+    path: RetimedPath, cells: Cells, cell: Int[Any, " m"], place: Float[Any, " m"]
+) -> tuple[Float[Any, "3 3 m"], Float[Any, "3 m"]]:
     """Return (r', r'', r''') and (a, a', a'') at the fraction `place` of each moving `cell`; one-sided at its ends.
 
     A prime denotes the derivative with respect to the path parameter u, and a = u̇². The axes of the first result are
     the order of the derivative, the component and the point.
     """
-    timing, xp = path.timing, jnp if is_traced(path, cell, place) else np
+    xp: Any = jnp if is_traced(path, cell, place) else np
+    timing = path.timing
     coefficients, knots = xp.asarray(timing.coefficients), xp.asarray(timing.knots)
     at = xp.asarray(cells.columns)[cell]
     grid = cells.grid if isinstance(path.path, Route) else cells.grid._replace(knots=knots)

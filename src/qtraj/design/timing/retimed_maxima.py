@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.timing.constraints import listed, parts, ratios, used
 from qtraj.design.timing.retimed_cells import Cells, motion_at
@@ -39,17 +39,16 @@ class Limited(NamedTuple):
         """The array library of the values."""
         return jnp if is_traced(self) else np
 
-    def usage(
-        self, cell: Int[Array, " m"], place: Float[Array, " m"], names: tuple[str, ...]
-    ) -> Float[Array, "limits m"]:
+    def usage(self, cell: Int[Any, " m"], place: Float[Any, " m"], names: tuple[str, ...]) -> Float[Any, "limits m"]:
         """Return the ratio of each quantity to its limit at the fraction `place` of each moving `cell`."""
         r, v = motion_at(self.path, self.cells, cell, place)
-        found = used(parts(r, np.ones(()), self.bounds, self.vehicle), v)
+        one: Any = np.ones(())
+        found = used(parts(r, one, self.bounds, self.vehicle), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
 
 
-def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Array, "limits moving"]:
+def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "limits moving"]:
     """Return the largest sampled ratio of each quantity to its limit in each moving cell; undefined ratios are zero."""
     moving = limited.cells.grid.half.shape[0]
     xp, place = limited.library, np.broadcast_to(np.linspace(0.0, 1.0, PLACES), (moving, PLACES))
@@ -58,8 +57,8 @@ def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Array, "
 
 
 def largest_in(
-    limited: Limited, cell: Int[Array, " limits"], names: tuple[str, ...]
-) -> tuple[Float[Array, " limits"], Float[Array, " limits"]]:
+    limited: Limited, cell: Int[Any, " limits"], names: tuple[str, ...]
+) -> tuple[Float[Any, " limits"], Float[Any, " limits"]]:
     """Return the time of the maximum of each quantity in its `cell` of the timing, and the ratio to its limit.
 
     Each of `ZOOMS` steps samples `ZOOM_PLACES` values, and the next step samples closer to the largest value. Close to
@@ -71,7 +70,7 @@ def largest_in(
     width = 1 / (ZOOM_PLACES - 1)
     rows, around = np.arange(count), np.linspace(-1.0, 1.0, ZOOM_PLACES)[None]
 
-    def zoom(step: Any, found: tuple[Array, Array]) -> tuple[Array, Array]:
+    def zoom(step: Any, found: tuple[Any, Any]) -> tuple[Any, Any]:
         lowest = xp.where(before, xp.minimum(found[0], width), INSIDE)
         highest = xp.where(after, xp.maximum(found[0], 1 - width), 1 - INSIDE)
         near = found[0][:, None] + 0.5 * (2 * width) ** step * around

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate
@@ -88,7 +88,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     """
     names, dtype = tuple(limits.given()), path.duration.dtype
     (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
-    xp = jnp if traced else np
+    xp: Any = jnp if traced else np
     bounds = {name: xp.asarray(value, dtype) for name, value in limits.given().items()}
     vehicle = None
     if set(names) & set(ROAD):
@@ -114,7 +114,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
 
 
 def _certificate(
-    limited: Limited, codes: Int[Array, "limits moving"], names: tuple[str, ...], place: Int[Any, " cells"]
+    limited: Limited, codes: Int[Any, "limits moving"], names: tuple[str, ...], place: Int[Any, " cells"]
 ) -> Certificate:
     """Return the certificate; `place` is the index of each cell among those with motion, or their number."""
     (path, cells, bounds, _), xp = limited, limited.library
@@ -137,7 +137,8 @@ def _at_new_times(path: RetimedPath, shape: Certificate) -> Certificate:
 
     If the timing does not cover exactly the whole path, UNDECIDED replaces PROVED and BROKEN.
     """
-    timing, xp = path.timing, jnp if is_traced(path, shape) else np
+    xp: Any = jnp if is_traced(path, shape) else np
+    timing = path.timing
     duration, knots, codes = (xp.asarray(x) for x in (path.path.duration, timing.knots, shape.codes))
     error = xp.maximum(xp.abs(knots[0]), xp.abs(knots[-1] - duration))
     whole = error <= ROUNDINGS * float(np.finfo(knots.dtype).eps) * duration

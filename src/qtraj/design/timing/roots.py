@@ -34,8 +34,8 @@ WIDEST = 1e-6
 class Enclosure(NamedTuple):
     """The polynomials `middle` ± `width` in n cells enclose a root; `width` is NaN where it would be large."""
 
-    middle: Float[np.ndarray, "terms n"]
-    width: Float[np.ndarray, " n"]
+    middle: Float[Any, "terms n"]
+    width: Float[Any, " n"]
 
     def bounded(self, square: BoundedPolynomial) -> Root:
         """Return the root in bounded floats; `square` is its square."""
@@ -48,7 +48,7 @@ class Enclosure(NamedTuple):
         return Root(square, middle - width, middle + width)
 
     @property
-    def good(self) -> Bool[np.ndarray, " n"]:
+    def good(self) -> Bool[Any, " n"]:
         """Whether a cell has an enclosure."""
         return np.isfinite(self.width)
 
@@ -65,7 +65,7 @@ class Root(NamedTuple):
         return [self.low, self.square - self.low * self.low, self.high * self.high - self.square]
 
 
-def enclosure(square: Float[np.ndarray, "terms n"]) -> Enclosure:
+def enclosure(square: Float[Any, "terms n"]) -> Enclosure:
     """Interpolate the root of polynomials; the conditions of `Root` are proved with the claims."""
     with np.errstate(all="ignore"):
         middle = np.linalg.solve(np.vander(NODES, increasing=True), np.sqrt(_values(square, NODES)))
@@ -75,7 +75,7 @@ def enclosure(square: Float[np.ndarray, "terms n"]) -> Enclosure:
         return Enclosure(middle, np.where(width <= WIDEST * root.min(axis=0), width, np.nan))
 
 
-def _values(c: Float[np.ndarray, "terms n"], u: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m n"]:
+def _values(c: Float[Any, "terms n"], u: Float[Any, " m"]) -> Float[Any, "m n"]:
     return np.vander(u, len(c), increasing=True) @ c
 
 

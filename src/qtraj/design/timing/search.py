@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.boundedness import largest, unbounded
 from qtraj.design.timing.constraints import (
@@ -69,7 +69,7 @@ class Problem(NamedTuple):
     start: Scalar
     end: Scalar
     bounds: dict[str, Scalar]
-    ends: Float[Array, " 2"]
+    ends: Float[Any, " 2"]
     vehicle: RoadParameters | None = None
     stops: Any = np.zeros(2, bool)
 
@@ -83,12 +83,12 @@ class Found(NamedTuple):
     the optimality error of the last search. `unbounded` indicates whether no limit bounds the speed.
     """
 
-    powers: Float[Array, "cells 4"]
-    usage: Float[Array, "limits cells"]
+    powers: Float[Any, "cells 4"]
+    usage: Float[Any, "limits cells"]
     sensitivity: Scalar
-    steps: Array
+    steps: Any
     error: Scalar
-    unbounded: Array
+    unbounded: Any
 
 
 def last_gap(cells: int) -> float:
@@ -107,7 +107,8 @@ def fastest(problem: Problem, t: Tables) -> Found:
             program, places = _imposed(problem, t)
             r = on_host(search, _shapes(program, places), program[1:], places)
             powers, usage, error = _satisfied(r, r.coefficients, t, places, names)
-        return Found(powers, usage, np.zeros(()), r.steps, error, r.unbounded)
+        zero: Any = np.zeros(())
+        return Found(powers, usage, zero, r.steps, error, r.unbounded)
     program, places = eqx.filter_jit(_imposed)(problem, t)
     r = on_host(search, _shapes(program, places), *constants((program[1:], places)))
     best, sensitivity = _differentiable(program, r)
@@ -122,20 +123,21 @@ class Result(NamedTuple):
     `usage` is the largest result of `constraints.used` in each cell.
     """
 
-    coefficients: Float[Array, "*batch cells+3"]
-    slacks: Float[Array, "*batch count 2 cells+1"]
-    multipliers: Float[Array, "*batch count 2 cells+1"]
-    steps: Int[Array, "*batch"]
-    error: Float[Array, "*batch"]
-    used: Float[Array, "*batch count cells"]
-    usage: Float[Array, "*batch limits cells"]
-    unbounded: Bool[Array, "*batch"]
+    coefficients: Float[Any, "*batch cells+3"]
+    slacks: Float[Any, "*batch count 2 cells+1"]
+    multipliers: Float[Any, "*batch count 2 cells+1"]
+    steps: Int[Any, "*batch"]
+    error: Float[Any, "*batch"]
+    used: Float[Any, "*batch count cells"]
+    usage: Float[Any, "*batch limits cells"]
+    unbounded: Bool[Any, "*batch"]
 
 
 def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     """Return the problem with the limits at the nodes, and the limits at the points at which they are checked."""
     cells, grid = t.grid.cells, t.grid
-    count, xp = 2 * (cells + 1), jnp if is_traced(problem) else np
+    xp: Any = jnp if is_traced(problem) else np
+    count = 2 * (cells + 1)
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / cells)
     r = derivatives(shape, grid, t.cell, t.place)
     bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
@@ -171,7 +173,7 @@ def _shapes(program: Program, places: Parts) -> Result:
     )
 
 
-def _searched(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
+def _searched(t: Tables, stops: Bool[Any, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
     `of_nodes` contains the fields of `Program` after the nodes. The batch axis of the arguments is the first axis.
@@ -204,10 +206,11 @@ def _searched(t: Tables, stops: Bool[np.ndarray, " 2"], of_nodes: tuple[Any, ...
                 break
         free = unbounded(program, program.at_nodes(state.coefficients)[0], stops)
     nodes = (np.moveaxis(x, 1, 0) for x in (*state[1:3], used, usage))
-    return Result(state.coefficients, next(nodes), next(nodes), *state[3:], *nodes, free)
+    slack, multiplier, used, usage = nodes
+    return Result(state.coefficients, slack, multiplier, *state[3:], used, usage, free)
 
 
-def _satisfied(r: Result, best: Array, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Array, Array, Array]:
+def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Any, Any, Any]:
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
     `best` are the coefficients of the last search, with their derivatives.
@@ -234,7 +237,7 @@ def _satisfied(r: Result, best: Array, t: Tables, between: Parts, names: tuple[s
     return powers, ratios(usage, rows), error
 
 
-def _between_nodes(between: Parts, within: np.ndarray, coefficients: Array) -> Float[Array, "limits *batch cells"]:
+def _between_nodes(between: Parts, within: np.ndarray, coefficients: Any) -> Float[Any, "limits *batch cells"]:
     """Return the maxima of `used` in each cell, from samples and parabolas through them."""
     xp = namespace(coefficients, between.upper)
     rows = used(between, within_cells(within, coefficients, 2 if between.jerk is None else ORDERS))
@@ -245,13 +248,13 @@ def _between_nodes(between: Parts, within: np.ndarray, coefficients: Array) -> F
     return xp.maximum(xp.max(rows, axis=-2), xp.max(at + rise, axis=-2))
 
 
-def _grouped(between: Parts, rows: Float[Array, "limits *batch cells"]) -> Float[Array, "count *batch cells"]:
+def _grouped(between: Parts, rows: Float[Any, "limits *batch cells"]) -> Float[Any, "count *batch cells"]:
     """Return the usage of each constraint; the upper bounds on a are one constraint."""
     xp, count = namespace(rows), between.upper.shape[0]
     return xp.concatenate([xp.max(rows[:count], axis=0, initial=0.0)[None], rows[count:]])
 
 
-def _at_nodes(factors: Float[Array, "count *batch cells"]) -> Float[Array, "count *batch 2 cells+1"]:
+def _at_nodes(factors: Float[Any, "count *batch cells"]) -> Float[Any, "count *batch 2 cells+1"]:
     """Return the factors at the nodes; a knot has the larger factor of its two cells."""
     xp = namespace(factors)
     one = xp.ones_like(factors[..., :1])
@@ -260,7 +263,7 @@ def _at_nodes(factors: Float[Array, "count *batch cells"]) -> Float[Array, "coun
 
 
 @eqx.filter_jit
-def _differentiable(program: Program, r: Result) -> tuple[Float[Array, " cells+3"], Scalar]:
+def _differentiable(program: Program, r: Result) -> tuple[Float[Any, " cells+3"], Scalar]:
     """Return the coefficients of the last search as a differentiable function of the path and the limits.
 
     The second result has the value zero and the derivatives of the minimum duration.

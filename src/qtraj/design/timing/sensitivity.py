@@ -16,13 +16,13 @@ constraint, the terms of ds almost cancel, and each further derivative multiplie
 of the duration are inaccurate. The tightening of the limits is constant.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.timing.constraints import Gradients, changes, gradients, values, weighted
 from qtraj.design.timing.interior_point import Program, duration, factored, solved
@@ -34,9 +34,9 @@ from qtraj.foundation.types import Scalar
 class Optimum(NamedTuple):
     """The coefficients of the last search, and the slacks and multipliers of its constraints."""
 
-    coefficients: Float[Array, " cells+3"]
-    slacks: Float[Array, "count 2 cells+1"]
-    multipliers: Float[Array, "count 2 cells+1"]
+    coefficients: Float[Any, " cells+3"]
+    slacks: Float[Any, "count 2 cells+1"]
+    multipliers: Float[Any, "count 2 cells+1"]
 
 
 @jax.custom_jvp
@@ -74,7 +74,7 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
     free = program.nodes.free
     rise = jax.jvp(lambda program: values(program.constraints, v), (program,), (change,))[1]
 
-    def slope(program: Program) -> Array:
+    def slope(program: Program) -> Any:
         return _slope(program, v, at.multipliers)
 
     slopes = gradients(program.constraints, v)
@@ -82,7 +82,7 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
     matrix = _second_derivatives(program, at, v, slopes, ratio)
     fixed = stop_gradient(matrix)
 
-    def product(dc: Array) -> Array:
+    def product(dc: Any) -> Any:
         at_nodes = jnp.einsum("ij...,j...->i...", matrix, program.at_nodes(dc * free))
         return gathered(program.nodes, at_nodes) * free
 
@@ -93,7 +93,7 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
     return Optimum(dc, ds, -ratio * ds)
 
 
-def _solved(nodes: Nodes, matrix: Float[Array, "orders orders 2 cells+1"], right: Float[Array, " cells+3"]) -> Array:
+def _solved(nodes: Nodes, matrix: Float[Any, "orders orders 2 cells+1"], right: Float[Any, " cells+3"]) -> Any:
     """Solve the linear system with the second derivatives `matrix` at the nodes, on the host."""
 
     def solve(basis: np.ndarray, free: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -104,18 +104,18 @@ def _solved(nodes: Nodes, matrix: Float[Array, "orders orders 2 cells+1"], right
     return on_host(solve, shape, nodes.basis, nodes.free, matrix, right)
 
 
-def _lagrangian(p: Program, v: Array, multipliers: Array) -> Scalar:
+def _lagrangian(p: Program, v: Any, multipliers: Any) -> Scalar:
     return duration(p, v) + jnp.sum(multipliers * values(p.constraints, v))
 
 
-def _slope(p: Program, v: Array, multipliers: Array) -> Array:
+def _slope(p: Program, v: Any, multipliers: Any) -> Any:
     """Return the gradient of the Lagrangian at the nodes with respect to a = u̇², a' and a''."""
     return jax.grad(lambda v: _lagrangian(p, v, multipliers))(v)
 
 
 def _second_derivatives(
-    p: Program, at: Optimum, v: Array, slopes: Gradients, ratio: Array
-) -> Float[Array, "orders orders 2 cells+1"]:
+    p: Program, at: Optimum, v: Any, slopes: Gradients, ratio: Any
+) -> Float[Any, "orders orders 2 cells+1"]:
     """Return the second derivatives of the Lagrangian at the nodes, plus Σ (λ/s) ∇g ∇gᵀ."""
     units = [jnp.zeros_like(v).at[j].set(1.0) for j in range(v.shape[0])]
     columns = [jax.jvp(lambda v: _slope(p, v, at.multipliers), (v,), (unit,))[1] for unit in units]

@@ -1,10 +1,10 @@
 """Return the polynomials of a path in the representation that the proof uses."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.timing.directions import Direction, directions
 from qtraj.design.timing.parts import known_segments, standing_ends
@@ -20,11 +20,11 @@ class Source(NamedTuple):
     segments that start or end at a stop, by the index of the segment.
     """
 
-    x: Float[Array, "terms segments"]
-    y: Float[Array, "terms segments"] | None
-    z: Float[Array, "terms segments"]
-    angle: Float[Array, "terms segments"] | None
-    durations: Float[Array, " segments"]
+    x: Float[Any, "terms segments"]
+    y: Float[Any, "terms segments"] | None
+    z: Float[Any, "terms segments"]
+    angle: Float[Any, "terms segments"] | None
+    durations: Float[Any, " segments"]
     directions: dict[int, Direction]
 
 
@@ -41,4 +41,5 @@ def source(path: AbstractHodograph) -> Source | None:
         return None
     given = own.x, own.y, own.z, own.angle, path.duration
     given = given if is_traced(given) else jax.tree.map(np.asarray, given)
-    return Source(*jax.tree.map(lambda x: x[..., None], given), {})
+    x, y, z, angle, duration = jax.tree.map(lambda x: x[..., None], given)
+    return Source(x, y, z, angle, duration, {})

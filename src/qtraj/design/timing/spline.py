@@ -28,7 +28,7 @@ REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
 The integral is approximately the weight times the value of f(z)/√z at the node.
 """
 
-Numbers = Float[np.ndarray, "..."]
+Numbers = Float[Any, "..."]
 
 
 class Nodes(NamedTuple):
@@ -43,14 +43,14 @@ class Nodes(NamedTuple):
     be zero, and 1 for all others. `standing` is 1 for nodes at rest.
     """
 
-    place: Float[np.ndarray, "2 cells+1"]
-    weight: Float[np.ndarray, "2 cells+1"]
-    basis: Float[np.ndarray, "3 4 2 cells+1"]
-    free: Float[np.ndarray, " cells+3"]
-    standing: Float[np.ndarray, "2 cells+1"]
+    place: Float[Any, "2 cells+1"]
+    weight: Float[Any, "2 cells+1"]
+    basis: Float[Any, "3 4 2 cells+1"]
+    free: Float[Any, " cells+3"]
+    standing: Float[Any, "2 cells+1"]
 
 
-def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 cells"]:
+def power_form(knots: Float[Any, " cells+1"]) -> Float[Any, "4 4 cells"]:
     """Return the matrices from the four spline coefficients of a cell to its polynomial coefficients.
 
     Entry [p, k] is the contribution of coefficient k to the coefficient of zᵖ, where 0 ≤ z ≤ 1 is the position in the
@@ -75,9 +75,7 @@ def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 c
     return np.stack(basis, axis=1)
 
 
-def nodes(
-    knots: Float[np.ndarray, " cells+1"], rest: tuple[bool, bool], jumps: Bool[np.ndarray, " cells"] | None = None
-) -> Nodes:
+def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[Any, " cells"] | None = None) -> Nodes:
     """Return the nodes; `rest` indicates whether the spline is zero at the start and at the end.
 
     `jumps` indicates the cells at whose end a constraint may jump. The node inside such a cell is moved to its end, so
@@ -110,14 +108,14 @@ def nodes(
     )
 
 
-def within(knots: Float[np.ndarray, " cells+1"], count: int) -> Float[np.ndarray, "count 3 4 cells"]:
+def within(knots: Float[Any, " cells+1"], count: int) -> Float[Any, "count 3 4 cells"]:
     """Return the matrices that map coefficients of a cell to value and derivatives at `count` equidistant points."""
     length = np.diff(knots)
     form = power_form(knots)
     return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])
 
 
-def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[np.ndarray, "3 4 cells"]:
+def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[Any, "3 4 cells"]:
     z, one = place, np.ones_like(place)
     powers = np.stack([[one, z, z**2, z**3], [0 * z, one, 2 * z, 3 * z**2], [0 * z, 0 * z, 2 * one, 6 * z]])
     return np.einsum("dpn,pkn->dkn", powers, form) / length ** np.arange(ORDERS)[:, None, None]
@@ -139,7 +137,7 @@ def at_nodes(
 
 
 def within_cells(
-    table: Float[np.ndarray, "count 3 4 cells"], coefficients: Float[Any, "*batch cells+3"], orders: int
+    table: Float[Any, "count 3 4 cells"], coefficients: Float[Any, "*batch cells+3"], orders: int
 ) -> Float[Any, "orders *batch count cells"]:
     """Return value and derivatives at the points of a table of `within`."""
     return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
@@ -155,7 +153,7 @@ PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE
 """Pairs of coefficients of a cell, diagonal by diagonal."""
 
 
-def products(basis: Float[np.ndarray, "orders 4 2 cells+1"]) -> Float[np.ndarray, "entries pairs 2 cells+1"]:
+def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pairs 2 cells+1"]:
     """Return the table of `gathered_band`: products of two values of the basis, for each pair of coefficients.
 
     The entries are those of the lower triangle of a matrix at the nodes, row by row.
@@ -166,8 +164,8 @@ def products(basis: Float[np.ndarray, "orders 4 2 cells+1"]) -> Float[np.ndarray
 
 
 def gathered_band(
-    table: Float[np.ndarray, "entries pairs 2 cells+1"], matrix: Float[np.ndarray, "orders orders *batch 2 cells+1"]
-) -> tuple[Float[np.ndarray, "*batch cells+3"], ...]:
+    table: Float[Any, "entries pairs 2 cells+1"], matrix: Float[Any, "orders orders *batch 2 cells+1"]
+) -> tuple[Float[Any, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
     `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Any d of the result

@@ -9,7 +9,7 @@ the duration. So the vehicle does not reverse; in a short interval, both duratio
 time the vehicle is at rest. The route outside the interval does not change.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -32,9 +32,9 @@ class _Stop(NamedTuple):
 
     start: float
     end: float
-    point: Float[np.ndarray, "3"]
-    before: Float[np.ndarray, "3 3"] | None
-    after: Float[np.ndarray, "3 3"] | None
+    point: Float[Any, "3"]
+    before: Float[Any, "3 3"] | None
+    after: Float[Any, "3 3"] | None
 
 
 def with_stops(route: Route, s: Segments, speed: float, distance: float) -> Route:
@@ -89,7 +89,7 @@ def _stop(s: Segments, start: float, end: float, speed: float, distance: float) 
     return None if backward else _Stop(start, end, point, before, after)
 
 
-def _is_stop(v: Float[np.ndarray, "n 3"]) -> bool:
+def _is_stop(v: Float[Any, "n 3"]) -> bool:
     """Return whether the vehicle is at rest at some instant and never reverses."""
     return not v.any(axis=1).all() and not (np.sum(v[1:] * v[:-1], axis=1) < 0).any()
 

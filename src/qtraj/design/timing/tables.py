@@ -1,7 +1,7 @@
 """Tables for the search for a timing, which depend only on its cells."""
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,10 +23,10 @@ class Tables(NamedTuple):
 
     grid: Grid
     nodes: Nodes
-    cell: Int[np.ndarray, " all"]
-    place: Float[np.ndarray, " all"]
-    within: Float[np.ndarray, "places 3 4 cells"]
-    powers: Float[np.ndarray, "4 4 cells"]
+    cell: Int[Any, " all"]
+    place: Float[Any, " all"]
+    within: Float[Any, "places 3 4 cells"]
+    powers: Float[Any, "4 4 cells"]
 
 
 def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from qtraj.design.timing.cell_times import (
     Cells,
@@ -44,10 +44,10 @@ class Timing(eqx.Module):
     `parameter` are inverses of each other to within about 1e-12 of the duration.
     """
 
-    coefficients: Float[Array, "cells 4"]
-    knots: Float[Array, " cells+1"]
+    coefficients: Float[Any, "cells 4"]
+    knots: Float[Any, " cells+1"]
     rest: tuple[bool, bool] = eqx.field(static=True)
-    times: Float[Array, " cells+1"]
+    times: Float[Any, " cells+1"]
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Timing(eqx.Module):
         return shown(self, knots="s", coefficients="", times="s")
 
     @property
-    def duration(self) -> Float[Array, "*batch"]:
+    def duration(self) -> Float[Any, "*batch"]:
         """The duration of the whole path [s]."""
         return part(self.times, (..., -1))
 
@@ -79,7 +79,7 @@ class Timing(eqx.Module):
         cell, place = cells.locate(u)
         return as_float(cells.xp.maximum(horner(cells.form(cell), place), 0.0))
 
-    def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
+    def taylor(self, u: ScalarLike) -> Float[Any, " 4"]:
         """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
         cells, u = self._with(one_instant(u))
         cell, place = cells.locate(u)
@@ -105,24 +105,24 @@ class Timing(eqx.Module):
 
     def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
-        cells, t = self._with(one_instant(t))
+        cells, s = self._with(one_instant(t))
         # An end that was computed elsewhere, with other roundings, is not outside; the derivatives depend on this.
-        t = clipped(t, 0.0, cells.times[-1] * (1 + ROUNDINGS * float(np.finfo(t.dtype).eps)))
-        cell = cells.xp.clip(cells.xp.searchsorted(cells.times, t, side="right") - 1, 0, cells.count - 1)
+        s = clipped(s, 0.0, cells.times[-1] * (1 + ROUNDINGS * float(np.finfo(s.dtype).eps)))
+        cell = cells.xp.clip(cells.xp.searchsorted(cells.times, s, side="right") - 1, 0, cells.count - 1)
         length, kinds = cells.length(cell), cells.kinds(cell)
-        z = _position(self, t, cell) if cells.xp is jnp else newton(cells, t, cell)
+        z = _position(self, s, cell) if cells.xp is jnp else newton(cells, s, cell)
         rate = length * stretching(z, *kinds) / pace(cells.form(cell), length, *kinds, z)
         return as_float(cells.knots[cell] + length * stretched(z, *kinds)), as_float(rate)
 
     def _with(self, x: Any) -> tuple[Cells, Any]:
         """Return the cells, and the argument of a method: NumPy arrays unless one of them is traced."""
-        xp = jnp if is_traced(self, x) else np
-        arrays = (xp.asarray(y) for y in (self.coefficients, self.knots, self.times))
-        return Cells(xp, *arrays, self.rest), xp.asarray(x).astype(self.knots.dtype)
+        xp: Any = jnp if is_traced(self, x) else np
+        coefficients, knots, times = (xp.asarray(y) for y in (self.coefficients, self.knots, self.times))
+        return Cells(xp, coefficients, knots, times, self.rest), xp.asarray(x).astype(self.knots.dtype)
 
 
 @eqx.filter_custom_jvp
-def _position(timing: Timing, t: Scalar, cell: Int[Array, ""]) -> Scalar:
+def _position(timing: Timing, t: Scalar, cell: Int[Any, ""]) -> Scalar:
     """Return z at a time within a cell."""
     return newton(timing._with(t)[0], t, cell)
 
@@ -146,14 +146,14 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     return z, late / pace(own.form(cell), own.length(cell), starts, ends, z)
 
 
-def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
+def _times(timing: Timing) -> Float[Any, "*batch cells+1"]:
     """Return the times of the knots [s]."""
     if is_traced(timing):
         return _traced_times(timing.coefficients, timing.knots, timing.rest)
     return _knot_times(np.asarray(timing.coefficients), np.asarray(timing.knots), timing.rest)
 
 
-def _knot_times(coefficients: Array, knots: Array, rest: tuple[bool, bool]) -> Float[Array, "*batch cells+1"]:
+def _knot_times(coefficients: Any, knots: Any, rest: tuple[bool, bool]) -> Float[Any, "*batch cells+1"]:
     xp = namespace(coefficients, knots)
     c = xp.moveaxis(coefficients, -1, 0)
     length = knots[..., 1:] - knots[..., :-1]
@@ -189,13 +189,14 @@ class RetimedPath(AbstractHodograph):
         """The duration of the whole path [s]."""
         return self.timing.duration
 
-    def nodes(self) -> Float[Array, " nodes"]:
+    def nodes(self) -> Float[Any, " nodes"]:
         """Return the times of the knots [s]; the path is smooth between them."""
         return self.timing.times
 
-    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Any, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
-        u, rate = self.timing.motion(t)
+        u, rate_of_u = self.timing.motion(t)
+        rate: Any = rate_of_u
         taylor, rows = self.timing.taylor(u), self.path.derivatives(u, order)
         if not is_traced(rate, taylor, rows):
             rate, taylor, rows = (np.asarray(x) for x in (rate, taylor, rows))
@@ -203,7 +204,7 @@ class RetimedPath(AbstractHodograph):
         return as_float(_composed(rows / factorials, _increments(rate, taylor, order)) * factorials)
 
 
-def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]:
+def _increments(rate: Scalar, a: Float[Any, " 4"], order: int) -> list[Scalar]:
     """Return the Taylor coefficients of u(t) − u₀ in time, from u̇ = `rate` and ü = a'(u)/2.
 
     The argument `a` contains the Taylor coefficients of the function a(u) at u₀.
@@ -217,7 +218,7 @@ def _increments(rate: Scalar, a: Float[Array, " 4"], order: int) -> list[Scalar]
     return change[: order + 1]
 
 
-def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Array, "orders 3"]:
+def _composed(shape: Float[Any, "orders 3"], change: list[Scalar]) -> Float[Any, "orders 3"]:
     """Return the truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
     xp, orders = namespace(shape, *change), shape.shape[0]
     zero = xp.zeros_like(shape[0])
