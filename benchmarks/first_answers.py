@@ -7,7 +7,9 @@
 A row of a Python function is the processor time of all threads in the call, after all imports and after its arguments
 exist. A row of a command is the processor time of the whole process and its children; "imports" is the processor time
 of a process that only imports the modules which this command has imported. "peak" is the largest resident memory of the
-process.
+process. The last row of functions is the time and memory of one process that asks many different questions.
+
+`python -m benchmarks --write first_answers` measures the same rows and writes them into docs/performance.md.
 """
 
 import argparse
@@ -32,6 +34,9 @@ COMMANDS = {
     "qtraj route, 8 km": ["route", str(ROOT / "examples" / "bus_route.toml")],
 }
 """Arguments of commands; "again" reads what the command before it may have stored."""
+
+ROWS = (*CALLS, *COMMANDS, README)
+"""The names of the rows."""
 
 RUN = """
 import json, sys
@@ -109,6 +114,17 @@ def rows(names, sources):
                 yield name, {key: of_command(name, source, str(folders[key])) for key, source in sources.items()}
 
 
+def measured(quick):
+    """Return the rows of this checkout as dictionaries; if `quick`, only the first one."""
+    table = []
+    for name, found in rows(ROWS[:1] if quick else ROWS, {"now": ROOT / "src"}):
+        one = found["now"]
+        imports = "—" if one["imports"] is None else one["imports"]
+        row = {"first call": name, "processor [s]": one["seconds"], "imports [s]": imports, "peak [MB]": one["peak"]}
+        table.append(row)
+    return table
+
+
 def cells(found):
     """Return the cells of one source: seconds, seconds of imports, and memory."""
     imports = "" if found["imports"] is None else f"{found['imports']:.2f}"
@@ -122,10 +138,9 @@ def main():
     options = parser.parse_args()
     sources = {} if options.against is None else {"before": options.against.resolve() / "src"}
     sources["now"] = ROOT / "src"
-    known = [*CALLS, *COMMANDS, README]
-    chosen = [name for name in known if not options.rows or name.startswith(tuple(options.rows))]
+    chosen = [name for name in ROWS if not options.rows or name.startswith(tuple(options.rows))]
     if not chosen:
-        parser.error(f"no row starts so; the rows are {', '.join(known)}")
+        parser.error(f"no row starts so; the rows are {', '.join(ROWS)}")
     heads = [f"{key}{part}" for key in sources for part in (" [s]", ", imports [s]", ", peak [MB]")]
     print("| " + " | ".join(["first call", *heads]) + " |")
     print("|---" * (len(heads) + 1) + "|")

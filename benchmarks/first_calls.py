@@ -14,6 +14,8 @@ import numpy as np
 
 import qtraj as qt
 
+from . import questions
+
 DRIVE = Path(__file__).parents[1] / "examples" / "drive_8km.csv.gz"
 TURN = Path(qt.__file__).parent / "io" / "data" / "boreas_right_angle.csv"
 WINDOW = (20.0, 80.0)
@@ -149,6 +151,7 @@ CALLS = {
     "length": lambda: of_path(lambda path: path.length()),
     "SpiralHelix.hermite": hermite,
     "these six": formulas,
+    f"{questions.COUNT} different questions": lambda: questions.ask,
 }
 
 

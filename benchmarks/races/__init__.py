@@ -4,8 +4,7 @@ from typing import Any, NamedTuple
 
 RACES = (
     "startup",
-    "compilation",
-    "operations",
+    "first_answers",
     "evaluation",
     "sizes",
     "memory",
