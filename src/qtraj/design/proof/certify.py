@@ -163,9 +163,11 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
 def _on_host(names: tuple[str, ...], *arrays: Any) -> Findings:
     """Return the findings on a batch of polynomial paths; the last three arrays are the `numbers` of `_findings`."""
     batch = np.shape(arrays[-1])[:-1]
+    if math.prod(batch) == 0:
+        return Findings(*(np.zeros((*batch, len(names)), dtype) for dtype in (np.int32, float, float)))
     flat = [np.asarray(x, float).reshape(math.prod(batch), *np.shape(x)[len(batch) :]) for x in arrays]
     blocks = []
-    for start in range(0, max(len(flat[-1]), 1), BLOCK_SIZE):
+    for start in range(0, len(flat[-1]), BLOCK_SIZE):
         *polynomials, bounds, factors, road = (x[start : start + BLOCK_SIZE] for x in flat)
         blocks.append(_judged(source_of(polynomials), names, bounds, factors, road))
     return Findings(*(np.concatenate(x).reshape(*batch, len(names)) for x in zip(*blocks, strict=True)))
