@@ -393,19 +393,6 @@ def test_a_process_keeps_its_compilations(tmp_path):
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
-@pytest.mark.slow
-def test_a_second_tuning_compiles_nothing(tmp_path):
-    def tune():
-        done = process(["-m", "qtraj", "tune", "--out", str(tmp_path / "out"), "--json"], XDG_CACHE_HOME=str(tmp_path))
-        assert (done.returncode, done.stderr) == (0, "")
-        compiled = {file.name for file in (tmp_path / "qtraj" / "jax").iterdir()}
-        return json.loads(done.stdout), compiled
-
-    first = tune()
-    assert any("_run" in name for name in first[1])
-    assert tune() == first
-
-
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2"]

@@ -279,19 +279,9 @@ def test_the_advised_limits_can_be_met():
     assert set(advised) <= set(given)
     assert advised
     assert qt.tune(start, end, qt.Limits(**{**given, **advised}), **options).certificate.met
-    # Nothing false is said about a limit that only a longer search can meet.
-    curvature = qt.Limits(curvature=0.04894123934727429)
-    alone = qt.tune(start, end, curvature, **options)
-    more = qt.tune(start, end, curvature, **options, starts=32)
-    assert alone.status == "infeasible"
-    assert (
-        "The limit on curvature was not satisfied, even as the only limit (searched from 8 starts); "
-        "the smallest maximum found is" in alone.result
-    )
-    assert "More starts may find a path: pass starts=32." in alone.result
-    assert more.status == "converged", more.result
-    for text in (best.result, alone.result):
-        assert not re.search("cannot|even alone|not with the others", text)
+    curvature = qt.Limits(curvature=0.04894123934727429)  # only a few starts lead to this path
+    assert qt.tune(start, end, curvature, **options).status == "converged"
+    assert not re.search("cannot|even alone|not with the others", best.result)
     for name in given:
         if f"{name} can be satisfied on its own" in best.result:
             assert qt.tune(start, end, qt.Limits(**{name: given[name]}), **options).certificate.met
@@ -525,7 +515,8 @@ def test_the_solution_is_differentiable_in_its_data():
     """The derivatives by the implicit function theorem agree with finite differences."""
 
     def duration(radius, rate, curvature):
-        start = qt.BoundaryState(START.position.at[0].set(radius), START.velocity.at[1].set(rate * 20))
+        position, velocity = jnp.asarray(START.position), jnp.asarray(START.velocity)
+        start = qt.BoundaryState(position.at[0].set(radius), velocity.at[1].set(rate * 20))
         return qt.tune(start, END, qt.Limits(curvature=curvature), starts=1).path.duration
 
     evaluate = (20.0, RATE, 0.048)

@@ -88,7 +88,8 @@ def _on_batch(function: Callable[..., Any], problem: Any, z: Any) -> Any:
     index = np.minimum(np.arange(size), count - 1)
     padded = jax.tree.map(lambda x: np.asarray(x)[index], problem)
     result = function(padded, np.moveaxis(np.asarray(z), 0, -1)[index])
-    return jax.tree.map(lambda x: np.asarray(x)[:count], result)
+    # The function may close over numbers that are differentiated.
+    return jax.tree.map(lambda x: (x if is_traced(x) else np.asarray(x))[:count], result)
 
 
 @eqx.filter_jit
