@@ -152,7 +152,7 @@ def _with_equal_steps(problem: Problem, steps: int) -> Quats:
     mesh = meshes.uniform(problem.intervals, steps)
     known = None if is_traced(problem) else known_part(problem)
     rates = None if known is None else plan.rates_at_nodes(known, mesh)
-    if rates is None:
+    if known is None or rates is None or known.rate.differentiated:
         return solve(problem, meshes.on_device(mesh, problem.times.dtype))
     return as_inputs(_multiplied(problem, mesh, rates), (problem.q0, problem.times))
 
@@ -169,11 +169,11 @@ def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propag
     with at_once():
         known = known_part(problem)
         planned = None if known is None else plan.known(known, steps, max_steps)
-    if planned is None:
+    if known is None or planned is None:
         return _traced(problem, steps, max_steps)
     mesh, rates, errors = planned
     code = _result_code(errors, on_host(constants(problem.tolerance)))
-    if is_traced(problem) or rates is None:
+    if is_traced(problem) or known.rate.differentiated:
         # The number of slots is a power of two, so that few sizes are compiled.
         slots = 1 << max(int(mesh.count) - 1, 7).bit_length()
         quaternions = solve(problem, meshes.on_device(meshes.padded(mesh, slots), problem.times.dtype))

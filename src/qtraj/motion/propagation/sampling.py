@@ -27,13 +27,15 @@ ROUND_OFF = 16
 class Sampler:
     """A rate as a function from NumPy instants (m,) [s] to NumPy rates (m, k) [rad/s], where k is 3 or 4.
 
-    `dtype` is the dtype of the instants for functions that compute with JAX.
+    `dtype` is the dtype of the instants for functions that compute with JAX. `differentiated`: the values are known, but
+    the function uses numbers that are differentiated.
     """
 
     def __init__(self, omega: Callable[..., Any], dtype: Any):
         self.omega, self.dtype = omega, dtype
         self.uses_jax = _uses_jax(omega)
         self.accepts_arrays = True
+        self.differentiated = False
 
     def __call__(self, times: Any) -> Any:
         """Return the rates, or None if they are traced.
@@ -41,7 +43,7 @@ class Sampler:
         **Raises:** ValueError for a rate of another shape.
         """
         if self.uses_jax:
-            return _in_chunks(self.omega, times, self.dtype)
+            return self._in_chunks(times)
         rates = self._at_once(times) if self.accepts_arrays and len(times) > 4 else None
         self.accepts_arrays = rates is not None
         return _one_by_one(self.omega, times) if rates is None else rates
@@ -66,6 +68,20 @@ class Sampler:
         scale = ROUND_OFF * np.finfo(float).eps * np.max(np.abs(singles), initial=0.0)
         same = np.allclose(values[rows], singles, rtol=0, atol=scale, equal_nan=True)
         return values if same else None
+
+    def _in_chunks(self, times: Any) -> Any:
+        size = CHUNKS[len(times) >= MANY]
+        chunks = []
+        for k in range(0, len(times), size):
+            part = times[k : k + size]
+            chunk = np.pad(part, (0, size - len(part)), mode="edge")
+            rates = vectorized(self.omega, as_array(chunk, self.dtype))
+            self.differentiated |= is_traced(rates)
+            values = constants(rates)
+            if is_traced(values):
+                return None
+            chunks.append(np.asarray(values, float)[: len(part)])
+        return np.concatenate(chunks)
 
 
 def require_rate(shape: tuple[int, ...]) -> None:
@@ -101,19 +117,6 @@ def _one_by_one(omega: Callable[..., Any], times: Any) -> Any:
         values = [np.asarray(omega(t), float) for t in times]
     require_rate(values[0].shape)
     return np.stack(values)
-
-
-def _in_chunks(omega: Callable[..., Any], times: Any, dtype: Any) -> Any:
-    size = CHUNKS[len(times) >= MANY]
-    chunks = []
-    for k in range(0, len(times), size):
-        part = times[k : k + size]
-        chunk = np.pad(part, (0, size - len(part)), mode="edge")
-        values = constants(vectorized(omega, as_array(chunk, dtype)))
-        if is_traced(values):
-            return None
-        chunks.append(np.asarray(values, float)[: len(part)])
-    return np.concatenate(chunks)
 
 
 @eqx.filter_jit
