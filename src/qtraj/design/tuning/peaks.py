@@ -14,7 +14,7 @@ NODES = 65
 GRID = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, NODES))
 """The Chebyshev nodes: grid instants that are denser near both ends."""
 
-PER_LIMIT = 4
+PER_LIMIT = 8
 """Number of local maxima of each limit that are refined, starting with the highest."""
 
 RELEVANT = -1.5

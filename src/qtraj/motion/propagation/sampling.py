@@ -27,8 +27,8 @@ ROUND_OFF = 16
 class Sampler:
     """A rate as a function from NumPy instants (m,) [s] to NumPy rates (m, k) [rad/s], where k is 3 or 4.
 
-    `dtype` is the dtype of the instants for functions that compute with JAX. `differentiated`: the values are known, but
-    the function uses numbers that are differentiated.
+    `dtype` is the dtype of the instants for functions that compute with JAX. `differentiated`: the values are known,
+    but the function uses numbers that are differentiated.
     """
 
     def __init__(self, omega: Callable[..., Any], dtype: Any):
