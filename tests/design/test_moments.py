@@ -231,7 +231,7 @@ def test_a_route_has_moments_at_a_stop_but_not_on_a_straight_and_a_parked_body_n
 
 
 def test_advice_states_limits_in_their_units(untuned):
-    limit = 1e-4 * untuned["tangential_moment"]
+    limit = 1e-8 * untuned["tangential_moment"]
     tuned = qt.tune(START, END, qt.Limits(tangential_moment=limit, vehicle=BODY), motion="hermite", starts=1)
     assert tuned.status == "infeasible"
     value = tuned.certificate.worst["tangential_moment"][1]

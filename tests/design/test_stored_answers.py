@@ -27,12 +27,6 @@ LOWER, HIGHER = 1e-3, 1e-1
 OBJECTIVE, SMALL = 1e-9, 1e-10
 """Relative and absolute tolerance by which an objective of `tune` may be larger than before."""
 
-KINKS = {"tunings.hermite_torsion": 1e-8}
-"""Absolute tolerances of objectives for groups in which peaks of the torsion appear and vanish at the optimum.
-
-One search of eight ends 5e-9 above the stored objective.
-"""
-
 ROUTE_OBJECTIVE = 1e-6
 """Relative tolerance by which an objective of `tune_route` may be larger than before; its tightening stops at 1e-6."""
 
@@ -130,8 +124,6 @@ def compare(name, record_property, count=None):
     if "values" in before:
         known["names"] = np.broadcast_to(names_of(name)[: before["values"].shape[-1]], before["values"].shape)
     rules = RULES[name.split(".")[0]]
-    if name in KINKS:
-        rules = rules | {"objectives": as_good(OBJECTIVE, KINKS[name])}
     for field, rule in rules.items():
         if field in before:
             # A search that failed has no optimum.

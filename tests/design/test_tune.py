@@ -469,7 +469,7 @@ def test_a_batch_equals_its_elements(many):
 
 def test_advice_on_an_element_is_computed_on_request():
     starts, ends, limits = stacked(2)
-    limits = jax.tree.map(lambda x: x.at[1].set(0.4 * x[1]), limits)
+    limits = jax.tree.map(lambda x: x.at[1].set(0.2 * x[1]), limits)
     many = qt.tune(starts, ends, limits, starts=2)
     one = qt.tune(*(jax.tree.map(lambda x: x[1], each) for each in (starts, ends, limits)), starts=2)
     assert list(many.status) == ["converged", "infeasible"]

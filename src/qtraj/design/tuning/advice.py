@@ -114,7 +114,7 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     min_ratios = worst
     if len(limits) > 1:
-        min_ratios = {name: _min_ratio_alone(searches, name, options) for name in violated}
+        min_ratios = {name: min(_min_ratio_alone(searches, name, options), worst[name]) for name in violated}
     sentences = [_describe(name, min_ratios[name], limits[name], options.starts) for name in violated]
     remedies = [*_raise_limits(searches, limits, worst, violated, options), *_move_number(searches, result, options)]
     possible_remedies = []

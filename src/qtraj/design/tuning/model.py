@@ -23,12 +23,15 @@ LOOSE = -0.7
 The logarithm would overestimate the change of a quantity near zero.
 """
 
+CLOSE = 0.02
+"""A constraint at a fixed time has a Hessian if its value is at most this much below the largest constraint value."""
+
 
 class Model(NamedTuple):
     """The local model: the gradient and the Hessian of the cost, and the constraints of the k highest peaks.
 
     `limit` and `time` describe the peaks; `value` is `ABSENT` for missing peaks. `fixed` marks constraints at fixed
-    times, which have no Hessians.
+    times, of which only those with high values have Hessians (see `CLOSE`).
     """
 
     slope: Float[np.ndarray, "n batch"]
@@ -56,14 +59,18 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
     limit[peaks.rank, peaks.owner], time[peaks.rank, peaks.owner] = peaks.limit, peaks.time
     fixed[peaks.rank, peaks.owner] = peaks.fixed
     curves = CurveJets(searches, z)
+    top = np.full(count, ABSENT)
+    np.maximum.at(top, peaks.owner, peaks.value)
+    bends = ~peaks.fixed | (peaks.value > top[peaks.owner] - CLOSE)
     for k, name in enumerate(searches.limits):
-        own = np.flatnonzero((peaks.limit == k) & ~peaks.fixed)
+        own = np.flatnonzero((peaks.limit == k) & bends)
         if own.size:
+            at = peaks.owner[own], peaks.time[own], peaks.value[own], peaks.fixed[own]
             owner, rank = peaks.owner[own], peaks.rank[own]
-            g, gradient, hessian = _expanded(curves, name, owner, peaks.time[own], peaks.value[own])
+            g, gradient, hessian = _expanded(curves, name, *at)
             value[rank, owner], slopes[rank, :, owner] = g, gradient.T
             curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
-        own = np.flatnonzero((peaks.limit == k) & peaks.fixed)
+        own = np.flatnonzero((peaks.limit == k) & ~bends)
         if own.size:
             owner, rank = peaks.owner[own], peaks.rank[own]
             gradient = curves.expand(name, owner, peaks.time[own], second=False).gradient
@@ -95,13 +102,13 @@ def objective_values(problem: Problem, z: Any) -> Any:
 
 
 def _expanded(
-    curves: CurveJets, name: str, owner: np.ndarray, time: np.ndarray, value: np.ndarray
+    curves: CurveJets, name: str, owner: np.ndarray, time: np.ndarray, value: np.ndarray, fixed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the constraint values of peaks of one limit, and their gradients and Hessians in the variables."""
+    """Return the constraint values of one limit at peaks and at fixed times, and their gradients and Hessians in z."""
     n = curves.n
     g = curves.expand(name, owner, time)
     rate, second, mixed = g.gradient[n], g.hessian[n, n], g.hessian[:n, n]
-    inner = (time > 0) & (time < 1) & (second < 0)
+    inner = ~fixed & (time > 0) & (time < 1) & (second < 0)
     drift = np.where(inner, -mixed / np.where(inner, second, 1.0), 0.0)
     # Correct the slope for the distance between the time of the exact peak and the time that the search found.
     gradient = g.gradient[:n] + drift * rate

@@ -17,6 +17,13 @@ GRID = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, NODES))
 PER_LIMIT = 8
 """Number of local maxima of each limit that are refined, starting with the highest."""
 
+SHOULDER = 0.25
+"""A node is a candidate for a peak, too, if the higher one of its neighbours exceeds it by this part of its own excess
+over the lower one: two peaks may be closer to each other than the nodes."""
+
+EQUAL = 1e-6
+"""Peaks of one limit closer than this fraction of the duration are one peak."""
+
 RELEVANT = -1.5
 """Maxima below this constraint value are not refined: a quantity at a fifth of its limit constrains no step."""
 
@@ -36,8 +43,9 @@ OFFSETS = np.linspace(-1.0, 1.0, 9)[:, None]
 NARROW = np.concatenate([-(0.25 ** np.arange(9.0)), [0.0], 0.25 ** np.arange(8.0, -1.0, -1.0)])[:, None]
 """Instants about a node and about the minimum of a divisor, in units of the distance between nodes."""
 
-NEWTON = 2
-"""Number of steps of Newton's method for the time of a peak, after a parabola."""
+NEWTON, NEGLIGIBLE = 8, 1e-9
+"""Newton's method for the time of a peak ends when the value increases by less than the second number, where its error
+is far below rounding error, or after the first number of steps."""
 
 
 class Peaks(NamedTuple):
@@ -71,11 +79,15 @@ def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndar
     largest = np.maximum(np.max(rows, axis=(0, 1)), ABSENT)
     found = []
     for k, (name, g) in enumerate(zip(names, rows, strict=True)):
-        for candidates, offsets in ((_highest(g), OFFSETS), (_sharp(name, curves, searches.count), NARROW)):
-            if candidates.owner.size:
-                time, value = _refined(name, curves.at(candidates.owner), candidates, offsets)
-                found.append((candidates.owner, k, time, value, False))
-                np.maximum.at(largest, candidates.owner, value)
+        refined = [
+            (candidates.owner, *_refined(name, curves.at(candidates.owner), candidates, offsets))
+            for candidates, offsets in ((_highest(g), OFFSETS), (_sharp(name, curves, searches.count), NARROW))
+            if candidates.owner.size
+        ]
+        if refined:
+            owner, time, value = _distinct(*(np.concatenate(x) for x in zip(*refined, strict=True)))
+            found.append((owner, k, time, value, False))
+            np.maximum.at(largest, owner, value)
     for k, g in enumerate(rows):
         owner, time, value = _at_fixed_times(g, largest)
         found.append((owner, k, time, value, True))
@@ -92,6 +104,15 @@ def largest_values(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Float
         result = np.array([np.broadcast_to(g, (NODES, searches.count)).max(axis=0) for g in rows])
         np.maximum.at(result, (peaks.limit, peaks.owner), peaks.value)
     return result
+
+
+def _distinct(owner: np.ndarray, time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the peaks without those that were found twice."""
+    order = np.lexsort((time, owner))
+    owner, time, value = owner[order], time[order], value[order]
+    new = np.ones(owner.size, bool)
+    new[1:] = (owner[1:] != owner[:-1]) | (time[1:] - time[:-1] > EQUAL)
+    return owner[new], time[new], value[new]
 
 
 def _at_fixed_times(g: np.ndarray, largest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -117,11 +138,11 @@ def _ranked(owner: np.ndarray, limit: np.ndarray, time: np.ndarray, value: np.nd
 
 
 def _highest(g: Float[np.ndarray, "nodes batch"]) -> _Candidates:
-    """Return the highest local maxima of each search at the nodes."""
-    higher = g[1:] > g[:-1]
-    is_peak = np.ones(g.shape, bool)
-    is_peak[1:] = higher
-    is_peak[:-1] &= ~higher
+    """Return the highest local maxima of each search at the nodes, and the shoulders beside them."""
+    rise, drop = np.zeros(g.shape), np.zeros(g.shape)
+    rise[1:] = g[1:] - g[:-1]
+    drop[:-1] = -rise[1:]
+    is_peak = (rise >= -SHOULDER * drop) & (drop >= -SHOULDER * rise)
     heights = np.where(is_peak & (g > RELEVANT), g, -np.inf)
     if np.max(np.count_nonzero(heights > -np.inf, axis=0), initial=0) > PER_LIMIT:
         lowest = np.partition(heights, -PER_LIMIT, axis=0)[-PER_LIMIT]
@@ -144,7 +165,8 @@ def _sharp(name: str, curves: Curves, count: int) -> _Candidates:
     own = curves.at(owner)
     for _ in range(3 if owner.size else 0):
         u = _instants(low, middle, high, OFFSETS)
-        low, middle, high = _parabola(u, -np.log(np.maximum(own.divisors(u)[key], 1e-300)))
+        depth = -np.log(np.maximum(own.divisors(u)[key], 1e-300))
+        low, middle, high = _parabola(u, depth, depth.argmax(axis=0))
     return _Candidates(owner, np.maximum(middle - 0.02, 0.0), middle, np.minimum(middle + 0.02, 1.0))
 
 
@@ -152,10 +174,16 @@ def _instants(low: np.ndarray, middle: np.ndarray, high: np.ndarray, offsets: np
     return middle + np.where(offsets < 0, middle - low, high - middle) * offsets
 
 
-def _parabola(u: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the times about the highest value, and between them the top of the parabola through these three."""
+def _top(g: np.ndarray) -> np.ndarray:
+    """Return the indices of the highest local maxima inside, or else of the highest values."""
+    inside = (g[1:-1] >= g[:-2]) & (g[1:-1] >= g[2:])
+    best = 1 + np.where(inside, g[1:-1], -np.inf).argmax(axis=0)
+    return np.where(inside.any(axis=0), best, g.argmax(axis=0))
+
+
+def _parabola(u: np.ndarray, g: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the times about the value of index `best`, and between them the top of the parabola through these."""
     last = len(u) - 1
-    best = g.argmax(axis=0)
     points = np.arange(best.size)
     index = np.clip(best, 1, last - 1)
     (a, x), (b, y), (c, z) = ((u[index + k, points], g[index + k, points]) for k in (-1, 0, 1))
@@ -174,19 +202,23 @@ def _refined(name: str, curves: Curves, at: _Candidates, offsets: np.ndarray) ->
     u = _instants(at.low, at.middle, at.high, offsets)
     g = np.broadcast_to(curves.values([name], u, order)[0], u.shape)
     points = np.arange(u.shape[1])
-    best = g.argmax(axis=0)
+    best = _top(g)
     time, value = u[best, points], g[best, points]
-    low, trial, high = _parabola(u, g)
+    low, trial, high = _parabola(u, g, best)
+    top, height, rest = np.array(trial), np.array(value), points
     for _ in range(NEWTON):
         there, rate, second = curves.along_u(name, trial, order)
-        safe = np.where(second < 0, second, -np.inf)
-        exact = np.clip(trial - rate / safe, low, high)
+        bend = np.where(second < 0, second, -np.inf)
+        exact = np.clip(trial - rate / bend, low, high)
         # The value at the next point of Newton's method, to third order.
-        there = there + (rate + 0.5 * np.where(second < 0, second, 0.0) * (exact - trial)) * (exact - trial)
-        better = there >= value
-        time, value = np.where(better, exact, time), np.where(better, there, value)
-        trial = exact
-    return time, value
+        gain = (rate + 0.5 * np.where(second < 0, second, 0.0) * (exact - trial)) * (exact - trial)
+        top[rest], height[rest] = exact, there + gain
+        on = np.flatnonzero(gain > NEGLIGIBLE)
+        if on.size == 0:
+            break
+        rest, low, high, trial, curves = rest[on], low[on], high[on], exact[on], curves.at(on)
+    better = height >= value
+    return np.where(better, top, time), np.where(better, height, value)
 
 
 def peaks_of(peaks: Peaks, index: np.ndarray, count: int) -> Peaks:

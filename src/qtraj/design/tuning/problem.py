@@ -75,7 +75,7 @@ class Formulas:
 
     def time(self, z: Variables) -> Any:
         """Return the duration [s] of the path for the variables `z`."""
-        return self.duration if self.objective.fixes_duration else exp(z[self.size - 1]) * self.duration
+        return self.duration if self.objective.fixes_duration else exp(z[-1]) * self.duration
 
     def velocities(self, z: Variables, duration: Any) -> Velocities:
         """Return the cylindrical velocities [m/s] at both ends; where the heading is fixed, V_ρ follows from V_φ."""
@@ -109,7 +109,8 @@ class Formulas:
 
     def cost(self, z: Variables) -> Any:
         """Return the objective divided by its scale."""
-        return self.objective.value(self, z) * (1 / self.scale)
+        # A bound method of a Module is slow.
+        return type(self.objective).value(self.objective, self, z) * (1 / self.scale)
 
 
 class Problem(Formulas, eqx.Module):

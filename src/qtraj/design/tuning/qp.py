@@ -53,9 +53,13 @@ def minimise(qp: QP) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     k = len(qp.values)
     x, multipliers = np.zeros((n + 1, count)), np.zeros((k, count))
     rest, state = np.arange(count), _start(qp)
+    last = state
     for step in range(MAX_STEPS):
         slack = _slacks(qp, state.x)
         mean = (slack * state.multipliers).mean(axis=0)
+        lost = np.isnan(mean)
+        if lost.any():  # the last step was beyond the rounding error of its program
+            state = _State(*(np.where(lost, x, y) for x, y in zip(last, state, strict=True)))
         done = ~(mean > qp.tolerance) | (step == MAX_STEPS - 1)
         if done.any():
             x[:, rest[done]], multipliers[:, rest[done]] = state.x[:, done], state.multipliers[:k, done]
@@ -63,7 +67,7 @@ def minimise(qp: QP) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 break
             rest, qp, slack, mean = rest[~done], qp.take(~done), slack[:, ~done], mean[~done]
             state = _State(state.x[:, ~done], state.multipliers[:, ~done])
-        state = _step(qp, state, slack, mean)
+        last, state = state, _step(qp, state, slack, mean)
     return x[:n], x[n], multipliers
 
 

@@ -6,7 +6,7 @@ the largest violation is continuous when peaks appear or vanish. With weight 0, 
 
 Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. The
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
-positive definite, squares of the active constraints are added, and finally a multiple of the identity. If a step
+positive definite, squares of the active constraints are added, and finally negative eigenvalues change sign. If a step
 reduces the merit function by less than a tenth of the predicted decrease, a second QP corrects it with the constraint
 values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the block of searches
 that run together, and others enter.
@@ -29,6 +29,7 @@ INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
 GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good or a rejected step
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
+FLOOR_GROWTH = 25.0  # of the lower limit of the penalty
 SATISFYING_PENALTY = 100.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
@@ -48,8 +49,16 @@ SMALL_GOOD_STEP, MAX_REMAINING = 1e-5, 1e-11
 """A good step also ends the search if its size is below the first value, and the estimated distance from the solution
 is below the second value."""
 
+NEGLIGIBLE, SLOW = 1e-11, 0.3
+"""A step also ends the search if its predicted decrease relative to the merit function is below the first value, and
+its size divided by the size of the last step is above the second: peaks that merge at the solution make steps slow."""
+
+BALANCED = 1e-3
+"""Small steps end a search only if the gradient of the Lagrangian, relative to the penalty, is below this value: where
+a narrow peak has an enormous second derivative, a step is small although the point is not stationary."""
+
 STATIONARY = 1e-6
-"""Tolerance on the gradient of the Lagrangian, relative to the penalty."""
+"""Tolerance on the same gradient, if the predicted decrease is within the rounding error."""
 
 
 class SequentialQuadratic(AbstractSearch):
@@ -80,8 +89,8 @@ class State:
     penalty: Float[np.ndarray, " batch"]
     size: Float[np.ndarray, " batch"]  # of the last accepted step
     rejected: Bool[np.ndarray, " batch"]  # the last step was rejected
-    lowered: Bool[np.ndarray, " batch"]  # the penalty has been lowered
-    raised_again: Bool[np.ndarray, " batch"]  # it was raised after it had been lowered, and must not be lowered again
+    floor: Float[np.ndarray, " batch"]  # the penalty must not be lowered below this value
+    lowered: Bool[np.ndarray, " batch"]  # the penalty was lowered more recently than raised
     steps: Int[np.ndarray, " batch"]
     done: Bool[np.ndarray, " batch"]
     stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
@@ -170,7 +179,7 @@ def _entered(searches: Searches, z: np.ndarray, satisfying: bool) -> tuple[State
     state = _first(searches, z, costs(searches, z), largest)
     if satisfying:
         state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
-        state.raised_again |= True
+        state.floor = state.penalty
     return state, build(searches, z, peaks)
 
 
@@ -185,8 +194,8 @@ def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndar
         penalty=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         size=np.ones(count),
         rejected=no.copy(),
+        floor=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         lowered=no.copy(),
-        raised_again=no.copy(),
         steps=np.zeros(count, int),
         done=no.copy(),
         stationary=no.copy(),
@@ -255,39 +264,38 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     size = np.abs(step.d).max(axis=0)
     remaining = size * np.minimum(size / s.size, 1.0) * np.minimum(size / s.size, 1.0)
     last = trial.good & (size < np.minimum(SMALL_GOOD_STEP, 0.5 * s.radius)) & (remaining < MAX_REMAINING)
-    ends = (accepted & ((size < SMALL_STEP) | last)) | trial.converged
+    merit = np.abs(_merit(searches, s.penalty, s.cost, s.largest))
+    slow = (step.predicted_decrease <= NEGLIGIBLE * merit) & (size > SLOW * s.size)
+    ends = (accepted & ((size < SMALL_STEP) | last | slow) & (step.residual < BALANCED)) | trial.converged
     z = np.where(accepted, trial.z, s.z)
     cost, largest = np.where(accepted, trial.cost, s.cost), np.where(accepted, trial.largest, s.largest)
     wide = np.maximum(s.radius, np.minimum(GROWTH * size, MAX_RADIUS))
     narrow = SHRINKAGE * np.clip(size, 0.1 * s.radius, s.radius)
     radius = np.where(accepted, np.where(trial.good, wide, s.radius), narrow)
-    penalty, lowered, raised_again = _penalty(searches, s, step, accepted, ends, largest)
+    penalty, floor, lowered = _penalty(searches, s, step, accepted, ends, largest)
     hopeless = (searches.weight == 0) | (s.penalty >= MAX_PENALTY)
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     enough = (searches.weight == 0) & (largest <= ENOUGH)
     done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     last_size = np.where(accepted, size, s.size)
-    return State(
-        z, cost, largest, radius, penalty, last_size, ~accepted, lowered, raised_again, s.steps + 1, done, stationary
-    )
+    return State(z, cost, largest, radius, penalty, last_size, ~accepted, floor, lowered, s.steps + 1, done, stationary)
 
 
 def _penalty(
     searches: Searches, s: State, step: Step, accepted: np.ndarray, ends: np.ndarray, largest: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the next penalty, and whether it has been lowered, and raised again.
+    """Return the next penalty, its lower limit, and whether it was lowered more recently than raised.
 
     The penalty is raised if it is too small for a step to satisfy the limits. If the limits are satisfied, the penalty
     is lowered to a multiple of the sum of the multipliers, because a larger penalty would force short steps along a
-    curved constraint. If the penalty must then be raised again, it is not lowered a second time.
+    curved constraint. If the penalty must then be raised again, its lower limit is raised, too.
     """
     total = step.multipliers.sum(axis=0)
     inside = np.abs(step.d).max(axis=0) < 0.5 * s.radius  # otherwise the radius limits the step
     active = accepted & inside & (step.allowed_violation > 0.1 * FEASIBLE) & (total > 0.5 * s.penalty)
     met = largest <= FEASIBLE
     raised = (active | (ends & ~met)) & (searches.weight > 0)
+    floor = np.where(raised & s.lowered, np.minimum(FLOOR_GROWTH * s.floor, MAX_PENALTY), s.floor)
     penalty = np.where(raised, np.minimum(PENALTY_GROWTH * s.penalty, MAX_PENALTY), s.penalty)
-    smallest = np.where(searches.weight > 0, INITIAL_PENALTY, 1.0)
-    lower = np.minimum(np.maximum(PENALTY_MARGIN * total, smallest), penalty)
-    penalty = np.where(accepted & met & ~s.raised_again, lower, penalty)
-    return penalty, s.lowered | (penalty < s.penalty), s.raised_again | (s.lowered & (penalty > s.penalty))
+    penalty = np.where(accepted & met, np.minimum(np.maximum(PENALTY_MARGIN * total, floor), penalty), penalty)
+    return penalty, floor, np.where(raised, False, s.lowered | (penalty < s.penalty))

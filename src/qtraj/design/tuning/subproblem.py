@@ -18,12 +18,16 @@ AT_BOUND = 1e-7  # a variable within this distance of a bound is at the bound
 PENALISED = 0.9  # above this ratio of the multiplier sum to the penalty, the limits cannot be satisfied yet
 MAX_STIFFNESS = 1e-4  # upper limit of ε in the term ½εt² that makes the QP strictly convex in the violation t
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
-REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
-"""Regularizations of the Hessian in the order of trial: weights of the squared active constraints and of the identity.
+SQUARES = (1.0, 30.0, 1e3)
+"""Weights of the squared active constraints that are added to an indefinite Hessian, in the order of trial.
 
 The squares change the model away from the constraints, so a step with them may not reduce the merit function. After a
-rejected step, only the identity is added.
+rejected step, they are not added.
 """
+
+FLOOR = 1e-5
+"""The smallest eigenvalue of a Hessian that remains indefinite with all squares, relative to its largest entry; there
+negative eigenvalues change sign, because a step is then long along small negative eigenvalues only."""
 
 COARSE, FINE = 1e-7, 1e-13
 """Tolerances of a QP for the first steps and for the last steps of a search."""
@@ -102,7 +106,7 @@ def compute_step(
     before, after = (np.maximum(x.max(axis=0, initial=-1.0), floor) for x in (model.value, linear))
     change = (slope * d).sum(axis=0) + 0.5 * np.einsum("ib,ijb,jb->b", d, lagrangian, d)
     inside = free & (z > searches.low + AT_BOUND) & (z < searches.high - AT_BOUND)
-    balance = slope + np.einsum("ijb,jb->ib", lagrangian, d) + np.einsum("kb,kib->ib", own, slopes)
+    balance = slope + np.einsum("kb,kib->ib", own, slopes)
     residual = np.abs(np.where(inside, balance, 0.0)).max(axis=0) / scale
     return Step(d, own, t * radius, penalty * (before - after) - change, residual)
 
@@ -128,33 +132,37 @@ def _convex(
     means = np.where(penalised, centred.sum(axis=0) / count, 0.0), np.where(penalised, offset.sum(axis=0) / count, 0.0)
     centred = np.where(active[:, None], centred - means[0], 0.0)
     offset = np.where(active, offset - means[1], 0.0)
-    n = len(lagrangian)
     size = np.maximum(np.abs(lagrangian).max(axis=(0, 1)), 1.0)
-    result = lagrangian.copy()
-    result[range(n), range(n)] += np.where(free, 0.0, size)
+    n = range(len(lagrangian))
+    result = np.array(lagrangian)
+    result[n, n] += np.where(free, 0.0, size)
     weight = np.zeros_like(size)
-    rest = np.arange(size.size)
-    base, squares = result, None
-    for of_squares, of_identity in REGULARIZATION:
-        trial = base[..., rest]
-        if of_squares or of_identity:
-            squares = np.einsum("kib,kjb->ijb", centred, centred) if squares is None else squares
-            trial = trial + (of_squares * size[rest]) * squares[..., rest]
-            trial[range(n), range(n)] += of_identity * size[rest]
-        good = qp.cholesky(trial)[1] > MIN_PIVOT * size[rest]
-        chosen = good if of_identity < 10 else np.ones_like(good)
-        if rest.size == size.size and good.all():
-            return trial, centred, offset, np.full_like(size, of_squares) * size
-        if rest.size == size.size:
-            result = np.array(trial)
-            base = lagrangian.copy()
-            base[range(n), range(n)] += np.where(free, 0.0, size)
-        result[..., rest[chosen]] = trial[..., chosen]
-        weight[rest[chosen]] = of_squares * size[rest[chosen]]
-        rest = rest[~chosen]
+    rest = np.flatnonzero(~_is_definite(result, size))
+    if rest.size == 0:
+        return result, centred, offset, weight
+    base, squares = result[..., rest], np.einsum("kib,kjb->ijb", centred[..., rest], centred[..., rest])
+    for part in SQUARES:
+        trial = base + part * size[rest] * squares
+        result[..., rest], weight[rest] = trial, part * size[rest]
+        still = ~_is_definite(trial, size[rest])
+        rest, base, squares = rest[still], base[..., still], squares[..., still]
         if rest.size == 0:
-            break
+            return result, centred, offset, weight
+    result[..., rest] = _flipped(base + size[rest] * squares, size[rest])
+    weight[rest] = size[rest]
     return result, centred, offset, weight
+
+
+def _is_definite(matrix: np.ndarray, size: np.ndarray) -> np.ndarray:
+    return qp.cholesky(matrix)[1] > MIN_PIVOT * size
+
+
+def _flipped(matrix: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return matrices with the absolute values of the eigenvalues."""
+    finite = np.isfinite(matrix).all(axis=(0, 1))
+    values, vectors = np.linalg.eigh(np.moveaxis(np.where(finite, matrix, 0.0), 2, 0))
+    values = np.maximum(np.abs(values), FLOOR * np.nan_to_num(size, nan=1.0, posinf=1.0)[:, None])
+    return np.moveaxis((vectors * values[:, None]) @ np.swapaxes(vectors, 1, 2), 0, 2)
 
 
 def corresponding(model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:

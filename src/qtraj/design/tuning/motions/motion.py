@@ -4,7 +4,7 @@ import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import equinox as eqx
+import jax
 
 from qtraj.path.boundary import Cylindrical
 
@@ -19,19 +19,29 @@ HEADINGS = tuple(f"{end}.heading" for end in ENDS)
 """Names of the directions of the horizontal velocities at both ends; the directions can be fixed like variables."""
 
 
-class AbstractMotion(eqx.Module):
+class AbstractMotion(abc.ABC):
     """A family of paths between two positions.
 
     `velocities` names the cylindrical velocity components that are variables. The logarithm of the duration is another
     variable, unless the objective fixes the duration. `is_uniform` is true if the angular rate is constant. ρ, φ and h
     are polynomials in time of degree 3 or less, determined by their values and velocities at the ends. The boundary
     velocities must be linear in the changes. The terms of the velocities that do not contain the changes must be
-    constant or inversely proportional to the duration.
+    constant or inversely proportional to the duration. Motions have no fields, and all objects of a class are equal.
     """
 
     name: ClassVar[str]
     velocities: ClassVar[tuple[str, ...]]
     is_uniform: ClassVar[bool]
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        jax.tree_util.register_static(cls)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
 
     @abc.abstractmethod
     def boundary_velocities(
