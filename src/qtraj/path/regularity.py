@@ -9,7 +9,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
-from qtraj.algebra.sparse import is_one
+from qtraj.algebra.sparse import mul
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 
@@ -71,11 +71,13 @@ def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
 
 
 def cross_norm_reference(i: Invariants, span: Any) -> Any:
-    """Return the value to which N = |r' × r''|² is compared, for the square of the duration.
+    """Return the value to which N = |r' × r''|² is compared, for the square of the duration."""
+    return i.S * (i.A + i.S / span)
 
-    The invariants are numbers or, if `span` is the integer 1, polynomials.
-    """
-    return i.S * (i.A + (i.S if is_one(span) else i.S / span))
+
+def cross_norm_squares(i: Any, span: Any) -> tuple[Any, Any]:
+    """Return N and the value to which it is compared, both times the square of the duration, without a division."""
+    return mul(span, i.N), i.S * (mul(span, i.A) + i.S)
 
 
 def is_significant(square: Any, reference: Any) -> Flags:

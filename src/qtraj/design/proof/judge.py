@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.sparse import is_one
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.deciding import Decided, decided
 from qtraj.design.proof.limit_claims import (
@@ -107,9 +108,10 @@ class _Task:
             return None if self._bounded is None else self._bounded.within(entry, bound)
 
         def in_integers(k: int) -> Any:
-            bound = _times_power(ExactPolynomial.of(limit.bounds[k]), self.source.duration[k], entry.per_time)
+            formulas = self._exact_formulas(k)
+            bound = _times_power(ExactPolynomial.of(limit.bounds[k]), self._unit(formulas.span, k), entry.per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
-            return self._exact_formulas(k).within(entry, Bound(bound, factor))
+            return formulas.within(entry, Bound(bound, factor))
 
         if not np.any(wanted):
             nothing = np.zeros(wanted.shape, bool)
@@ -156,12 +158,17 @@ class _Task:
     def _exact_formulas(self, k: int) -> Formulas:
         """Return the formulas in exact integers for path k."""
         if k not in self._exact:
-            vehicle = None
+            derivatives, vehicle = self.source.exact(k, self.order), None
             if self.vehicle is not None:
                 vehicle = _constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
-                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self.source.duration[k], 2))
-            self._exact[k] = Formulas(self.source.exact(k, self.order), ExactPolynomial.of, vehicle)
+                unit = self._unit(derivatives.span, k)
+                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, unit, 2))
+            self._exact[k] = Formulas(derivatives, ExactPolynomial.of, vehicle)
         return self._exact[k]
+
+    def _unit(self, span: Any, k: int) -> float:
+        """Return the unit of time [s] of the derivatives of path k, whose variable runs from 0 to `span`."""
+        return float(self.source.duration[k]) if is_one(span) else 1.0
 
     @cached_property
     def _scaled_vehicle(self) -> RoadParameters:

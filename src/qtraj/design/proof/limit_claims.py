@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from qtraj.algebra.sparse import is_one
+from qtraj.algebra.sparse import is_one, mul
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof.sources import Derivatives
 from qtraj.path.contact import Contact
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD, PathQuantity
-from qtraj.path.regularity import cross_norm_reference
+from qtraj.path.regularity import cross_norm_squares
 
 MIN_RELATIVE_DIVISOR = 1e-9
 """A divisor counts as zero if its relative size is below this value.
@@ -61,6 +61,9 @@ class Formulas:
 
     def __init__(self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None):
         self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
+        self.span, self._squared_span = derivatives.span, 1
+        if not is_one(self.span):
+            self._squared_span = constant(self.span) * constant(self.span)
         self.invariants = Invariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
         self._road: RoadInvariants | None = None
 
@@ -79,7 +82,7 @@ class Formulas:
             numerator = bound.factor * bound.factor * numerator
         limit = bound.limit if entry.signed else bound.limit * bound.limit
         scaled = limit if entry.denominator is None else limit * entry.denominator(i)
-        return Claim(scaled - numerator)
+        return self._claim(scaled - numerator)
 
     def divisor(self, name: str, fastest: Any) -> Claim:
         """Return the claim that a divisor does not vanish: it must be positive.
@@ -88,12 +91,23 @@ class Formulas:
         `fastest` is the largest squared speed, as a constant polynomial.
         """
         if name == LOAD:
-            return Claim(self.road.contact.onto)
-        square, scale = sizes(name, self.invariants, fastest)
-        return Claim(square - self._threshold * scale)
+            return self._claim(self.road.contact.onto)
+        square, scale = sizes(name, self.invariants, fastest, self._squared_span)
+        return self._claim(square - self._threshold * scale)
+
+    def _claim(self, number: Any) -> Claim:
+        """Return a claim about polynomials in u."""
+        claim = Claim(number)
+        if not is_one(self.span):
+            claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
+        return claim
 
 
-def sizes(name: str, i: Any, fastest: Any) -> tuple[Any, Any]:
-    """Return the square of a divisor other than the load, and the square to which it is compared."""
-    reference = {"speed": lambda: fastest, "cross_norm": lambda: cross_norm_reference(i, 1), "level": lambda: i.S}
-    return getattr(i, DIVISORS[name]), reference[name]()
+def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:
+    """Return the square of a divisor other than the load, and the square to which it is compared.
+
+    `span` is the square of the duration, or 1 if the derivatives are with respect to u, as those of `fastest` are.
+    """
+    if name == "speed":
+        return mul(span, i.S), fastest
+    return cross_norm_squares(i, span) if name == "cross_norm" else (i.H, i.S)

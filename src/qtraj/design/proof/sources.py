@@ -28,12 +28,15 @@ class Derivatives(NamedTuple):
     """Derivatives of r with respect to u: `rows[k]` is the k-th, a triple; `rows[0]` is not used.
 
     `rows[1]` may be a vector in the direction of the velocity; `pace` is then the velocity divided by this vector, and
-    otherwise the integer 1. `up` is the vertical; None means the third axis.
+    otherwise the integer 1. `up` is the vertical; None means the third axis. If `span` is not the integer 1, it is the
+    duration, and the derivatives are with respect to the time: powers of the duration would make the coefficients of
+    exact polynomials long.
     """
 
     rows: list[Any]
     pace: Any = 1
     up: Any = None
+    span: Any = 1
 
 
 class Source(abc.ABC):
@@ -60,7 +63,7 @@ class Source(abc.ABC):
         return None
 
     def exact(self, k: int, order: int) -> Derivatives:
-        """Return the derivatives up to `order` of path k as `ExactPolynomial`s, in metres."""
+        """Return the derivatives up to `order` of path k as `ExactPolynomial`s, in metres; see `Derivatives.span`."""
         raise ValueError(f"path {k} is not polynomial")
 
 
@@ -115,13 +118,12 @@ class PolynomialSource(Source):
         return Derivatives(rows)
 
     def exact(self, k: int, order: int) -> Derivatives:
-        """Return the derivatives of path k as exact polynomials in the stored coefficients and the duration."""
-        h = float(self.duration[k])
-        x, y, z, angle = (0 if c is None else ExactPolynomial.from_floats(c[:, k]).substituted(h) for c in self._given)
+        """Return the derivatives of path k as exact polynomials in the time, from the stored coefficients."""
+        x, y, z, angle = (0 if c is None else ExactPolynomial.from_floats(c[:, k]) for c in self._given)
         rows = moving_derivatives(x, y, z, angle, order)
         if self._signs()[k] < 0:
             rows = [None, *((r[0], -r[1], -r[2]) for r in rows[1:])]
-        return Derivatives(rows)
+        return Derivatives(rows, span=float(self.duration[k]))
 
     def _signs(self) -> np.ndarray:
         """Return −1 where the axis points down: a half turn about x makes the third axis point up."""
