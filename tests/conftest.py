@@ -1,5 +1,6 @@
 """A strict test session: float64, no silent broadcasting or promotion, warnings as errors; shape checks on request."""
 
+import gc
 import hashlib
 import os
 import platform
@@ -16,8 +17,9 @@ from qtraj.foundation.compilation_cache import default_folder, enable_compilatio
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
 
-MAX_MAPS = 40_000
-"""Memory maps of a test process above which compiled code is dropped; each compiled function has a few."""
+MAX_MAPS, MAX_MEMORY = 40_000, 1.2e9
+"""Numbers of memory maps and bytes of a test process above which compiled code is dropped; the kernel's limit is 65 530
+maps, and each compiled function has a few."""
 
 UNUSED = 14 * 24 * 3600
 """[s] Compiled code of other versions or flags is deleted after this time without a run."""
@@ -58,12 +60,16 @@ if CHECKS_TYPES:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_memory_maps():
-    """Drop compiled code before the kernel's limit of 65 530 memory maps per process is reached, where LLVM fails."""
+def little_memory():
+    """Drop compiled code of earlier modules before a process becomes too large."""
     yield
-    maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > MAX_MAPS:
+    maps, memory = Path("/proc/self/maps"), Path("/proc/self/statm")
+    if not maps.exists():
+        return
+    resident = int(memory.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    if resident > MAX_MEMORY or maps.read_bytes().count(b"\n") > MAX_MAPS:
         jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
