@@ -579,3 +579,16 @@ def test_other_sets_of_limits_compile_nothing(motion):
     for given in sets[1:]:
         assert tuned(given).certificate.names == tuple(name for name in QUANTITIES if name in given)
     assert len(Path("/proc/self/maps").read_text().splitlines()) - before < 100
+
+
+def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
+    start = qt.BoundaryState([33.056113024448955, 0, 0], [-1.3368157653904151, 6.732633155459598, -0.3152318591037186])
+    end = qt.BoundaryState(
+        [15.693203358995527, 30.951362349340478, 1.3232649454582903],
+        [-6.473727320390239, 1.1493243161483648, 0.1694074595445203],
+    )
+    limits = qt.Limits(slope=0.023696277674519324, curvature=0.057509988890773314, speed=5.824460926884738)
+    found = qt.tune(start, end, limits)
+    assert found.converged, found.result
+    assert set(found.certificate.status.values()) == {"proved"}
+    assert "duration reached the default bounds" in found.result

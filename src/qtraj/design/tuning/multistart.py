@@ -37,6 +37,9 @@ starts reach the best known optimum in 998 of 1000 random problems. With eight r
 with the initial states alone, it is 964.
 """
 
+SLOW = ((0.0, 0.0, 1.5), (0.5, -0.5, 1.5), (0.5, -0.5, 2.5))
+"""Further starts if no search satisfies the limits: slow and almost straight paths."""
+
 NEAR, SPREAD = 0.05, 0.6
 """Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
 
@@ -53,13 +56,18 @@ INFEASIBLE_COST = 1e100
 
 def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     """Return the starts (starts, variables): the initial states, planned changes, and reproducible random changes."""
-    planned = np.asarray(
-        [[dict(zip(PLANNED_VARIABLES, change, strict=True)).get(name, 0.0) for name in names] for change in PLANNED]
-    )
+    planned = _changes(names, PLANNED)
     spread = np.where(np.arange(starts) < len(PLANNED), NEAR, SPREAD) * (np.arange(starts) > 0)
     points = spread[:, None] * np.random.default_rng(SEED).standard_normal((starts, len(names)))
     points[: len(planned)] += planned[:starts]
     return points
+
+
+def _changes(names: Sequence[str], planned: Sequence[tuple[float, float, float]]) -> np.ndarray:
+    """Return planned changes of all variables (planned, variables)."""
+    return np.asarray(
+        [[dict(zip(PLANNED_VARIABLES, change, strict=True)).get(name, 0.0) for name in names] for change in planned]
+    )
 
 
 def solve(
@@ -125,13 +133,15 @@ def _rescued(
     max_steps: int,
     report: Report | None,
 ) -> Ends:
-    """Minimise the violation, from the best result of each problem and from all its starts.
+    """Minimise the violation, from the best result of each problem, from all its starts, and from slow paths.
 
     Where the limits are then satisfied, minimise the objective from the resulting points.
     """
-    count, starts = searches.count, points.shape[1] // searches.count
-    z = np.concatenate([ends.z[:, :, None], points.reshape(len(points), count, starts)], axis=2)
-    many = searches.take(np.repeat(np.arange(count), starts + 1))
+    count, slow = searches.count, _changes(searches.problem.names, SLOW).T
+    own = points.reshape(len(points), count, -1)
+    z = np.concatenate([ends.z[:, :, None], own, np.repeat(slow[:, None], count, axis=1)], axis=2)
+    each = z.shape[2]
+    many = searches.take(np.repeat(np.arange(count), each))
     found = minimise_violation(many, z.reshape(len(points), -1), VIOLATION_STEPS * max_steps, report)
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
     feasible = found.largest <= FEASIBLE
@@ -142,8 +152,7 @@ def _rescued(
         final = final._replace(steps=found.steps[index] + final.steps)
         met = final.largest <= FEASIBLE
         found.put(index[met], final.take(met))
-    own = np.arange(count) * (starts + 1)
-    best = found.take(own + np.argmin(_merit(found).reshape(count, starts + 1), axis=1))
+    best = found.take(np.arange(count) * each + np.argmin(_merit(found).reshape(count, each), axis=1))
     return best._replace(steps=ends.steps + best.steps)
 
 
