@@ -133,14 +133,14 @@ def with_ipopt(problem, count, weight, tube=TUBE):
         rows += [ca.dot(v, a) ** 2 / square / LIMITS["longitudinal_acceleration"] ** 2]
         rows += [(d[0] ** 2 + d[1] ** 2) / tube**2, d[2] ** 2 / tube**2]
     h, y = own.duration, own.ends + own.change
-    cost = h + weight * h**-5 * ca.trace(y.T @ ca.DM(JERK) @ y)
+    cost = h + weight * h**-5 * ca.sumsqr(ca.DM(JERK) @ y)
     one = ca.Function("one", [*own.variables, *own.given.values()], [cost, ca.vertcat(*rows), h / own.before])
     x = ca.MX.sym("x", MOVES, count)
     late = ca.MX.sym("late")
     last = ca.vertcat(x[:9, 0], late)
-    constant = [a.reshape(-1, a.shape[-1])[:, :count] for a in own.data.values()]
+    constant = [a.reshape(-1, count) for a in own.data.values()]
     costs, limits, ratios = one.map(count)(x, ca.horzcat(x[:, 1:], last), *constant)
-    free = np.append(np.asarray(problem.free)[:, :count].T.ravel(), 1.0)
+    free = np.append(problem.free[:count].ravel(), 1.0)
     nlp = {"x": ca.vertcat(ca.vec(x), late), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-7, "ipopt.max_iter": STEPS}
     solver = ca.nlpsol("solver", "ipopt", nlp, options)
@@ -151,9 +151,7 @@ def with_ipopt(problem, count, weight, tube=TUBE):
     found = solver(x0=np.zeros(free.size), lbx=-wide, ubx=wide, lbg=bottom, ubg=top)
     spent = time.process_time() - start
     best = np.array(found["x"]).ravel()
-    values = np.zeros(problem.free.shape)
-    values[:, :count] = best[:-1].reshape(count, 10).T
-    values[:, count] = np.append(values[:9, 0], best[-1])
+    values = np.append(best[:-1], [*best[:9], best[-1]]).reshape(problem.free.shape)
     return values, spent, f"{solver.stats()['return_status']}, {solver.stats()['iter_count']} steps"
 
 

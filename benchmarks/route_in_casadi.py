@@ -38,7 +38,8 @@ class Segment(NamedTuple):
 
 def segment(problem, *more):
     """Return the segment; the arrays of the problem are those of the change of the route, and `more`."""
-    data = {name: np.asarray(getattr(problem, name)) for name in ("ends", "durations", "axes", *more)}
+    data = {name: np.asarray(getattr(problem, name)) for name in ("ends", "durations", *more)}
+    data["axes"] = np.moveaxis(np.stack([problem.axes[:-1], problem.axes[1:]]), 1, -1)
     given = {name: ca.SX.sym(name, int(np.prod(x.shape[:-1], dtype=int))) for name, x in data.items()}
     variables = ca.SX.sym("z0", MOVES), ca.SX.sym("z1", MOVES)
     moves, before = [z * np.asarray(problem.scale) for z in variables], given["durations"]

@@ -88,9 +88,9 @@ def with_ipopt(problem, count, seconds):
         rows += [(d[0] ** 2 + d[1] ** 2) / TUBE**2, d[2] ** 2 / TUBE**2]
     one = ca.Function("one", [*own.variables, *own.given.values()], [cost, ca.vertcat(*rows), ratio])
     z = ca.MX.sym("z", MOVES, count + 1)
-    constant = [x.reshape(-1, x.shape[-1])[:, :count] for x in own.data.values()]
+    constant = [x.reshape(-1, count) for x in own.data.values()]
     costs, limits, ratios = one.map(count)(z[:, :-1], z[:, 1:], *constant)
-    free = np.asarray(problem.free)[:, : count + 1].T.ravel()
+    free = problem.free.ravel()
     nlp = {"x": ca.vec(z), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-8, "ipopt.max_cpu_time": seconds}
     solver = ca.nlpsol("solver", "ipopt", nlp, options)
@@ -100,8 +100,7 @@ def with_ipopt(problem, count, seconds):
     start = time.process_time()
     found = solver(x0=np.zeros(free.size), lbx=-wide, ubx=wide, lbg=bottom, ubg=top)
     spent = time.process_time() - start
-    values = np.zeros(problem.free.shape)
-    values[:, : count + 1] = np.array(found["x"]).reshape(count + 1, MOVES).T
+    values = np.array(found["x"]).reshape(problem.free.shape)
     return values, spent, f"{solver.stats()['return_status']}, {solver.stats()['iter_count']} steps"
 
 
@@ -109,14 +108,15 @@ def with_penalties(problem, seconds):
     """Minimise quadratic penalties at the nodes with L-BFGS, with weights up to 1e4; returns are as in `with_ipopt`."""
     from scipy.optimize import minimize
 
-    free = np.flatnonzero(np.asarray(problem.free))
+    free = np.flatnonzero(problem.free)
 
     @jax.jit
     def cost(x, weight):
         def value(x):
             z = jnp.zeros(problem.free.size).at[free].set(x).reshape(problem.free.shape)
-            excess = (constraints.values(NAMES, problem, segments(problem, z)) - 1) * problem.used
-            return objective(problem, z) + weight * jnp.sum(jnp.maximum(excess, 0) ** 2)
+            s = segments(problem, z)
+            excess = (constraints.values(problem, s) - 1) * problem.used
+            return objective(problem, s) + weight * jnp.sum(jnp.maximum(excess, 0) ** 2)
 
         return jax.value_and_grad(value)(x)
 
@@ -155,7 +155,7 @@ def timed(route, limits):
 def report(name, route, given, problem, z, spent, text):
     """Print one line with objective, time and the violations at the samples."""
     judged = rounds.judge(route, given, qt.Limits(), np.full((len(given.h) + 1, 2), TUBE), problem, z)
-    value = float(rounds.attained(problem, jnp.asarray(z)))
+    value = float(rounds.attained(problem, z))
     worst = ", ".join(f"{key} {x:+.1e}" for key, x in sampled(judged.route).items())
     print(f"{name}: objective {value:.8g}, {spent:.2f} s ({text}); largest violations: {worst}", flush=True)
 

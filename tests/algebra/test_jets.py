@@ -52,6 +52,14 @@ def test_jets_of_first_order_have_the_same_gradients(name):
     np.testing.assert_array_equal(jet.gradient, expected.gradient)
 
 
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_coordinates_have_the_same_derivatives_as_variables(name):
+    jet, expected = FUNCTIONS[name](*jets.coordinates(POINT)), FUNCTIONS[name](*variables(POINT))
+    np.testing.assert_array_equal(jet.value, expected.value)
+    for own, other in ((jet.gradient, expected.gradient), (jet.hessian, expected.hessian)):
+        np.testing.assert_allclose(np.broadcast_to(own, other.shape), other, rtol=1e-15, atol=1e-15)
+
+
 def test_an_array_on_the_left_leaves_the_operation_to_the_jet():
     x = variables(POINT)[0]
     factor = np.array([2.0, -3.0])

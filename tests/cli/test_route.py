@@ -4,6 +4,7 @@ import gzip
 import json
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import xarray
@@ -174,8 +175,9 @@ def test_other_commands_name_it_for_recordings(qtraj, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_whole_drive_of_the_examples(qtraj, tmp_path):
+def test_the_whole_drive_of_the_examples(qtraj, tmp_path, compiled):
     """7.9 km: how well it is followed, its stops, and which limits of a bus it breaks before it is tuned."""
+    jax.clear_caches()
     result = qtraj("route", EXAMPLES / "bus_route.toml", "--out", tmp_path, "--json")
     content = json.loads(result.stdout)
     fit, found, tuned = content["fit"], content["certificate"], content["tuned"]
@@ -186,3 +188,4 @@ def test_the_whole_drive_of_the_examples(qtraj, tmp_path):
     assert "broken" not in tuned["status"]
     assert np.linalg.norm(np.array(tuned["displacement"])[:, :2], axis=1).max() < 0.75 + 1e-6
     assert (tmp_path / "report.html").stat().st_size < 8e6
+    assert not compiled

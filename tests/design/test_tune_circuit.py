@@ -3,14 +3,15 @@
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.circuit import centre_line
+from tests.design.route_derivatives import automatic
 
 import qtraj as qt
-from qtraj.design.tuning_route import chain, circuit, newton, rounds, setup
-from qtraj.design.tuning_route.problem import objective, segments
+from qtraj.design.tuning_route import chain, circuit, interior, rounds, setup
+from qtraj.design.tuning_route.interior import Search
+from qtraj.design.tuning_route.program import RouteProgram
 
 ROOT = Path(__file__).parents[2]
 LIMITS = {"speed": 40.0, "lateral_acceleration": 8.0, "longitudinal_acceleration": 4.0}
@@ -75,48 +76,27 @@ def test_the_cyclic_chain_is_solved_as_a_dense_matrix():
         diagonal = np.stack([np.eye(b), *(whole[i, :, i] for i in range(1, n))])
         lower = np.stack([np.zeros((b, b)), *(whole[i + 1, :, i] for i in range(1, n - 1))])
         side = np.concatenate([np.zeros((1, b, b)), whole[1:, :, 0]])
-        border = chain.Border(jnp.asarray(whole[0, :, 0]), jnp.asarray(side))
-        cyclic = chain.Chain(jnp.asarray(diagonal), jnp.asarray(lower), border)
-        found, good = jax.jit(chain.solve)(cyclic, jnp.asarray(right))
-        assert bool(good) == positive
+        cyclic = chain.Chain(diagonal, lower, chain.Border(whole[0, :, 0], side))
+        solver = cyclic.solver()
+        assert (solver is not None) == positive
         if positive:
+            found = solver(right)
             known = np.linalg.solve(whole.reshape(n * b, n * b), right.ravel()).reshape(n, b)
             np.testing.assert_allclose(found, known, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(chain.product(cyclic, found), right, rtol=0, atol=1e-12)
-            more = chain.shifted(cyclic, jnp.full((n, b), 0.7))
-            np.testing.assert_allclose(chain.product(more, found), right + 0.7 * found, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(cyclic.product(found), right, rtol=0, atol=1e-12)
+            more = cyclic.shifted(np.full((n, b), 0.7))
+            np.testing.assert_allclose(more.product(found), right + 0.7 * found, rtol=0, atol=1e-12)
 
 
 def test_derivatives_are_those_of_automatic_differentiation():
-    problem = problem_of(ellipse(SHORT))
-    rng = np.random.default_rng(1)
-    count = newton.used(problem)
-    x, direction = (jnp.asarray(rng.normal(0, a, problem.free.shape)) * problem.free for a in (0.05, 1.0))
-    multipliers, slacks = (
-        jax.tree.map(lambda u, x=unused: jnp.where(u > 0, jnp.asarray(rng.uniform(0.1, 1, u.shape)), x), count)
-        for unused in (0.0, 1.0)
-    )
-    margins = jnp.ones_like(problem.used)
-
-    @jax.jit
-    def known(x, direction):
-        def constraints(x):
-            return newton.excess_of(NAMES, problem, segments(problem, circuit.repeated(problem, x)), margins)
-
-        def lagrangian(x):
-            terms = jax.tree.map(lambda m, g: jnp.sum(m * g), multipliers, constraints(x))
-            return objective(problem, circuit.repeated(problem, x)) + sum(terms)
-
-        gradient, bent = jax.jvp(jax.grad(lagrangian), (x,), (direction,))
-        _, change = jax.jvp(constraints, (x,), (direction,))
-        pull = jax.vjp(constraints, x)[1](jax.tree.map(lambda m, s, c: m / s * c, multipliers, slacks, change))[0]
-        return gradient * problem.free, (bent + pull) * problem.free
-
-    at = newton.Iterate(circuit.repeated(problem, x), slacks, multipliers, margins)
-    linear = jax.jit(newton.linearise, static_argnums=0)(NAMES, problem, at)
-    gradient, product = known(x, direction)
+    program = RouteProgram(problem_of(ellipse(SHORT)))
+    rng, free = np.random.default_rng(1), program.problem.free
+    x, direction = (rng.normal(0, size, free.shape) * free for size in (0.05, 1.0))
+    multipliers, stiffness = (rng.uniform(0.1, 1, program.full.shape) for _ in range(2))
+    gradient, product = automatic(program, x, direction, multipliers, stiffness)
+    linear = program.linearise(circuit.repeated(program.problem, x), multipliers, stiffness)
     np.testing.assert_allclose(linear.residual, gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
-    found = chain.product(linear.hessian, direction.T).T * problem.free
+    found = linear.matrix.product(direction) * free
     np.testing.assert_allclose(found, product, rtol=0, atol=1e-10 * np.abs(product).max())
 
 
@@ -175,14 +155,14 @@ def test_the_lap_is_faster_than_any_lap_along_the_centre_line(lap):
 
 
 def test_iterates_keep_the_limits_at_the_nodes():
-    problem = problem_of(ellipse(SHORT))
-    at, one = rounds._start(NAMES, problem), jnp.ones_like(problem.used[:, :1])
+    program = RouteProgram(problem_of(ellipse(SHORT)))
+    first = Search(interior.start(program, np.zeros(program.problem.free.shape), rounds.BARRIER), rounds.BARRIER)
+    rules = interior.Rules(np.ones_like(program.full), rounds.ROUGH, inside=True)
     worst, times = [], []
     for most in range(1, 26, 2):
-        found = rounds.search(NAMES, problem, at, one, *map(np.asarray, (rounds.BARRIER, rounds.ROUGH, most, 0)))
-        excess = newton.excess_of(NAMES, problem, segments(problem, found.at.z), jnp.ones_like(problem.used))
-        worst.append(max(float(jnp.max(x)) for x in excess))
-        times.append(float(objective(problem, found.at.z)))
+        time, values = program.evaluate(interior.solve(program, first, rules, most).at.z)
+        worst.append(np.max(values - program.full))
+        times.append(time)
     assert max(worst) <= 0
     assert min(times) < 0.4 * times[0]
 

@@ -8,11 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from tests.design.route_derivatives import automatic
 
 import qtraj as qt
-from qtraj.design.tuning_route import chain, newton, rounds, setup
-from qtraj.design.tuning_route.interior import RENEWALS
+from qtraj.design.tuning_route import chain, constraints, interior, rounds, setup
+from qtraj.design.tuning_route.interior import RENEWALS, Search
 from qtraj.design.tuning_route.problem import objective, segments
+from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.tube import Displacement, _halves, _positive
 from qtraj.path.route import from_segments
 
@@ -76,45 +78,28 @@ def test_the_chain_is_solved_as_a_dense_matrix():
     known = np.linalg.eigvalsh(dense)[0]
     right = rng.normal(size=(n, b))
     for shift, positive in ((1 - known, True), (-known - 0.5, False)):
-        whole = chain.Chain(jnp.asarray(diagonal + shift * np.eye(b)), jnp.asarray(lower))
-        found, good = jax.jit(chain.solve)(whole, jnp.asarray(right))
-        assert bool(good) == positive
+        whole = chain.Chain(diagonal + shift * np.eye(b), lower)
+        solver = whole.solver()
+        assert (solver is not None) == positive
         if positive:
+            found = solver(right)
             expected = np.linalg.solve(dense + shift * np.eye(n * b), right.ravel()).reshape(n, b)
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
-            np.testing.assert_allclose(chain.product(whole, found), right, rtol=0, atol=1e-10)
+            np.testing.assert_allclose(whole.product(found), right, rtol=0, atol=1e-10)
+            np.testing.assert_allclose(whole.product(jnp.asarray(found)), right, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("kind", ["nearest", "smoothest", "fastest"])
 def test_derivatives_are_those_of_automatic_differentiation(route, kind):
     _, problem = problem_of(route, kind)
+    program = RouteProgram(problem)
     rng = np.random.default_rng(1)
-    count = newton.used(problem)
-    z = jnp.asarray(rng.normal(0, 0.05, problem.free.shape)) * problem.free
-    multipliers = jax.tree.map(lambda u: u * jnp.asarray(rng.uniform(0.1, 1, u.shape)), count)
-    slacks = jax.tree.map(lambda u: jnp.asarray(rng.uniform(0.1, 1, u.shape)), count)
-    margins = jnp.ones_like(problem.used)
-
-    @jax.jit
-    def known(z, direction):
-        def constraints(z):
-            return newton.excess_of(NAMES, problem, segments(problem, z), margins)
-
-        def lagrangian(z):
-            return objective(problem, z) + sum(jnp.sum(m * g) for m, g in zip(multipliers, constraints(z), strict=True))
-
-        gradient, bent = jax.jvp(jax.grad(lagrangian), (z,), (direction,))
-        _, change = jax.jvp(constraints, (z,), (direction,))
-        pull = jax.vjp(constraints, z)[1](jax.tree.map(lambda m, s, c: m / s * c, multipliers, slacks, change))[0]
-        return gradient * problem.free, (bent + pull) * problem.free
-
-    linear = jax.jit(newton.linearise, static_argnums=0)(
-        NAMES, problem, newton.Iterate(z, slacks, multipliers, margins)
-    )
-    direction = jnp.asarray(rng.normal(size=z.shape)) * problem.free
-    gradient, product = known(z, direction)
+    z, direction = (rng.normal(0, size, problem.free.shape) * problem.free for size in (0.05, 1.0))
+    multipliers, stiffness = (rng.uniform(0.1, 1, program.full.shape) for _ in range(2))
+    gradient, product = automatic(program, z, direction, multipliers, stiffness)
+    linear = program.linearise(z, multipliers, stiffness)
     np.testing.assert_allclose(linear.residual, gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
-    found = chain.product(linear.hessian, direction.T).T
+    found = linear.matrix.product(direction)
     np.testing.assert_allclose(found, product, rtol=0, atol=1e-10 * np.abs(product).max())
 
 
@@ -123,22 +108,20 @@ def test_the_optimum_at_the_nodes_is_that_of_slsqp(kind):
     """The same sampled problem, with constant margins, by SciPy."""
     bounds = (0.0212, 9.5, 1.4 if kind == "nearest" else 1.6)
     given, problem = problem_of(drive(4, 15.0), kind, bounds)
-    at = rounds._start(NAMES, problem)
-    one = jnp.ones_like(problem.used[:, :1])
-    search = rounds.search(NAMES, problem, at, one, *map(np.asarray, (0.1, rounds.LEAST, 300, RENEWALS)))
+    program = RouteProgram(problem)
+    first = Search(interior.start(program, np.zeros(problem.free.shape), 0.1), 0.1, renewals=RENEWALS)
+    search = interior.solve(program, first, interior.Rules(np.ones_like(program.full), rounds.LEAST), 300)
     assert search.done
-    free = np.flatnonzero(np.asarray(problem.free))
-    rows = np.flatnonzero(np.asarray(problem.used))
+    free, rows = np.flatnonzero(problem.free), np.flatnonzero(problem.used)
 
     def placed(x):
-        return jnp.zeros(problem.free.size).at[free].set(x).reshape(problem.free.shape)
+        return segments(problem, jnp.zeros(problem.free.size).at[free].set(x).reshape(problem.free.shape))
 
     def cost(x):
         return objective(problem, placed(x))
 
     def slack(x):
-        excess = newton.excess_of(NAMES, problem, segments(problem, placed(x)), jnp.ones_like(problem.used))
-        return -excess.nodes.ravel()[rows]
+        return 1 - constraints.values(problem, placed(x)).ravel()[rows]
 
     value, jacobian = jax.jit(jax.value_and_grad(cost)), jax.jit(jax.jacfwd(slack))
     slack = jax.jit(slack)
@@ -152,9 +135,9 @@ def test_the_optimum_at_the_nodes_is_that_of_slsqp(kind):
         options={"maxiter": 500, "ftol": 1e-12},
     )
     assert found.success
-    ours = float(objective(problem, search.at.z))
+    ours = float(objective(problem, segments(problem, search.at.z)))
     assert ours == pytest.approx(found.fun, rel=1e-5, abs=1e-6)
-    assert np.min(slack(np.asarray(search.at.z).ravel()[free])) > -1e-9
+    assert np.min(slack(search.at.z.ravel()[free])) > -1e-9
     assert ours > 1e-3
     assert len(given.h) == 4
 
@@ -258,6 +241,14 @@ def test_joints_beside_a_kept_segment_take_its_state():
     np.testing.assert_array_equal(given.states[:, 1, 0], [8, 8, 6, 0, 0, 0, 6])
 
 
+def test_tuning_compiles_nothing(route, compiled):
+    jax.clear_caches()
+    assert qt.tune_route(route, LIMITS).converged
+    timed = {"speed": 10.0, "lateral_acceleration": 1.6, "longitudinal_acceleration": 1.5}
+    assert qt.tune_route(route, qt.Limits(**timed), objective="fastest").converged
+    assert not compiled
+
+
 def test_a_route_within_its_limits_is_not_changed(route):
     generous = qt.Limits(curvature=1.0, speed=20.0, lateral_acceleration=9.0)
     tuned = qt.tune_route(route, generous)
@@ -273,7 +264,7 @@ def test_a_route_within_its_limits_is_not_changed(route):
         ({"max_steps": 2}, qt.ResultCode.not_optimal),
         ({"max_steps": 7}, qt.ResultCode.route_not_converged),
         (
-            {"limits": qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4)},
+            {"limits": qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4), "max_steps": 150},
             qt.ResultCode.route_not_converged,
         ),
     ],

@@ -7,6 +7,8 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.tuning_route import sensitivity
+from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.design.tuning_route.program import RouteProgram
 
 NAMES = ("curvature", "speed", "lateral_acceleration")
 STEP = 1e-5
@@ -57,9 +59,9 @@ def forward():
     found = []
     change = sensitivity._change
 
-    def seen(names, kind, solution, data, direction):
+    def seen(kind, solution, data, direction):
         found.append((solution, data))
-        return change(names, kind, solution, data, direction)
+        return change(kind, solution, data, direction)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sensitivity, "_change", seen)
@@ -79,7 +81,8 @@ def test_derivatives_are_finite_differences_of_the_solved_problem(forward):
         bounds = jnp.stack([limits.given()[name] for name in NAMES])
         data = sensitivity.Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube))
         problem = sensitivity._with_data(found.problem, data, count, "nearest", length)
-        at, _, done = sensitivity.polished(NAMES, problem, found.at)
+        problem = RouteProblem(*(x if isinstance(x, tuple) or x is None else np.asarray(x) for x in problem))
+        at, _, done = sensitivity.polished(RouteProgram(problem), found.at)
         assert done
         path, *rest = sensitivity._assembled(found.problem, data, at.z, route.origin, count, "nearest")
         return path.coefficients, path.duration, *rest

@@ -19,7 +19,7 @@ def test_order_of_points_does_not_matter_and_a_line_may_be_a_point():
     assert max_deviation(np.array([[3.0, 4.0, 0.0]]), np.zeros((2, 3))) == 5.0
 
 
-def test_long_lines_are_processed_in_parts():
+def test_a_long_line_and_coordinates_that_are_not_finite():
     angles = np.linspace(0.0, 2.0, 30_001)
     circle = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
     assert max_deviation(1.5 * circle, circle) == pytest.approx(0.5, abs=1e-6)

@@ -15,7 +15,11 @@ from jaxtyping import Float
 
 
 class Jet:
-    """A function of n variables near one point of a batch: its value, gradient and symmetric Hessian, or None."""
+    """A function of n variables near one point of a batch: its value, gradient and symmetric Hessian, or None.
+
+    The Hessian of a linear function may be the number 0. Derivatives that are the same on the whole batch may have
+    batch axes of length 1.
+    """
 
     __slots__ = ("gradient", "hessian", "value")
     __array_ufunc__ = None  # NumPy arrays leave the operators to this class
@@ -24,7 +28,7 @@ class Jet:
         self,
         value: Float[np.ndarray, "*batch"],
         gradient: Float[np.ndarray, "n *batch"],
-        hessian: Float[np.ndarray, "n n *batch"] | None = None,
+        hessian: Float[np.ndarray, "n n *batch"] | int | None = None,
     ):
         self.value, self.gradient = value, gradient
         self.hessian: Any = hessian
@@ -53,14 +57,12 @@ class Jet:
         if other is self:
             return self.apply(self.value * self.value, 2.0 * self.value, 2.0)
         if not isinstance(other, Jet):
-            hessian = None if self.hessian is None else self.hessian * other
-            return Jet(self.value * other, self.gradient * other, hessian)
+            return Jet(self.value * other, self.gradient * other, _scaled(other, self.hessian))
         a, b, hessian = self, other, None
         if a.hessian is not None:
             hessian = a.gradient[:, None] * b.gradient
             hessian = hessian + hessian.swapaxes(0, 1)
-            hessian += a.value * b.hessian
-            hessian += b.value * a.hessian
+            hessian = _added(_added(hessian, _scaled(a.value, b.hessian)), _scaled(b.value, a.hessian))
         return Jet(a.value * b.value, a.value * b.gradient + b.value * a.gradient, hessian)
 
     __rmul__ = __mul__
@@ -81,8 +83,7 @@ class Jet:
         """Return the jet of f(x), from the value and the first and second derivatives of f at x."""
         hessian = None
         if self.hessian is not None:
-            hessian = (second * self.gradient)[:, None] * self.gradient
-            hessian += first * self.hessian
+            hessian = _added((second * self.gradient)[:, None] * self.gradient, _scaled(first, self.hessian))
         return Jet(value, first * self.gradient, hessian)
 
     def reciprocal(self) -> "Jet":
@@ -124,6 +125,25 @@ def variables(values: Float[np.ndarray, "n *batch"]) -> list[Jet]:
         Jet(value, np.broadcast_to(row.reshape(n, *[1] * len(batch)), (n, *batch)), zeros)
         for value, row in zip(values, unit, strict=True)
     ]
+
+
+def coordinates(values: Float[np.ndarray, "n *batch"]) -> list[Jet]:
+    """Return the same jets as `variables`, with constant derivatives: polynomials of them are faster to compute."""
+    n, batch = values.shape[0], values.ndim - 1
+    return [Jet(value, row.reshape(n, *[1] * batch), 0) for value, row in zip(values, np.eye(n), strict=True)]
+
+
+def _scaled(factor: Any, hessian: Any) -> Any:
+    """Return the product of a number and a Hessian, which may be 0 or None."""
+    return hessian if hessian is None or isinstance(hessian, int) else factor * hessian
+
+
+def _added(one: np.ndarray, other: Any) -> np.ndarray:
+    """Return the sum of two Hessians; the first one may be overwritten, and the second one may be 0."""
+    if isinstance(other, int) or one.shape != other.shape:
+        return one + other
+    one += other
+    return one
 
 
 def replaced(x: Any, where: Any, constant: float) -> Any:

@@ -1,23 +1,21 @@
 """Compute first and second derivatives of the objective and the constraints with respect to the joint variables.
 
 Products with constant matrices turn derivatives at the nodes into derivatives with respect to the scaled states
-y = (p, hv, h²a) at both ends of a segment (see `basis`). The chain rule for y then gives the derivatives with respect
-to the states and times of the segment's joints.
+y = (p, hv, h²a) at both ends of a segment (see `basis`). The chain rule for y gives the derivatives with respect to the
+states and times of the segment's joints, in world axes. A matrix for each joint converts them to the variables.
 """
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.tuning_route import basis, circuit
-from qtraj.design.tuning_route.basis import lifted
-from qtraj.design.tuning_route.chain import Chain
-from qtraj.design.tuning_route.constraints import Expansion
-from qtraj.design.tuning_route.problem import BLOCK, JERK, RouteProblem, Segments, powers
+from qtraj.design.tuning_route.chain import Border, Chain
+from qtraj.design.tuning_route.constraints import Expansion, time_powers
+from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, powers, squared_jerk
 
-_POWERS = np.array(basis.POWERS, float)
+_POWERS = np.array(basis.POWERS, float)[:, None, None]
 
 
 class Local(NamedTuple):
@@ -26,8 +24,8 @@ class Local(NamedTuple):
     The axes of `ends` (6, 3, n) are the index of the scaled end state (see `basis`), the component and the segment.
     """
 
-    ends: Float[Array, "6 3 n"]
-    h: Float[Array, " n"]
+    ends: Float[np.ndarray, "6 3 n"]
+    h: Float[np.ndarray, " n"]
 
 
 class LocalSecond(NamedTuple):
@@ -37,149 +35,186 @@ class LocalSecond(NamedTuple):
     (6, 3, n) are derivatives with respect to a scaled end state and the duration, and `h` with respect to the duration.
     """
 
-    ends: Float[Array, "6 6 3 3 n"]
-    mixed: Float[Array, "6 3 n"]
-    h: Float[Array, " n"]
+    ends: Float[np.ndarray, "6 6 3 3 n"]
+    mixed: Float[np.ndarray, "6 3 n"]
+    h: Float[np.ndarray, " n"]
 
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
     """Compute first derivatives of the objective."""
-    bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
-    near = 2 * jnp.sum(problem.near[:, :, None] * s.change[None], axis=1)
+    near = 2 * np.einsum("lmn,mcn->lcn", problem.near, s.change)
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
-    rough = -5 * problem.jerk * s.h**-6 * jnp.sum(bent * s.ends, axis=(0, 1))
-    return Local(near + lifted(2 * problem.jerk * s.h**-5, 3) * bent, pace + rough + problem.time)
+    rough = -5 * problem.jerk * s.h**-6 * squared_jerk(s)
+    return Local(near + 2 * problem.jerk * s.h**-5 * bent(s), pace + rough + problem.time)
 
 
 def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
     """Compute second derivatives of the objective."""
-    bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
-    own = 2 * (problem.near + lifted(problem.jerk * s.h**-5, 3) * JERK[:, :, None])
-    rough = 30 * problem.jerk * s.h**-7 * jnp.sum(bent * s.ends, axis=(0, 1))
+    own = 2 * (problem.near + problem.jerk * s.h**-5 * basis.gram(3)[:, :, None])
+    rough = 30 * problem.jerk * s.h**-7 * squared_jerk(s)
     return LocalSecond(
-        own[:, :, None, None] * np.eye(3)[None, None, :, :, None],
-        lifted(-10 * problem.jerk * s.h**-6, 3) * bent,
+        own[:, :, None, None] * np.eye(3)[:, :, None],
+        -10 * problem.jerk * s.h**-6 * bent(s),
         rough + 2 * problem.pace / problem.durations**2,
     )
 
 
-def _table(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Hermite functions H_l (see `basis`) at the nodes, (nodes, 6), and their derivatives.
-
-    The derivatives (order, nodes, 6) have the orders 1 to `order`.
-    """
-    rows = basis.at_nodes(basis.NODES, order)
-    return rows[0], rows[1:]
-
-
 def constraints_first(
     problem: RouteProblem,
-    slopes: Float[Array, "q limits nodes n"],
-    away: Float[Array, "3 nodes n"],
-    weights: Float[Array, "constraints nodes n"],
+    s: Segments,
+    at: Expansion,
+    weights: Float[np.ndarray, "constraints nodes n"],
+    of_bounds: Float[np.ndarray, "2 n"],
 ) -> Local:
-    """Compute first derivatives of the weighted sum of the constraints, from derivatives at the nodes (`Expansion`)."""
-    order, n = (slopes.shape[0] - 1) // 3, away.shape[-1]
-    place, table = _table(order)
-    slopes = jnp.sum(slopes * weights[None, :-2], axis=1)
-    rows = jnp.moveaxis(slopes[:-1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
-    near = weights[-2:] / problem.tube
-    weighted = 2 * away * jnp.stack([near[0], near[0], near[1]])
-    away = jnp.moveaxis(weighted, 0, 1).reshape(-1, 3 * n)
-    ends = jnp.matmul(table.reshape(-1, 6).T, rows) + jnp.matmul(place.T, away)
-    return Local(ends.reshape(6, 3, n), jnp.sum(slopes[-1], axis=0))
+    """Compute first derivatives of the weighted sum of the constraints."""
+    low, high = of_bounds
+    tube = 2 * at.away * (weights[-2:] / problem.tube)[[0, 0, 1]]
+    ends = _pulled(at.slopes, weights[:-2]) + _combined(basis.table(0)[0], tube)
+    rate = _growth(problem, s)[:, None] * at.values[:-2]
+    return Local(ends, np.sum(weights[:-2] * rate, axis=(0, 1)) - low / problem.shortest + high / problem.longest)
 
 
 def constraints_second(
     problem: RouteProblem,
+    s: Segments,
     at: Expansion,
-    weights: Float[Array, "constraints nodes n"],
-    stiffness: Float[Array, "constraints nodes n"],
+    curvature: Float[np.ndarray, "q q nodes n"],
+    weights: Float[np.ndarray, "constraints nodes n"],
+    stiffness: Float[np.ndarray, "constraints nodes n"],
+    of_bounds: Float[np.ndarray, "2 n"],
 ) -> LocalSecond:
-    """Return Σ (weight·∇²g + stiffness·∇g∇gᵀ) over all constraints g.
+    """Compute Σ weight·(second derivatives) + stiffness·gradient·gradientᵀ of the constraints.
 
-    `at` contains the weighted second derivatives of the limits.
+    `curvature` is the second result of `expand`, and `of_bounds` the stiffness of the bounds on the durations.
     """
-    order, n = (at.slopes.shape[0] - 1) // 3, at.away.shape[-1]
-    place, table = _table(order)
-    stiff = stiffness[:-2]
-    whole = at.bending + jnp.sum(at.slopes[:, None] * (at.slopes * stiff[None])[None], axis=2)
-    inner = whole[:-1, :-1].reshape(order, 3, order, 3, -1, n)
-    inner = jnp.transpose(inner, (0, 2, 4, 1, 3, 5)).reshape(-1, 9 * n)
-    pairs = np.einsum("ajl,bjm->lmabj", table, table).reshape(36, -1)
-    near = jnp.stack([weights[-2], weights[-2], weights[-1]]) / jnp.stack([problem.tube[0]] * 2 + [problem.tube[1]])
-    steep = stiffness[-2:] / problem.tube**2
-    level, up = steep[0], steep[1]
-    x, y, z = at.away
-    zero = jnp.zeros_like(x)
-    own = [
-        [2 * near[0] + 4 * level * x * x, 4 * level * x * y, zero],
-        [4 * level * x * y, 2 * near[1] + 4 * level * y * y, zero],
-        [zero, zero, 2 * near[2] + 4 * up * z * z],
-    ]
-    tube = jnp.stack([jnp.stack(row, axis=1) for row in own], axis=1).reshape(-1, 9 * n)
-    squares = np.einsum("jl,jm->lmj", place, place).reshape(36, -1)
-    ends = pairs @ inner + squares @ tube
-    cross = jnp.moveaxis(whole[:-1, -1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
-    mixed = jnp.matmul(table.reshape(-1, 6).T, cross).reshape(6, 3, n)
-    return LocalSecond(ends.reshape(6, 6, 3, 3, n), mixed, jnp.sum(whole[-1, -1], axis=0))
+    order, growth, value = len(curvature) // 3, _growth(problem, s)[:, None], at.values[:-2]
+    nodes, n = at.away.shape[1:]
+    inner = curvature.reshape(order, 3, order, 3, nodes, n).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 9 * n)
+    ends = basis.products(order) @ inner
+    ends += basis.squares() @ _tube_second(problem, at.away, weights[-2:], stiffness[-2:]).reshape(-1, 9 * n)
+    both = weights[:-2] + stiffness[:-2] * value
+    low, high = of_bounds
+    h = growth * (growth - 1 / s.h) * weights[:-2] * value + stiffness[:-2] * (growth * value) ** 2
+    h = np.sum(h, axis=(0, 1)) + low / problem.shortest**2 + high / problem.longest**2
+    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _pulled(at.slopes, growth * both), h)
 
 
-def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
-    """Convert first derivatives to derivatives with respect to the variables of both joints of each segment."""
-    power = _POWERS[:, None, None]
-    grown = power * s.ends / lifted(s.h, 3)
-    states = (first.ends * powers(s.h)).reshape(2, 3, 1, 3, -1)
-    states = jnp.sum(states * problem.axes[:, None], axis=3)
-    h = (first.h + jnp.sum(grown * first.ends, axis=(0, 1))) * problem.moving
-    parts = [states[0].reshape(9, -1), -h[None], states[1].reshape(9, -1), h[None]]
-    return jnp.concatenate(parts) * jnp.concatenate([problem.scale] * 2)[:, None]
+def pushed(
+    problem: RouteProblem, s: Segments, at: Expansion, change: Segments
+) -> tuple[Float[np.ndarray, "constraints nodes n"], Float[np.ndarray, "2 n"]]:
+    """Return the changes of the constraints at the nodes and of the bounds, for the change of the segments."""
+    limits, q, nodes, n = at.slopes.shape
+    r = (basis.table(q // 3)[1:].reshape(-1, 6) @ change.ends.reshape(6, -1)).reshape(q // 3, nodes, 3, n)
+    found = np.einsum("pkcan,kacn->pan", at.slopes.reshape(limits, q // 3, 3, nodes, n), r)
+    found += _growth(problem, s)[:, None] * change.h * at.values[:-2]
+    shift = np.moveaxis((basis.table(0)[0] @ change.ends.reshape(6, -1)).reshape(nodes, 3, n), 1, 0)
+    away = 2 * at.away * shift
+    tube = np.stack([away[0] + away[1], away[2]]) / problem.tube
+    return np.concatenate([found, tube]), np.stack([-change.h / problem.shortest, change.h / problem.longest])
 
 
-def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecond) -> Float[Array, "20 20 n"]:
-    """Convert second derivatives to derivatives with respect to the variables of both joints of each segment."""
-    n = s.h.shape[0]
-    power = _POWERS[:, None, None]
-    duration = lifted(s.h, 3)
-    factor = powers(s.h)[:, 0]
-    grown = power * s.ends / duration
-    curved = power * (power - 1) * s.ends / duration**2
-    turned = jnp.sum(second.ends * grown[None, :, None], axis=(1, 3))
-    states = second.ends * (factor[:, None] * factor[None])[:, :, None, None]
-    mixed = factor[:, None] * (second.mixed + turned) + (power * powers(s.h) / duration) * first.ends
-    h = second.h + jnp.sum(grown * (2 * second.mixed + turned) + curved * first.ends, axis=(0, 1))
-    axes = problem.axes
-    states = states.reshape(2, 3, 2, 3, 1, 3, 3, n)  # side, order, side, order, component, component
-    states = jnp.sum(states * axes[:, None, None, None, :, :, None], axis=5)
-    states = jnp.sum(states[:, :, :, :, :, None] * axes[None, None, :, None, None], axis=6)
-    states = jnp.transpose(states, (0, 1, 4, 2, 3, 5, 6)).reshape(2, 9, 2, 9, n)
-    mixed = jnp.sum(mixed.reshape(2, 3, 1, 3, n) * axes[:, None], axis=3).reshape(2, 9, n) * lifted(problem.moving, 3)
-    h = h * problem.moving
-    sign = (-1.0, 1.0)
-
-    def block(a: int, b: int) -> Array:
-        top = jnp.concatenate([states[a, :, b], sign[b] * mixed[a][:, None]], axis=1)
-        last = jnp.concatenate([sign[a] * mixed[b], sign[a] * sign[b] * h[None]])
-        return jnp.concatenate([top, last[None]])
-
-    whole = jnp.concatenate([jnp.concatenate([block(a, b) for b in range(2)], axis=1) for a in range(2)])
-    scale = jnp.concatenate([problem.scale] * 2)
-    return whole * (scale[:, None] * scale[None])[:, :, None]
+def changed_ends(s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.ndarray, " n"]) -> Segments:
+    """Return the changes of the segments for changes of the states at their ends and of the durations."""
+    ends = powers(s.h) * states + _POWERS * s.ends * (dh / s.h)
+    return Segments(dh, ends, ends)
 
 
-def gradient(problem: RouteProblem, rows: Float[Array, "20 n"]) -> Float[Array, "10 joints"]:
-    """Sum the gradients of the segments; the entries of fixed variables are zero."""
-    total = jnp.pad(rows[:BLOCK], ((0, 0), (0, 1))) + jnp.pad(rows[BLOCK:], ((0, 0), (1, 0)))
-    return circuit.gathered(problem, total)
+def _growth(problem: RouteProblem, s: Segments) -> Float[np.ndarray, "limits n"]:
+    """Return the derivative of each constraint with respect to the duration, divided by its value."""
+    return -time_powers(problem.names)[:, None] / s.h
 
 
-def hessian(problem: RouteProblem, rows: Float[Array, "20 20 n"]) -> Chain:
-    """Sum the second derivatives of the segments; the rows of fixed variables are rows of the identity matrix."""
-    blocks, free = jnp.moveaxis(rows, -1, 0), problem.free.T
-    first, last = blocks[:, :BLOCK, :BLOCK], blocks[:, BLOCK:, BLOCK:]
-    diagonal = jnp.pad(first, ((0, 1), (0, 0), (0, 0))) + jnp.pad(last, ((1, 0), (0, 0), (0, 0)))
-    lower = blocks[:, BLOCK:, :BLOCK]
-    if problem.seam is not None:
-        return circuit.bordered(free, problem.seam, diagonal, lower)
-    diagonal = diagonal * free[:, :, None] * free[:, None] + (1 - free)[:, :, None] * np.eye(BLOCK)[None]
-    return Chain(diagonal, lower * free[1:, :, None] * free[:-1, None])
+def _pulled(
+    slopes: Float[np.ndarray, "limits q nodes n"], weights: Float[np.ndarray, "limits nodes n"]
+) -> Float[np.ndarray, "6 3 n"]:
+    """Return the derivatives of a weighted sum of the limits with respect to the scaled end states."""
+    _, q, nodes, n = slopes.shape
+    at = np.einsum("pqan,pan->qan", slopes, weights).reshape(q // 3, 3, nodes, n)
+    return _combined(basis.table(q // 3)[1:].reshape(-1, 6), at.swapaxes(0, 1).reshape(3, -1, n))
+
+
+def _combined(rows: Float[np.ndarray, "k 6"], at: Float[np.ndarray, "3 k n"]) -> Float[np.ndarray, "6 3 n"]:
+    return (rows.T @ at.swapaxes(0, 1).reshape(len(rows), -1)).reshape(6, 3, -1)
+
+
+def _tube_second(
+    problem: RouteProblem,
+    away: Float[np.ndarray, "3 nodes n"],
+    weights: Float[np.ndarray, "2 nodes n"],
+    stiffness: Float[np.ndarray, "2 nodes n"],
+) -> Float[np.ndarray, "nodes 3 3 n"]:
+    """Return the second derivatives of the tube's constraints with respect to the displacements."""
+    found = np.zeros((away.shape[1], 3, 3, away.shape[2]))
+    for k, own in enumerate(([0, 1], [2])):
+        steep = 4 * stiffness[k] / problem.tube[k] ** 2
+        for i in own:
+            found[:, i, i] = 2 * weights[k] / problem.tube[k]
+            for j in own:
+                found[:, i, j] += steep * away[i] * away[j]
+    return found
+
+
+def frames(problem: RouteProblem) -> Float[np.ndarray, "joints 10 10"]:
+    """Return the matrices that convert variables to changes of states [SI, world axes] and of times [s].
+
+    The columns of fixed variables are zero.
+    """
+    found = np.zeros((*problem.free.shape, BLOCK))
+    for k in range(0, 9, 3):
+        found[:, k : k + 3, k : k + 3] = problem.axes.swapaxes(1, 2)
+    found[:, 9, 9] = 1.0
+    return found * (problem.scale * problem.free)[:, None]
+
+
+def gradient(problem: RouteProblem, turns: Float[np.ndarray, "joints 10 10"], s: Segments, first: Local) -> np.ndarray:
+    """Return the derivatives (joints, 10) with respect to the variables; `turns` are the `frames`."""
+    states = np.moveaxis(first.ends * powers(s.h), -1, 0).reshape(-1, 2, 9)
+    h = first.h + np.sum(_POWERS * s.ends * first.ends, axis=(0, 1)) / s.h
+    total = np.zeros((len(turns), BLOCK))
+    for k, (joints, sign) in enumerate(((np.s_[:-1], -1), (np.s_[1:], 1))):
+        total[joints, :9] += states[:, k]
+        total[joints, 9] += sign * h
+    return np.einsum("nij,ni->nj", turns, circuit.gathered(problem, total))
+
+
+def hessian(
+    problem: RouteProblem, turns: Float[np.ndarray, "joints 10 10"], rows: Float[np.ndarray, "n 2 10 2 10"]
+) -> Chain:
+    """Return the second derivatives; the rows of fixed variables are rows of the identity matrix.
+
+    `turns` are the `frames`, and `rows` the results of `segment_hessian`.
+    """
+    diagonal = np.zeros_like(turns)
+    diagonal[:-1] += rows[:, 0, :, 0]
+    diagonal[1:] += rows[:, 1, :, 1]
+    lower, back = rows[:, 1, :, 0], turns.swapaxes(1, 2)
+    unit = np.eye(BLOCK) * ~problem.free[:, None]
+    if problem.seam is None:
+        return Chain(back @ diagonal @ turns + unit, back[1:] @ lower @ turns[:-1])
+    corner, side = circuit.border(diagonal, lower)
+    border = Border(back[0] @ corner @ turns[0] + unit[0], back @ side @ turns[0])
+    turns, unit = turns.copy(), unit.copy()  # the border contains the first joint
+    turns[0], unit[0] = 0.0, np.eye(BLOCK)
+    back = turns.swapaxes(1, 2)
+    return Chain(back @ diagonal @ turns + unit, back[1:] @ lower @ turns[:-1], border)
+
+
+def segment_hessian(s: Segments, first: Local, second: LocalSecond) -> Float[np.ndarray, "n 2 10 2 10"]:
+    """Convert second derivatives to those with respect to the states and times of both joints, in world axes."""
+    n = len(s.h)
+    factor, grown = powers(s.h), _POWERS * s.ends / s.h
+    turned = np.einsum("lmcdn,mdn->lcn", second.ends, grown)
+    mixed = factor * (second.mixed + turned) + _POWERS * factor / s.h * first.ends
+    h = second.h + np.sum(
+        grown * (2 * second.mixed + turned) + _POWERS * (_POWERS - 1) * s.ends / s.h**2 * first.ends, axis=(0, 1)
+    )
+    states = second.ends * (factor * factor[:, 0])[:, :, None, None]
+    states = states.transpose(4, 0, 2, 1, 3).reshape(n, 2, 9, 2, 9)
+    mixed = np.moveaxis(mixed, -1, 0).reshape(n, 2, 9)
+    sign = np.array([-1.0, 1.0])
+    found = np.empty((n, 2, BLOCK, 2, BLOCK))
+    found[:, :, :9, :, :9] = states
+    found[:, :, :9, :, 9] = mixed[:, :, :, None] * sign
+    found[:, :, 9, :, :9] = sign[:, None, None] * mixed[:, None]
+    found[:, :, 9, :, 9] = np.multiply.outer(h, np.outer(sign, sign))
+    return found

@@ -5,7 +5,7 @@ states y are p, hv and h²a at the start and at the end, where p is the position
 They have the unit of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
 """
 
-from typing import Any
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -27,25 +27,43 @@ NODES = np.linspace(0.0, 1.0, CELLS + 1)
 FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
 
 
-def lifted(x: Any, dimensions: int) -> Any:
-    """Add leading axes of length 1 to an array, so that its number of dimensions is `dimensions`."""
-    return x.reshape((1,) * (dimensions - x.ndim) + x.shape)
-
-
-def _polynomials() -> list[np.ndarray]:
-    """Return the ascending coefficients of each Hermite function H_l."""
-    data = np.eye(6).reshape(2, 3, 6)
-    return list(pieces.hermite(np.ones(1), data)[0].T)
-
-
 def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 nodes 6"]:
     """Return the Hermite functions H_l and their derivatives with respect to u up to `order`."""
-    rows = [[power.polyval(nodes, power.polyder(c, k)) for c in _polynomials()] for k in range(order + 1)]
+    functions = pieces.hermite(np.ones(1), np.eye(6).reshape(2, 3, 6))[0].T
+    rows = [[power.polyval(nodes, power.polyder(c, k)) for c in functions] for k in range(order + 1)]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
-def gram(order: int) -> Any:
-    """Return the matrix (6, 6) of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for the Hermite functions H_l and k = `order`."""
-    x, weights = np.polynomial.legendre.leggauss(8)
-    values = at_nodes((x + 1) / 2, order)[order]
-    return np.einsum("j,jl,jm->lm", weights / 2, values, values)
+@cache
+def table(order: int, fine: bool = False) -> Float[np.ndarray, "{order}+1 nodes 6"]:
+    """Return `at_nodes` for `NODES`, or for `FINE_NODES`."""
+    return at_nodes(FINE_NODES if fine else NODES, order)
+
+
+@cache
+def products(order: int) -> Float[np.ndarray, "36 {order}*{order}*nodes"]:
+    """Return the products H_l⁽ʲ⁾ H_m⁽ᵏ⁾ at the nodes for the orders j, k ≥ 1; each row belongs to one pair (l, m)."""
+    rows = table(order)[1:]
+    return np.einsum("jal,kam->lmjka", rows, rows).reshape(36, -1)
+
+
+@cache
+def squares() -> Float[np.ndarray, "36 nodes"]:
+    """Return the products H_l H_m at the nodes; each row belongs to one pair (l, m)."""
+    rows = table(0)[0]
+    return np.einsum("al,am->lma", rows, rows).reshape(36, -1)
+
+
+@cache
+def roots(order: int, count: int) -> Float[np.ndarray, "{count} 6"]:
+    """Return a matrix R with ∫ |r⁽ᵏ⁾|² du = |R y|², for k = `order` and the scaled end states y of a segment.
+
+    Its rows belong to the `count` instants of Gauss's rule, which is exact for polynomials of degree 2·`count` − 1.
+    """
+    x, weights = np.polynomial.legendre.leggauss(count)
+    return np.sqrt(weights / 2)[:, None] * at_nodes((x + 1) / 2, order)[order]
+
+
+def gram(order: int) -> Float[np.ndarray, "6 6"]:
+    """Return the matrix of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for the Hermite functions H_l and k = `order`."""
+    return roots(order, 8).T @ roots(order, 8)

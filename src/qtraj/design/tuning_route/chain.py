@@ -1,18 +1,21 @@
-"""Solve symmetric block-tridiagonal systems by block elimination, in time proportional to the number of blocks.
+"""Solve symmetric block-tridiagonal systems by LAPACK's band solver, in time proportional to the number of blocks.
 
 A cyclic system, in which the last block is coupled to the first one, is solved as a block-tridiagonal system with a
 border, by the Schur complement of the border.
-
-Each block is eliminated by Gauss–Jordan steps without pivoting, which are stable for positive definite matrices. All
-pivots are positive if and only if the matrix is positive definite. The blocks are small, so products of whole arrays
-are faster than calls of a linear algebra library.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.foundation.namespace import xp
+
+Solver = Callable[[Float[np.ndarray, "n b"]], Float[np.ndarray, "n b"]]
+"""Returns the solution of a system with a factorised matrix."""
 
 
 class Border(NamedTuple):
@@ -21,8 +24,8 @@ class Border(NamedTuple):
     `corner` is the diagonal block 0, and `side[i]` couples block i (rows) to block 0 (columns).
     """
 
-    corner: Float[Array, "b b"]
-    side: Float[Array, "n b b"]
+    corner: Float[np.ndarray, "b b"]
+    side: Float[np.ndarray, "n b b"]
 
 
 class Chain(NamedTuple):
@@ -33,85 +36,78 @@ class Chain(NamedTuple):
     `lower[0]` and `border.side[0]` are zero.
     """
 
-    diagonal: Float[Array, "n b b"]
-    lower: Float[Array, "n-1 b b"]
+    diagonal: Float[np.ndarray, "n b b"]
+    lower: Float[np.ndarray, "n-1 b b"]
     border: Border | None = None
 
+    def shifted(self, shift: Float[np.ndarray, "n b"]) -> Chain:
+        """Return the matrix with `shift` added to its diagonal."""
+        own = shift[:, :, None] * np.eye(shift.shape[1])
+        if self.border is None:
+            return self._replace(diagonal=self.diagonal + own)
+        corner = self.border.corner + own[0]
+        own[0] = 0.0
+        return Chain(self.diagonal + own, self.lower, self.border._replace(corner=corner))
 
-def shifted(chain: Chain, shift: Float[Array, "n b"]) -> Chain:
-    """Return the matrix with `shift` added to its diagonal."""
-    own = shift[:, :, None] * jnp.eye(shift.shape[1], dtype=shift.dtype)[None]
-    if chain.border is None:
-        return chain._replace(diagonal=chain.diagonal + own)
-    border = chain.border._replace(corner=chain.border.corner + own[0])
-    return Chain(chain.diagonal + own.at[0].set(0.0), chain.lower, border)
+    def solver(self) -> Solver | None:
+        """Return a function that solves systems with this matrix, or None if it is not positive definite."""
+        whole = _factored(_band(self.diagonal, self.lower))
+        if whole is None or self.border is None:
+            return whole
+        corner, side = self.border
+        found = whole(side)
+        first = _factored(_band((corner - np.einsum("nij,nik->jk", side, found))[None], self.lower[:0]))
+        if first is None:
+            return None
 
+        def solve(right: Float[np.ndarray, "n b"]) -> Float[np.ndarray, "n b"]:
+            rest = whole(np.concatenate([np.zeros_like(right[:1]), right[1:]]))
+            own = first((right[0] - np.einsum("nij,ni->j", side, rest))[None])
+            return np.concatenate([own, (rest - found @ own[0])[1:]])
 
-def solve(chain: Chain, right: Float[Array, "n b"]) -> tuple[Float[Array, "n b"], Bool[Array, ""]]:
-    """Solve the system; also return whether the matrix is positive definite. If not, the solution is invalid."""
-    if chain.border is None:
-        found, positive = _eliminated(chain, right[:, :, None])
-        return found[:, :, 0], positive
-    side, size = chain.border.side, right.shape[1]
-    found, positive = _eliminated(chain, jnp.concatenate([right.at[0].set(0.0)[:, :, None], side], axis=2))
-    reduced = jnp.einsum("nij,nik->jk", side, found)
-    schur = chain.border.corner - reduced[:, 1:]
-    one = Chain(schur[None], jnp.zeros((0, size, size), right.dtype))
-    first, definite = _eliminated(one, (right[0] - reduced[:, 0])[None, :, None])
-    first = first[0, :, 0]
-    rest = found[:, :, 0] - jnp.einsum("nij,j->ni", found[:, :, 1:], first)
-    return rest.at[0].set(first), positive & definite
+        return solve
 
-
-def _eliminated(
-    chain: Chain, right: Float[Array, "n b columns"]
-) -> tuple[Float[Array, "n b columns"], Bool[Array, ""]]:
-    """Solve the system without its border for several right-hand sides."""
-    size = right.shape[1]
-    below = jnp.concatenate([chain.lower, jnp.zeros_like(chain.diagonal[:1])])
-    after = jnp.concatenate([chain.diagonal[1:], jnp.eye(size, dtype=right.dtype)[None]])
-    rest = jnp.concatenate([right[1:], jnp.zeros_like(right[:1])])
-
-    def eliminate(carry, row):
-        block, value = carry
-        down, following, known = row
-        table = jnp.concatenate([block, down.T, value], axis=1)
-        positive = jnp.asarray(True)
-        for k in range(size):
-            pivot = table[k, k]
-            positive &= pivot > 0
-            line = table[k] / pivot
-            table = (table - table[:, k : k + 1] * line[None]).at[k].set(line)
-        factor, reduced = table[:, size : 2 * size], table[:, 2 * size :]
-        block = following - jnp.sum(down[:, :, None] * factor[None], axis=1)
-        value = known - _times(down, reduced)
-        return (block, value), (factor, reduced, positive)
-
-    def substitute(later, row):
-        factor, reduced = row
-        found = reduced - _times(factor, later)
-        return found, found
-
-    _, (factors, reduced, positive) = jax.lax.scan(eliminate, (chain.diagonal[0], right[0]), (below, after, rest))
-    _, found = jax.lax.scan(substitute, jnp.zeros_like(right[0]), (factors, reduced), reverse=True)
-    return found, jnp.all(positive)
+    def product(self, x: Float[Any, "n b"]) -> Float[Any, "n b"]:
+        """Return the product of the matrix and a vector, in NumPy or JAX."""
+        none = xp.zeros_like(x[:1])
+        before = xp.einsum("nij,nj->ni", self.lower, x[:-1])
+        after = xp.einsum("nij,ni->nj", self.lower, x[1:])
+        found = xp.einsum("nij,nj->ni", self.diagonal, x)
+        found = found + xp.concatenate([none, before]) + xp.concatenate([after, none])
+        if self.border is None:
+            return found
+        corner, side = self.border
+        first = xp.einsum("ij,j->i", corner, x[0]) + xp.einsum("nij,ni->j", side, x)
+        rest = found + xp.einsum("nij,j->ni", side, x[0])
+        return xp.concatenate([first[None], rest[1:]])
 
 
-def _times(matrix: Float[Array, "b b"], columns: Float[Array, "b columns"]) -> Float[Array, "b columns"]:
-    return jnp.sum(matrix[:, :, None] * columns[None], axis=1)
+def _band(diagonal: Float[np.ndarray, "n b b"], lower: Float[np.ndarray, "n-1 b b"]) -> Float[np.ndarray, "rows 2b"]:
+    """Return the lower triangle of a block-tridiagonal matrix by columns, each from its diagonal entry downwards."""
+    n, b = diagonal.shape[:2]
+    rows = np.zeros((n, b * (3 * b + 1)))
+    # Column k of a block is row k here. In rows that are longer by one entry, all rows start at the diagonal.
+    columns = rows[:, : 3 * b * b].reshape(n, b, 3 * b)
+    columns[:, :, :b] = diagonal.swapaxes(1, 2)
+    columns[:-1, :, b : 2 * b] = lower.swapaxes(1, 2)
+    return rows.reshape(n, b, 3 * b + 1)[:, :, : 2 * b].reshape(n * b, 2 * b)
 
 
-def product(chain: Chain, x: Float[Array, "n b"]) -> Float[Array, "n b"]:
-    """Return the product of the matrix and a vector."""
-    if chain.border is None:
-        return _product(chain, x)
-    side, first = chain.border.side, x[0]
-    found = _product(chain, x) + jnp.einsum("nij,j->ni", side, first)
-    return found.at[0].set(chain.border.corner @ first + jnp.einsum("nij,ni->j", side, x))
+def _factored(band: Float[np.ndarray, "rows 2b"]) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Factorise a matrix from its lower triangle; return a function that solves systems with it.
 
+    The function accepts arrays (n, b) or (n, b, columns). The result is None if the matrix is not positive definite.
+    """
+    from scipy.linalg import lapack  # slow to import, and most programs never solve a band system
 
-def _product(chain: Chain, x: Float[Array, "n b"]) -> Float[Array, "n b"]:
-    own = jnp.sum(chain.diagonal * x[:, None], axis=2)
-    up = jnp.sum(chain.lower * x[:-1, None], axis=2)
-    down = jnp.sum(chain.lower * x[1:, :, None], axis=1)
-    return own.at[1:].add(up).at[:-1].add(down)
+    if not np.isfinite(band).all():
+        return None
+    factor, info = lapack.dpbtrf(band.T, lower=1, overwrite_ab=1)  # pyright: ignore[reportAttributeAccessIssue]
+    if info:
+        return None
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        columns = right.reshape(len(band), -1)
+        return lapack.dpbtrs(factor, columns, lower=1)[0].reshape(right.shape)  # pyright: ignore[reportAttributeAccessIssue]
+
+    return solve

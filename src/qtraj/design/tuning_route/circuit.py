@@ -7,12 +7,14 @@ first joint to the last segment, and is block tridiagonal with a border (see `ch
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float, Int
+from typing import Any
 
-from qtraj.design.tuning_route.chain import Border, Chain
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.design.tuning_route.chain import Border
 from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.foundation.namespace import xp
 from qtraj.path.route import JOINED, Route
 
 
@@ -32,31 +34,24 @@ def require_closed(route: Route) -> None:
         )
 
 
-def gathered(problem: RouteProblem, gradient: Float[Array, "10 joints"]) -> Float[Array, "10 joints"]:
-    """Return derivatives with respect to the free variables; derivatives at the last joint are added at the first."""
-    if problem.seam is not None:
-        gradient = gradient.at[:, 0].add(gradient[:, problem.seam])
-    return gradient * problem.free
-
-
-def repeated(problem: RouteProblem, change: Float[Array, "10 joints"]) -> Float[Array, "10 joints"]:
+def repeated(problem: RouteProblem, z: Float[Any, "joints 10"]) -> Float[Any, "joints 10"]:
     """Return the changes of all variables; the last joint of a closed route repeats the changes of the first."""
-    change = change * problem.free
-    return change if problem.seam is None else change.at[:, problem.seam].add(change[:, 0])
+    if problem.seam is None:
+        return z
+    return xp.concatenate([z[:-1], z[-1:] + z[:1]])
 
 
-def bordered(
-    free: Float[Array, "n b"], seam: Int[Array, ""], diagonal: Float[Array, "n b b"], lower: Float[Array, "n-1 b b"]
-) -> Chain:
-    """Return the matrix of a closed route from the matrix of the open route.
+def gathered(problem: RouteProblem, gradient: Float[Any, "joints 10"]) -> Float[Any, "joints 10"]:
+    """Return derivatives with respect to the variables; those at the last joint are added at the first."""
+    if problem.seam is None:
+        return gradient
+    return xp.concatenate([gradient[:1] + gradient[-1:], gradient[1:]])
 
-    The rows and columns of fixed variables, and of the state that the last joint repeats, are rows and columns of the
-    identity matrix.
-    """
-    unit = jnp.eye(diagonal.shape[1], dtype=diagonal.dtype)
-    shared, own = free[0], free.at[0].set(0.0)
-    corner = (diagonal[0] + diagonal[seam]) * shared[:, None] * shared[None] + (1 - shared)[:, None] * unit
-    side = jnp.zeros_like(diagonal).at[1].add(lower[0]).at[seam - 1].add(lower[seam - 1].T).at[seam].add(diagonal[seam])
-    side = side * own[:, :, None] * shared[None, None]
-    diagonal = diagonal * own[:, :, None] * own[:, None] + (1 - own)[:, :, None] * unit[None]
-    return Chain(diagonal, lower * own[1:, :, None] * own[:-1, None], Border(corner, side))
+
+def border(diagonal: Float[np.ndarray, "n b b"], lower: Float[np.ndarray, "n-1 b b"]) -> Border:
+    """Return the rows and columns of the first joint of a closed route from the matrix of the open route."""
+    side = np.zeros_like(diagonal)
+    side[1] += lower[0]
+    side[-2] += lower[-1].T
+    side[-1] += diagonal[-1]
+    return Border(diagonal[0] + diagonal[-1], side)

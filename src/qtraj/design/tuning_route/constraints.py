@@ -2,103 +2,116 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. The tube bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
+
+The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
+quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
+the duration h.
 """
 
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Float
 
+from qtraj.algebra.jets import coordinates
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.problem import RouteProblem, Segments
+from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 
-Names = tuple[str, ...]
+
+def order_of(names: tuple[str, ...]) -> int:
+    """Return the highest order of the derivatives of the path in the limits, at least 1."""
+    return max([1, *(quantity(name).order for name in names)])
 
 
-def orders(names: Names) -> int:
-    """Return the highest order of the derivatives of the path in the limits, at least 2."""
-    return max([2, *(quantity(name).order for name in names)])
+def time_powers(names: tuple[str, ...]) -> Float[np.ndarray, " limits"]:
+    """Return 2p for each limit; the square of the quantity is proportional to h⁻²ᵖ, with the duration h."""
+    return np.array([2.0 * quantity(name).per_time for name in names])
 
 
-def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
-    """Return (value/limit)² of each limit.
+def units(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "limits 1 n"]:
+    """Return the factors that convert the squares of quantities of r(u) to (value/limit)²."""
+    return (h[None] ** -time_powers(problem.names)[:, None] / problem.squares[:, None])[:, None]
 
-    The first axis of `q` contains the components of the derivatives of r with respect to u = t/h, in ascending order,
-    and then the duration h.
+
+def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
+    """Return the square of each limited quantity for the derivatives r', r'', … in the array or list `r`.
+
+    The components of each derivative follow each other. They are arrays or jets.
     """
-    h = q[-1]
-    order = (q.shape[0] - 1) // 3
-    i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])
-    values = []
-    for name in names:
-        entry = quantity(name)
-        top = entry.numerator(i)
-        values.append(top if entry.denominator is None else top / entry.denominator(i))
-    return jnp.stack(values) / squares.reshape(-1, *[1] * (q.ndim - 1))
+    i = Invariants([None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))])
+    found = []
+    for entry in map(quantity, names):
+        above = entry.numerator(i)
+        found.append(above if entry.denominator is None else above / entry.denominator(i))
+    return found
 
 
-def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
-    """Return the argument `q` of `ratios` at nodes of all segments."""
-    order = orders(names)
-    table = basis.at_nodes(nodes, order)[1:].reshape(-1, 6)
-    rows = (table @ s.ends.reshape(6, -1)).reshape(order, len(nodes), 3, -1)
-    rows = jnp.moveaxis(rows, 2, 1).reshape(3 * order, len(nodes), -1)
-    return jnp.concatenate([rows, jnp.broadcast_to(lifted(s.h, 3), rows[:1].shape)])
+def derivatives(ends: Float[Any, "6 3 n"], order: int, fine: bool = False) -> Float[Any, "q nodes n"]:
+    """Return the derivatives with respect to u of the orders 1 to `order` at the nodes, component by component."""
+    rows = basis.table(order, fine)[1:]
+    found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(order, rows.shape[1], 3, -1)
+    return xp.moveaxis(found, 2, 1).reshape(3 * order, rows.shape[1], -1)
 
 
-def distances(s: Segments, nodes: Any, offset: Float[Array, "3 nodes n"]) -> Float[Array, "3 nodes n"]:
-    """Return the displacements from the original path."""
-    table = basis.at_nodes(nodes, 0)[0]
-    return jnp.moveaxis((table @ s.change.reshape(6, -1)).reshape(len(nodes), 3, -1), 1, 0) + offset
+def displacements(change: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "3 nodes n"]:
+    """Return the displacements at the nodes for changes of the scaled end states."""
+    rows = basis.table(0, fine)[0]
+    return xp.moveaxis(matmul(rows, change.reshape(6, -1)).reshape(len(rows), 3, -1), 1, 0)
 
 
-def values(names: Names, problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Array, "constraints nodes n"]:
+def near(away: Float[Any, "3 nodes n"], tube: Float[Any, "2 nodes n"]) -> Float[Any, "2 nodes n"]:
+    """Return the squares of the horizontal and the vertical distance, relative to the half-widths of the tube."""
+    return xp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / tube
+
+
+def values(problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Any, "constraints nodes n"]:
     """Return the squares of all limited quantities and of both distances, relative to their bounds."""
-    nodes = basis.FINE_NODES if fine else basis.NODES
     offset, tube = (problem.fine_offset, problem.fine_tube) if fine else (problem.offset, problem.tube)
-    away = distances(s, nodes, offset)
-    near = jnp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / tube
-    if not names:
-        return near
-    return jnp.concatenate([ratios(names, stacked(names, s, nodes), problem.squares), near])
+    inside = near(displacements(s.change, fine) + offset, tube)
+    if not problem.names:
+        return inside
+    r = derivatives(s.ends, order_of(problem.names), fine)
+    return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h), inside])
+
+
+def bounds(problem: RouteProblem, s: Segments) -> Float[Any, "2 n"]:
+    """Return the values of the two constraints on each duration, which must not be positive."""
+    return xp.stack([1 - s.h / problem.shortest, s.h / problem.longest - 1])
 
 
 class Expansion(NamedTuple):
-    """The constraints at the nodes with their gradients and the weighted sum of their second derivatives.
+    """The constraints at the nodes with their gradients.
 
-    `slopes` (q, limits, nodes, n) and `bending` (q, q, nodes, n) are derivatives with respect to the argument of
-    `ratios`. `away` (3, nodes, n) is the displacement from the original path. The last two constraints are the squares
-    of the horizontal and of the vertical displacement, relative to the squared half-widths of the tube.
+    `slopes` (limits, q, nodes, n) are the derivatives of the limits with respect to the derivatives of the path with
+    respect to u. `away` (3, nodes, n) is the displacement from the original path. The last two constraints are those of
+    the tube.
     """
 
-    values: Float[Array, "constraints nodes n"]
-    slopes: Float[Array, "q limits nodes n"]
-    bending: Float[Array, "q q nodes n"]
-    away: Float[Array, "3 nodes n"]
+    values: Float[np.ndarray, "constraints nodes n"]
+    slopes: Float[np.ndarray, "limits q nodes n"]
+    away: Float[np.ndarray, "3 nodes n"]
 
 
-def expand(names: Names, problem: RouteProblem, s: Segments, weights: Float[Array, "constraints nodes n"]) -> Expansion:
-    """Return the constraints and their derivatives; `weights` multiply the second derivatives."""
-    away = distances(s, basis.NODES, problem.offset)
-    near = jnp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / problem.tube
-    q = stacked(names, s, basis.NODES)
-    if not names:
-        empty = jnp.zeros((q.shape[0], 0, *q.shape[1:]))
-        return Expansion(near, empty, jnp.zeros((q.shape[0], *q.shape)), away)
-    unit = jnp.eye(q.shape[0], dtype=q.dtype)
+def expand(
+    problem: RouteProblem,
+    s: Segments,
+    weights: Float[np.ndarray, "constraints nodes n"],
+    stiffness: Float[np.ndarray, "constraints nodes n"],
+) -> tuple[Expansion, Float[np.ndarray, "q q nodes n"]]:
+    """Return the constraints and their derivatives.
 
-    def ratio(q: Array) -> Array:
-        return ratios(names, q, problem.squares)
-
-    def along(function: Any) -> Array:
-        def one(e: Array) -> Array:
-            return jax.jvp(function, (q,), (jnp.broadcast_to(e[:, None, None], q.shape),))[1]
-
-        return jax.vmap(one)(unit)
-
-    slope = jax.grad(lambda q: jnp.sum(weights[:-2] * ratio(q)))
-    return Expansion(jnp.concatenate([ratio(q), near]), along(ratio), along(slope), away)
+    The second result is the sum of the second derivatives of the limits, multiplied by `weights`, and of the products
+    of their gradients, multiplied by `stiffness`.
+    """
+    away = displacements(s.change) + problem.offset
+    r, unit = derivatives(s.ends, order_of(problem.names)), units(problem, s.h)
+    value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))
+    curvature = np.zeros((len(r), *r.shape))
+    for k, g in enumerate(ratios(problem.names, coordinates(r))):
+        value[k], slope[k] = unit[k] * g.value, unit[k] * g.gradient
+        curvature += (unit[k] * weights[k]) * g.hessian
+        curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
+    return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature

@@ -1,7 +1,7 @@
 """Compute the arrays of `RouteProblem` that depend smoothly on a route, its limits and the tube.
 
-The functions accept NumPy arrays and, inside a trace, JAX arrays. `moving` (n,) is 0 for segments that do not change
-and for the padding, and 1 for all others; a route has `count` ≤ n segments.
+The functions accept NumPy arrays and, inside a trace, JAX arrays. `moving` (n,) is 0 for segments that do not change,
+and 1 for all others.
 """
 
 from typing import Any
@@ -22,9 +22,9 @@ STRAIGHT[[1, 3, 4], 0] = 1.0
 
 
 def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
-    """Return the states of the joints; `still` (count,) marks the segments that do not change.
+    """Return the states of the joints; `still` (n,) marks the segments that do not change.
 
-    The axes of the states (count + 1, 3, 3) are the joint, the order of the derivative and the component.
+    The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
 
     Where the route jumps, the state of a joint is the mean of the states on both sides. Next to a segment that does not
     change, the state is taken from that segment, so that the tuned route does not jump there. If the route is `closed`,
@@ -47,23 +47,15 @@ def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def filled(x: Any, n: int, value: float) -> Any:
-    """Pad the array with `value` to the length `n`."""
-    xp = pieces.arithmetic(x)
-    return xp.concatenate([x, xp.full((n - len(x), *x.shape[1:]), value)])
-
-
 def smooth_fields(c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any) -> dict[str, Any]:
     """Return the fields of a `RouteProblem` that depend smoothly on the data, except the fields of the objective."""
-    n = len(moving)
-    durations = pieces.arithmetic(h).where(moving > 0, filled(h, n, 1.0), 1.0)
     return {
         "ends": ends(states, h, moving),
-        "durations": durations,
+        "durations": pieces.arithmetic(h).where(moving > 0, h, 1.0),
         "offset": offsets(c, h, states, moving, basis.NODES),
         "squares": bounds**2,
-        "tube": tube_squares(tube, n, basis.NODES),
-        "axes": axes(states, n),
+        "tube": tube_squares(tube, basis.NODES),
+        "axes": axes(states),
     }
 
 
@@ -72,13 +64,11 @@ def ends(states: Any, h: Any, moving: Any) -> Any:
 
     The axes of the result (6, 3, n) are the index of the scaled end state, the component and the segment.
     """
-    xp, n = pieces.arithmetic(states, h), len(moving)
+    xp = pieces.arithmetic(states, h)
     start, end = states[:-1], states[1:]
     known = xp.concatenate([xp.zeros_like(start[:, :1]), start[:, 1:], end[:, :1] - start[:, :1], end[:, 1:]], axis=1)
     known = known * (h[:, None] ** np.array([basis.POWERS], float))[:, :, None]
-    chosen = xp.where(moving[: len(h), None, None] > 0, known, STRAIGHT[None])
-    padding = xp.asarray(np.broadcast_to(STRAIGHT, (n - len(h), 6, 3)))
-    return xp.moveaxis(xp.concatenate([chosen, padding]), 0, -1)
+    return xp.moveaxis(xp.where(moving[:, None, None] > 0, known, STRAIGHT[None]), 0, -1)
 
 
 def nearest(end_data: Any, durations: Any, moving: Any, length: Any) -> tuple[Any, Any]:
@@ -98,55 +88,50 @@ def speeds(end_data: Any, durations: Any) -> Any:
     return xp.sqrt(xp.einsum("lm,lcn,mcn->n", basis.gram(1), end_data, end_data)) / durations
 
 
-def axes(states: Any, n: int) -> Any:
-    """Return unit vectors along, to the left of and above the path at both ends of the segments.
+def axes(states: Any) -> Any:
+    """Return unit vectors along, to the left of and above the path at the joints.
 
-    The axes of the result (2, 3, 3, n) are the end, the unit vector, the component and the segment.
+    The axes of the result (n + 1, 3, 3) are the joint, the unit vector and the component.
     """
-    xp = pieces.arithmetic(states)
-    v = filled(states[:, 1], n + 1, 0.0)
+    xp, v = pieces.arithmetic(states), states[:, 1]
     v = xp.where(xp.sum(v * v, axis=1)[:, None] == 0, X, v)
     along = v / xp.linalg.norm(v, axis=1)[:, None]
     steep = xp.abs(along[:, 2]) > 0.9
     left = xp.cross(xp.where(steep[:, None], X, Z), along)
     left = left / xp.linalg.norm(left, axis=1)[:, None]
-    rows = xp.moveaxis(xp.stack([along, left, xp.cross(along, left)]), 1, 2)
-    return xp.stack([rows[:, :, :-1], rows[:, :, 1:]])
+    return xp.stack([along, left, xp.cross(along, left)], axis=1)
 
 
 def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
     """Return the quintics through the states minus the original path; axes (3, nodes, n): component, node, segment."""
     own, c = same_terms(pieces.hermite(h, states), c)
-    xp, count = pieces.arithmetic(own, c), len(h)
+    xp = pieces.arithmetic(own, c)
     exponents = np.arange(own.shape[1], dtype=float)[None]
     # Separate powers, because the derivative of 0⁰ with respect to its base would be NaN.
-    rows = xp.einsum("fk,nk,nkc->cfn", nodes[:, None] ** exponents, h[:, None] ** exponents, own - c)
-    rows = rows * moving[None, None, :count]
-    return xp.pad(rows, [(0, 0), (0, 0), (0, len(moving) - count)])
+    rows = (own - c) * (h[:, None] ** exponents)[:, :, None]
+    rows = xp.einsum("fk,nkc->cfn", nodes[:, None] ** exponents, rows)
+    return rows * moving[None, None]
 
 
-def tube_squares(tube: Any, n: int, nodes: np.ndarray) -> Any:
+def tube_squares(tube: Any, nodes: np.ndarray) -> Any:
     """Return the squares of the horizontal and vertical half-widths (2, nodes, n).
 
     The half-widths are linear between the joints.
     """
-    xp = pieces.arithmetic(tube)
-    widths = filled(tube, n + 1, 1.0)
     nodes = nodes[None, None]
-    return xp.moveaxis((widths[:-1, :, None] * (1 - nodes) + widths[1:, :, None] * nodes) ** 2, 0, -1)
+    widths = tube[:-1, :, None] * (1 - nodes) + tube[1:, :, None] * nodes
+    return pieces.arithmetic(tube).moveaxis(widths**2, 0, -1)
 
 
 def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
-    """Return the states of the joints and the durations (count,) for the variables `z`.
+    """Return the states of the joints and the durations (n,) for the variables `z`.
 
-    The axes of the states (count + 1, 3, 3) are the joint, the order of the derivative and the component.
+    The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
     """
-    xp, count = pieces.arithmetic(z, states, h, problem.axes), len(h)
-    scale, both, moving = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.moving))
-    move = (z * scale[:, None])[:, : count + 1]
-    both = xp.concatenate([both[0, ..., :count], both[1, ..., count - 1 : count]], axis=-1)
-    shifts = xp.einsum("kan,acn->nkc", move[:9].reshape(3, 3, -1), both)
-    return states + shifts, h + moving[:count] * xp.diff(move[9])
+    xp = pieces.arithmetic(z, states, h, problem.axes)
+    scale, axes, moving = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.moving))
+    move = z * scale[None]
+    return states + xp.matmul(move[:, :9].reshape(-1, 3, 3), axes), h + moving * xp.diff(move[:, 9])
 
 
 def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any]:
@@ -154,4 +139,4 @@ def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any
     new_states, new_h = moved_states(problem, states, h, z)
     new, old = same_terms(pieces.hermite(new_h, new_states), c)
     xp = pieces.arithmetic(new, old)
-    return xp.where(xp.asarray(problem.moving)[: len(h), None, None] > 0, new, old), new_h
+    return xp.where(xp.asarray(problem.moving)[:, None, None] > 0, new, old), new_h

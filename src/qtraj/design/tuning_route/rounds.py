@@ -9,9 +9,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from qtraj.design.limits import Limits
@@ -19,11 +16,9 @@ from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import geometry, interior
-from qtraj.design.tuning_route.constraints import Names
-from qtraj.design.tuning_route.interior import FREE, Search
-from qtraj.design.tuning_route.margins import refreshed
-from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
-from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
+from qtraj.design.tuning_route.problem import RouteProblem, objective, segments, squared_jerk
+from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import Parts
 from qtraj.design.tuning_route.tube import Displacement
 from qtraj.path.route import Route, from_segments
@@ -77,85 +72,66 @@ class Found(NamedTuple):
     at: Iterate | None = None
 
 
-@eqx.filter_jit
-def search(
-    names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
-) -> Search:
-    """Call `interior.solve`, compiled.
-
-    If the objective is "fastest", then in the searches before the first repetition all iterates after an iterate that
-    satisfies the limits at the nodes satisfy them, too.
-    """
-    inside = jnp.any(problem.time > 0) & (renewals == 0)
-    return interior.solve(names, problem, at, factor, mu, least, most, renewals, inside)
-
-
-@eqx.filter_jit
-def _smoothed(problem: RouteProblem, z: Any) -> RouteProblem:
-    """Return the problem of the fastest route with the term that makes its solution unique."""
-    jerk = objective(problem._replace(time=0 * problem.time, jerk=problem.moving), z)
-    duration = jnp.sum(segments(problem, z).h * problem.moving)
-    return problem._replace(jerk=problem.moving * SMOOTHING * duration / jerk)
-
-
-@eqx.filter_jit
-def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
-    """Return the initial iterate of the next search, with new margins, slacks and multipliers."""
-    margins = jnp.minimum(at.margins, refreshed(names, problem, at.z, at.margins) * factor)
-    excess = excess_of(names, problem, segments(problem, at.z), margins)
-
-    def slack(g: Any, m: Any, u: Any) -> Any:
-        return jnp.where(u > 0, jnp.maximum(-g, mu / jnp.maximum(m, 1e-3)), 1.0)
-
-    count = used(problem)
-    slacks = jax.tree.map(slack, excess, at.multipliers, count)
-    multipliers = jax.tree.map(lambda s, u: u * mu / s, slacks, count)
-    return Iterate(at.z, Rows(*slacks), Rows(*multipliers), margins)
-
-
-@eqx.filter_jit
-def attained(problem: RouteProblem, z: Any) -> Any:
-    """Return the objective in the units of `tune_route`; for "fastest", without the segments that do not change."""
-    return objective(problem, z) * problem.unit
-
-
-def solved(
-    route: Route, given: Parts, names: Names, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int
-) -> Found:
+def solved(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> Found:
     """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m]."""
-    n, count = problem.durations.shape[0], len(given.h)
-    moving = np.asarray(problem.moving)[:count] > 0
-    bounds = np.sqrt(np.asarray(problem.squares))
-    factor = np.ones((len(names) + 2, 1, n))
-    at, mu, steps, k = _start(names, problem), BARRIER, 0, 0
-    if np.any(np.asarray(problem.time)):
-        first = search(names, problem, at, factor, *map(np.asarray, (mu, ROUGH, most, 0)))
-        at, mu, steps = first.at, ROUGH, int(first.steps)
-        problem = _smoothed(problem, at.z)
+    names, moving = problem.names, problem.moving > 0
+    bounds, factor = np.sqrt(problem.squares), np.ones((len(names) + 2, len(moving)))
+    program = RouteProgram(problem)
+    mu, k = BARRIER, 0
+    state = Search(interior.start(program, np.zeros(problem.free.shape), mu), mu)
+    if np.any(problem.time):
+        state = interior.solve(program, state, _rules(program, factor, ROUGH), most)
+        problem = _smoothed(problem, state.at.z)
+        program = RouteProgram(problem)
+        state = Search(state.at, ROUGH, steps=state.steps)
     while True:
-        safe = jnp.asarray(factor * (1 - SAFETY * 2.0**k))
+        rules = _rules(program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
-            at = _prepared(names, problem, at, safe, np.asarray(mu, float))
-        state = search(names, problem, at, safe, *map(np.asarray, (float(mu), LEAST, most - steps, min(k, 1) * FREE)))
-        at, steps = state.at, steps + int(state.steps)
-        judged = judge(route, given, limits, tube, problem, np.asarray(at.z))
+            state = _again(program, state, rules, mu)
+        state = interior.solve(program, state, rules, most)
+        judged = judge(route, given, limits, tube, problem, state.at.z)
         open_ = unproved(judged, names, moving)
-        exhausted = steps >= most and not bool(state.done | state.stuck)
-        found = Found(at.z, judged, not open_.any(), steps, problem, bool(state.done), exhausted, at)
-        if found.proved or k == ROUNDS or steps >= most or not np.isfinite(judged.distances).all():
+        exhausted = state.steps >= most and not (state.done or state.stuck)
+        found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at)
+        if found.proved or k == ROUNDS or state.steps >= most or not np.isfinite(judged.distances).all():
             return found
         values = [judged.certificate.segments.worst[name][1] for name in names]
         above = np.stack([*(np.array(values) / bounds[:, None]), *(judged.distances / tube[:-1]).T])
         above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
-        factor[:, 0, :count] *= np.where(open_, above, 1.0) ** -2
+        factor *= np.where(open_, above, 1.0) ** -2
         k += 1
 
 
-@eqx.filter_jit
-def _start(names: Names, problem: RouteProblem) -> Iterate:
-    z = jnp.zeros_like(problem.free)
-    return interior.start(names, problem, z, jnp.ones_like(problem.used), BARRIER)
+def _rules(program: RouteProgram, factor: np.ndarray, least: float, first: bool = True) -> Rules:
+    """Return the rules of a search whose margins are multiplied by `factor` (constraints, n).
+
+    If the objective is "fastest", then in the searches before the first repetition all iterates after an iterate that
+    satisfies the limits at the nodes satisfy them, too.
+    """
+    used = program.problem.used
+    flat = program.flat(np.broadcast_to(factor[:, None], used.shape), np.ones((2, used.shape[2])))
+    return Rules(flat, least, first and bool(np.any(program.problem.time > 0)))
+
+
+def _again(program: RouteProgram, state: Search, rules: Rules, mu: float) -> Search:
+    """Return the start of a repeated search, with new margins, slacks and multipliers."""
+    at = state.at
+    margins = np.minimum(at.margins, program.refreshed(at.z, at.margins) * rules.factor)
+    at = interior.restarted(program, at._replace(margins=margins), mu)
+    return Search(at, mu, steps=state.steps, renewals=FREE)
+
+
+def _smoothed(problem: RouteProblem, z: np.ndarray) -> RouteProblem:
+    """Return the problem of the fastest route with the term that makes its solution unique."""
+    s = segments(problem, z)
+    jerk, duration = np.sum(problem.moving * s.h**-5 * squared_jerk(s)), np.sum(s.h * problem.moving)
+    return problem._replace(jerk=problem.moving * SMOOTHING * duration / jerk)
+
+
+def attained(problem: RouteProblem, z: np.ndarray) -> Any:
+    """Return the objective in the units of `tune_route`; for "fastest", without the segments that do not change."""
+    return objective(problem, segments(problem, z)) * problem.unit
 
 
 def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, z: np.ndarray) -> Judged:
@@ -168,7 +144,7 @@ def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem:
     return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest())
 
 
-def unproved(judged: Judged, names: Names, moving: np.ndarray) -> np.ndarray:
+def unproved(judged: Judged, names: tuple[str, ...], moving: np.ndarray) -> np.ndarray:
     """Return whether the proof for each limit, then for both distances, is missing on each segment that may change."""
     codes = np.asarray(judged.certificate.segments.codes)
     order = [judged.certificate.names.index(name) for name in names]

@@ -6,8 +6,8 @@ The variables z of the last search, the slacks s and the multipliers λ of its c
 
 with the objective f and the barrier parameter μ. These conditions depend smoothly on the data θ. With μ → 0 and
 constant margins, differentiating them gives a linear system for dz/dθ. Its matrix is the matrix of the interior-point
-method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. This matrix is block tridiagonal and symmetric, so `chain.solve` is used in
-forward and reverse mode. The search itself is not differentiated.
+method, ∇²(f + Σ λ g) + Σ (λ/s) ∇g ∇gᵀ. This matrix is block tridiagonal and symmetric, so forward and reverse mode use
+the same solver. The search and the solver run in NumPy; JAX differentiates only the conditions.
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning_route import chain, circuit, geometry, interior
-from qtraj.design.tuning_route.constraints import Names
-from qtraj.design.tuning_route.newton import Iterate, excess_of, linearise, newton, used
-from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, objective, segments
+from qtraj.design.tuning_route import circuit, geometry
+from qtraj.design.tuning_route.chain import Chain
+from qtraj.design.tuning_route.constraints import bounds, values
+from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
+from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
@@ -48,7 +50,7 @@ a slack or a multiplier."""
 
 
 class Data(NamedTuple):
-    """The data θ: the padded segments of the route, the values of the limits, and the half-widths of the tube."""
+    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths."""
 
     starts: Float[Array, " rows"]
     coefficients: Float[Array, "rows terms 3"]
@@ -69,7 +71,9 @@ class Solution(NamedTuple):
 Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
 
 
-def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: str, solve: Solve) -> TunedRoute:
+def differentiable(
+    route: Route, limits: Limits, tube: Any, names: tuple[str, ...], kind: str, solve: Solve
+) -> TunedRoute:
     """Return the result of `solve` as a differentiable function of its arguments; `kind` is the objective.
 
     **Raises:** ValueError if the arguments have no concrete values (inside jit or vmap).
@@ -108,7 +112,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: 
     def _(primals: tuple[Data], tangents: tuple[Data]) -> tuple[Array, Array]:
         z = variables(*primals)
         found = solutions[-1]
-        return z, _change(names, kind, found, primals[0], tangents[0])
+        return z, _change(kind, found, primals[0], tangents[0])
 
     z = variables(data)
     found = solutions[-1]
@@ -129,123 +133,110 @@ def differentiable(route: Route, limits: Limits, tube: Any, names: Names, kind: 
     )
 
 
-def _change(names: Names, kind: str, found: Solution, data: Data, change: Data) -> Array:
+def _change(kind: str, found: Solution, data: Data, change: Data) -> Array:
     """Return the change of the variables that a change of the data causes."""
+    problem = found.problem
     if found.at is None:
-        return jnp.zeros_like(found.problem.free)
-    problem, count = found.problem, found.result.within.shape[0]
-    at, hessian, done = polished(names, problem, found.at)
-    right = _right(names, kind, problem, at, data, change, count)
-    dz = jax.lax.custom_linear_solve(
-        lambda x: chain.product(hessian, x), right, lambda _, b: _refined(hessian, b), symmetric=True
-    )
-    return circuit.repeated(problem, dz.T) * jnp.where(done, 1.0, jnp.nan)  # NaN in reverse mode, too
+        return jnp.zeros(problem.free.shape)
+    program, count = RouteProgram(problem), found.result.within.shape[0]
+    at, matrix, done = polished(program, found.at)
+    weights, stiffness = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
+    right = _right(kind, problem, at.z, weights, stiffness, data, change, count)
+    shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
+
+    def solve(_: Any, right: Array) -> Array:
+        return jax.pure_callback(lambda x: _refined(matrix, np.asarray(x)), shape, right, vmap_method="sequential")
+
+    dz = jax.lax.custom_linear_solve(matrix.product, right, solve, symmetric=True)
+    return circuit.repeated(problem, dz) * (1.0 if done else np.nan)  # NaN in reverse mode, too
 
 
-def _refined(matrix: chain.Chain, right: Array) -> Array:
-    found = chain.solve(matrix, right)[0]
+def _refined(matrix: Chain, right: np.ndarray) -> np.ndarray:
+    """Return the solution of the linear system; NaN if the matrix is not positive definite."""
+    solver = matrix.solver()
+    if solver is None:
+        return np.full(right.shape, np.nan)
+    found = solver(right)
     for _ in range(REFINEMENTS):
-        found = found + chain.solve(matrix, right - chain.product(matrix, found))[0]
+        found = found + solver(right - matrix.product(found))
     return found
 
 
-class _Newton(NamedTuple):
-    at: Iterate
-    hessian: chain.Chain
-    mu: Array
-    steps: Array
-    done: Array
-
-
-def polished(names: Names, problem: RouteProblem, at: Iterate) -> tuple[Iterate, chain.Chain, Array]:
+def polished(program: RouteProgram, at: Iterate) -> tuple[Iterate, Chain, bool]:
     """Refine an iterate until it satisfies the optimality conditions; also return the matrix and whether it converged.
 
     The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
     short.
     """
-    found = _polished(names, problem, at, np.asarray(BARRIERS[0]))
-    for barrier in BARRIERS[1:]:
-        if not bool(found[2]):
-            found = _polished(names, problem, at, np.asarray(barrier))
+    with np.errstate(all="ignore"):  # a failed refinement ends with NaN
+        found = _polished(program, restarted(program, at, BARRIERS[0]), BARRIERS[0])
+        for barrier in BARRIERS[1:]:
+            if not found[2]:
+                found = _polished(program, restarted(program, at, barrier), barrier)
     return found
 
 
-@eqx.filter_jit
-def _polished(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> tuple[Iterate, chain.Chain, Array]:
-    """Refine an iterate by full Newton steps, starting with the barrier parameter `barrier`.
+def _polished(program: RouteProgram, at: Iterate, mu: float) -> tuple[Iterate, Chain, bool]:
+    """Refine an iterate by full Newton steps, starting with the barrier parameter `mu`.
 
     There is no line search, because the rounding errors of a merit function would stop it this close to the optimum.
     """
-    at = _centred(names, problem, at, barrier)
-    zero = jnp.zeros_like(problem.durations[0])
-    blocks = jnp.zeros((problem.free.shape[1], BLOCK, BLOCK))
-    border = None if problem.seam is None else chain.Border(blocks[0], blocks)
-    start = _Newton(at, chain.Chain(blocks, blocks[1:], border), zero + barrier, jnp.zeros((), int), zero > 0)
-
-    def step(state: _Newton) -> _Newton:
-        at, linear = state.at, linearise(names, problem, state.at)
-        done = (state.mu <= LEAST) & (interior.residual(problem, at, linear, state.mu) <= TOLERANCE)
-        move = newton(names, problem, at, linear, state.mu, zero)
-        primal, dual = (
-            interior.longest(x, d, KEEP) for x, d in ((at.slacks, move.slacks), (at.multipliers, move.multipliers))
-        )
-        following = Iterate(
-            at.z + primal * move.z,
-            jax.tree.map(lambda x, d: x + primal * d, at.slacks, move.slacks),
-            jax.tree.map(lambda x, d: x + dual * d, at.multipliers, move.multipliers),
+    linear = linearised(program, at)
+    for _ in range(STEPS):
+        if mu <= LEAST and residual(at, linear, mu) <= TOLERANCE:
+            return at, linear.matrix, True
+        step = newton(at, linear, mu)
+        if step is None:
+            break
+        primal, dual = longest(at.slacks, step.slacks, KEEP), longest(at.multipliers, step.multipliers, KEEP)
+        at = Iterate(
+            at.z + primal * step.z,
+            at.slacks + primal * step.slacks,
+            at.multipliers + dual * step.multipliers,
             at.margins,
         )
-        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), at, following)
-        return _Newton(kept, linear.hessian, jnp.maximum(LEAST, DECREASE * state.mu), state.steps + 1, done)
-
-    state = jax.lax.while_loop(lambda state: ~state.done & (state.steps < STEPS), step, start)
-    return state.at, state.hessian, state.done
-
-
-def _centred(names: Names, problem: RouteProblem, at: Iterate, barrier: Any) -> Iterate:
-    """Return the iterate with slacks and multipliers for a barrier parameter."""
-    excess = excess_of(names, problem, segments(problem, at.z), at.margins)
-    count = used(problem)
-    slacks = jax.tree.map(
-        lambda g, m, u: jnp.where(u > 0, jnp.maximum(-g, barrier / jnp.maximum(m, 1e-3)), 1.0),
-        excess,
-        at.multipliers,
-        count,
-    )
-    return Iterate(at.z, slacks, jax.tree.map(lambda s, u: u * barrier / s, slacks, count), at.margins)
+        linear, mu = linearised(program, at), max(LEAST, DECREASE * mu)
+    return at, linear.matrix, False
 
 
 @eqx.filter_jit
 def _right(
-    names: Names, kind: str, problem: RouteProblem, at: Iterate, data: Data, change: Data, count: int
+    kind: str,
+    problem: RouteProblem,
+    z: Any,
+    multipliers: tuple[Any, Any],
+    stiffness: tuple[Any, Any],
+    data: Data,
+    change: Data,
+    count: int,
 ) -> Float[Array, "joints 10"]:
     """Return the right-hand side of the linear system."""
-    z, multipliers, margins = at.z, at.multipliers, at.margins
     length = _length(problem, data, count, kind)
 
-    def excess(problem: RouteProblem, z: Array) -> Any:
-        return excess_of(names, problem, segments(problem, z), margins)
+    def constraints(problem: RouteProblem, z: Array) -> tuple[Array, Array]:
+        s = segments(problem, z)
+        return values(problem, s), bounds(problem, s)
 
-    def conditions(data: Data) -> tuple[Array, Any]:
+    def conditions(data: Data) -> tuple[Array, tuple[Array, Array]]:
         moved = _with_data(problem, data, count, kind, length)
 
         def lagrangian(z: Array) -> Array:
-            terms = jax.tree.map(lambda m, g: jnp.sum(m * g), multipliers, excess(moved, z))
-            return objective(moved, z) + sum(terms)
+            terms = zip(multipliers, constraints(moved, z), strict=True)
+            return objective(moved, segments(moved, z)) + sum(jnp.sum(m * g) for m, g in terms)
 
-        return jax.grad(lagrangian)(z), excess(moved, z)
+        return jax.grad(lagrangian)(z), constraints(moved, z)
 
     _, (gradient, gaps) = jax.jvp(conditions, (data,), (change,))
-    stiff = jax.tree.map(lambda m, s, g: m / s * g, multipliers, at.slacks, gaps)
-    _, pull = jax.vjp(lambda z: excess(problem, z), z)
-    return -circuit.gathered(problem, gradient + pull(stiff)[0]).T
+    _, pull = jax.vjp(lambda z: constraints(problem, z), z)
+    forces = pull(tuple(k * g for k, g in zip(stiffness, gaps, strict=True)))[0]
+    return jnp.where(problem.free, -circuit.gathered(problem, gradient + forces), 0.0)
 
 
 def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array, Array]:
     """Return the coefficients, the durations, and the states of the joints."""
     c, starts = data.coefficients[:count], data.starts[:count]
     h = jnp.diff(jnp.append(starts, data.duration))
-    return c, h, geometry.joint_states(c, h, 1.0 - problem.moving[:count], problem.seam is not None)
+    return c, h, geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None)
 
 
 def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
@@ -280,5 +271,5 @@ def _assembled(
     times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_h))
     path = from_segments(times[:-1], new_c, times[-1], origin)
     unit = length**2 / jnp.sum(h) if kind == "nearest" else problem.unit
-    value = times[-1] if kind == "fastest" else objective(moved, z) * unit
+    value = times[-1] if kind == "fastest" else objective(moved, segments(moved, z)) * unit
     return path, value, new_states[:, 0] - states[:, 0], jnp.sum(new_h - h)

@@ -5,10 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.geometry import (
     TIME_SCALE,
-    filled,
     joint_states,
     nearest,
     offsets,
@@ -17,7 +15,6 @@ from qtraj.design.tuning_route.geometry import (
     tube_squares,
 )
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
-from qtraj.foundation.arrays import as_array, as_float
 from qtraj.path import pieces
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
@@ -47,12 +44,6 @@ def parts(route: Route, closed: bool = False) -> Parts:
     return Parts(c, h, joint_states(c, h, standing(c, h), closed))
 
 
-def size(count: int) -> int:
-    """Return the padded number of segments, at least 16; few sizes are compiled, about four for each doubling."""
-    step = max(4, 1 << max(0, (count - 1).bit_length() - 3))
-    return max(16, -(-count // step) * step) if count <= 64 else -(-count // max(step, 32)) * max(step, 32)
-
-
 def standing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Return whether each segment touches a stop."""
     local = [np.linalg.norm(pieces.values(c, u * h, 1)[1], axis=-1) for u in np.linspace(0, 1, 17)]
@@ -62,7 +53,7 @@ def standing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 def problem_of(
     given: Parts,
-    names: Names,
+    names: tuple[str, ...],
     bounds: np.ndarray,
     tube: np.ndarray,
     fixed: np.ndarray,
@@ -70,79 +61,73 @@ def problem_of(
     timed: bool,
     closed: bool = False,
 ) -> RouteProblem:
-    """Return the padded problem.
+    """Return the problem.
 
     `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) have one row for each joint. With `timed`, the total duration of each
     part between segments that do not change is fixed. The last joint of a `closed` route has the state of the first
     one.
     """
-    count = len(given.h)
-    n = size(count)
-    still = standing(given.c, given.h)
-    moving = filled(~still * 1.0, n, 0.0)
-    held = _held(fixed, moving, count, closed)
+    moving = ~standing(given.c, given.h) * 1.0
+    held = _held(fixed, moving, closed)
     smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving)
     ends, h = smooth["ends"], smooth["durations"]
-    speed, size_of_route = speeds(ends, h), np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
+    size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
     fields = smooth | _objective(objective, ends, h, moving, tube, float(np.sum(given.h)))
-    fields |= {
+    fine_offset = offsets(given.c, given.h, given.states, moving, basis.FINE_NODES)
+    return RouteProblem(**fields | {
+        "names": names,
         "moving": moving,
-        "offset": _exact(smooth["offset"], size_of_route),
-        "fine_offset": _exact(offsets(given.c, given.h, given.states, moving, basis.FINE_NODES), size_of_route),
-        "fine_tube": tube_squares(tube, n, basis.FINE_NODES),
-        "used": _used(names, held, moving, None if closed else count),
+        "offset": _exact(smooth["offset"], size),
+        "fine_offset": _exact(fine_offset, size),
+        "fine_tube": tube_squares(tube, basis.FINE_NODES),
+        "used": _used(names, held, moving, closed),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
-        "free": _free(held, moving, timed) * _own(count, n, closed),
-        "scale": _scale(speed, moving),
-    }
-    seam = as_array(count, np.int32) if closed else None
-    return RouteProblem(**{name: as_float(value) for name, value in fields.items()}, seam=seam)
+        "free": _free(held, moving, timed, closed),
+        "scale": _scale(speeds(ends, h), moving),
+        "seam": len(h) if closed else None,
+    })  # fmt: skip
 
 
-def _held(fixed: np.ndarray, moving: np.ndarray, count: int, closed: bool) -> np.ndarray:
+def _held(fixed: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
     """Return whether position, velocity and acceleration of the joints, (n + 1, 3), are fixed.
 
     They are fixed by the user, or because an adjacent segment does not change.
     """
-    held = filled(fixed, len(moving) + 1, True)
-    still = (moving[:count] == 0)[:, None]
-    held[:count] |= still
-    held[1 : count + 1] |= still
+    held, still = fixed.copy(), (moving == 0)[:, None]
+    held[:-1] |= still
+    held[1:] |= still
     if closed:
-        held[[0, count]] = held[0] | held[count]
+        held[[0, -1]] = held[0] | held[-1]
     return held
 
 
-def _own(count: int, n: int, closed: bool) -> np.ndarray:
-    """Return 0 for the variables (10, n + 1) that the last joint of a closed route repeats, and 1 for all others."""
-    own = np.ones((BLOCK, n + 1))
-    own[:9, count] = not closed
-    return own
+def _free(held: np.ndarray, moving: np.ndarray, timed: bool, closed: bool) -> np.ndarray:
+    """Return whether each variable (n + 1, 10) may change.
 
-
-def _free(held: np.ndarray, moving: np.ndarray, timed: bool) -> np.ndarray:
-    """Return 1 for each variable (10, n + 1) that may change, and 0 for the others."""
-    free = np.zeros((BLOCK, len(held)))
-    free[:9] = np.repeat(~held.T, 3, axis=0)
-    free[0] = 0.0  # not along the path
+    The last joint of a closed route repeats the state of the first one, which has the variables.
+    """
+    free = np.zeros((len(held), BLOCK), bool)
+    free[:, :9] = np.repeat(~held, 3, axis=1)
+    free[:, 0] = False  # not along the path
     into, out = np.append(0.0, moving), np.append(moving, 0.0)
-    free[9] = (into > 0) & ((out > 0) | (not timed))
+    free[:, 9] = (into > 0) & ((out > 0) | (not timed))
+    if closed:
+        free[-1, :9] = False
     return free
 
 
-def _used(names: Names, held: np.ndarray, moving: np.ndarray, end: int | None) -> np.ndarray:
-    """Return 1 for each used constraint (limits + 2, nodes, n), else 0.
+def _used(names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
+    """Return whether each constraint (limits + 2, nodes, n) is used.
 
-    A quantity that is continuous at a joint is constrained on one side only. `end` is the index of the last joint,
-    after which no segment follows.
+    A quantity that is continuous at a joint is constrained on one side only.
     """
-    used = np.broadcast_to(moving, (len(names) + 2, len(basis.NODES), len(moving))).copy()
+    used = np.broadcast_to(moving > 0, (len(names) + 2, len(basis.NODES), len(moving))).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
-    used[smooth, -1] = 0.0
-    used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = 0.0
-    if end is not None and not held[end].all():
-        used[smooth, -1, end - 1] = moving[end - 1]
+    used[smooth, -1] = False
+    used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = False
+    if not closed and not held[-1].all():
+        used[smooth, -1, -1] = moving[-1] > 0
     return used
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from qtraj.design.limits import Limits
@@ -118,19 +117,18 @@ def _solution(
     bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
     problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
     found = _unchanged(route, given, limits, widths, problem)
-    moving = np.asarray(problem.moving)[: joints - 1] > 0
-    smooth = not np.any(np.asarray(problem.offset)) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
+    moving = problem.moving > 0
+    smooth = not np.any(problem.offset) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
     if moving.any() and not (objective == "nearest" and smooth and found.proved):
-        found = rounds.solved(route, given, names, limits, widths, problem, max_steps)
+        found = rounds.solved(route, given, limits, widths, problem, max_steps)
     return Solution(_result(given, problem, found, names, moving, objective), found.problem, found.z, found.at)
 
 
 def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
     """Return the given route unchanged, and whether it satisfies its limits and stays within its tube."""
-    z = jnp.zeros_like(problem.free)
-    judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
-    count = len(given.h)
-    open_ = rounds.unproved(judged, tuple(limits.given()), np.asarray(problem.moving)[:count] > 0)
+    z = np.zeros(problem.free.shape)
+    judged = rounds.judge(route, given, limits, tube, problem, z)
+    open_ = rounds.unproved(judged, problem.names, problem.moving > 0)
     return rounds.Found(z, judged, not open_.any(), 0, problem)
 
 
@@ -143,7 +141,7 @@ def _result(
     objective: str,
 ) -> TunedRoute:
     judged = found.judged
-    states, h = moved_states(problem, given.states, given.h, np.asarray(found.z))
+    states, h = moved_states(problem, given.states, given.h, found.z)
     return TunedRoute(
         judged.route,
         judged.certificate,

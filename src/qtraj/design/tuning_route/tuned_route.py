@@ -98,7 +98,7 @@ class TunedRoute(AbstractOutcome):
                 kept = int(np.sum((codes[:, k] != PROVED) & np.asarray(self.kept)))
                 stops = f", {kept} of them at stops" if kept else ""
                 found.append(f"{name} on {count} segments{stops} ({self.certificate.describe(name)})")
-        if not np.all(self.within):
+        if not np.asarray(self.within).all():
             found.append(f"the tube on {int(np.sum(~np.asarray(self.within)))} segments")
         return found
 
