@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from qtraj.algebra import dual_quaternion, matrices, quaternion, rotation
+from qtraj.algebra import cosines, dual_quaternion, matrices, quaternion, rotation
 
 RNG = np.random.default_rng(3)
 Q, P, V, W = RNG.normal(size=4), RNG.normal(size=4), RNG.normal(size=3), RNG.normal(size=3)
@@ -18,7 +18,8 @@ CASES = [
     (quaternion.log, Q),
     (quaternion.derivative, Q, V),
     (rotation.to_dcm, Q),
-    (rotation.from_dcm, C),
+    (cosines.from_rotation, C),
+    (rotation.nearest_dcm, C),
     (rotation.squares_from_dcm, C),
     (rotation.to_gibbs, Q),
     (rotation.from_gibbs, V),

@@ -245,3 +245,31 @@ def test_float32_has_finite_gradients_at_identity_and_half_turns():
     for slope in jax.tree.leaves(slopes):
         assert slope.dtype == jnp.float32
         assert np.isfinite(slope).all()
+
+
+NOT_ROTATIONS = {
+    "reflection": np.diag([1.0, 1.0, -1.0]),
+    "scaled": 1.1 * np.eye(3),
+    "sheared": np.eye(3) + np.eye(3, k=1),
+}
+
+
+@pytest.mark.parametrize("name", NOT_ROTATIONS)
+def test_a_matrix_that_is_no_rotation_is_refused(name):
+    matrix = NOT_ROTATIONS[name]
+    for given in (matrix, jnp.asarray(matrix), np.stack([np.eye(3), matrix])):
+        with pytest.raises(ValueError, match=r"must be a rotation matrix, but .*pass rotation\.nearest_dcm\(C\)"):
+            rotation.from_dcm(given)
+    assert np.isnan(jax.jit(rotation.from_dcm)(jnp.asarray(matrix))).all()
+    nearest = rotation.nearest_dcm(matrix)
+    np.testing.assert_allclose(nearest @ nearest.T, np.eye(3), atol=ROUND_OFF)
+    assert np.linalg.det(nearest) == pytest.approx(1)
+    assert np.isfinite(rotation.from_dcm(nearest)).all()
+
+
+def test_the_nearest_rotation_agrees_with_scipy():
+    matrices = np.random.default_rng(3).normal(size=(50, 3, 3))
+    expected = [Rotation.align_vectors(m, np.eye(3))[0].as_matrix().T for m in matrices.transpose(0, 2, 1)]
+    np.testing.assert_allclose(rotation.nearest_dcm(matrices), np.swapaxes(expected, 1, 2), atol=1e-12)
+    rounded = np.round(expected, 4)
+    np.testing.assert_allclose(rotation.from_dcm(rounded), rotation.from_dcm(np.asarray(expected)), atol=1e-3)

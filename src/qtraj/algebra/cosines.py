@@ -1,9 +1,15 @@
 """Convert between quaternions λ and direction cosines α (inertial → body; the rows of α are the body axes)."""
 
+import numpy as np
+
 from qtraj.algebra.quaternion import canonical, components, norm_squared, unit as unit_quaternion
-from qtraj.algebra.vector import balanced
-from qtraj.foundation.namespace import of_arrays, xp
-from qtraj.foundation.types import Mat3, Quat, Scalar
+from qtraj.algebra.vector import balanced, cross
+from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import namespace, of_arrays, xp
+from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar
+
+TOLERANCE = 1e-3
+"""A matrix is a rotation if the elements of C Cᵀ − 1 and det C − 1 are at most this large; files round cosines."""
 
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
 """Paper S's matrix H, which maps the squared components of a unit quaternion to (1, α11, α22, α33).
@@ -28,15 +34,64 @@ def to_dcm(q: Quat) -> Mat3:
     return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) / norm_squared(q)[..., None, None]
 
 
-@of_arrays
-def from_dcm(C: Mat3) -> Quat:
-    """Return the unit quaternion λ of the direction cosines `C`; its first non-zero component is positive.
+def from_dcm(C: ArrayInput) -> Quat:
+    """Return the unit quaternion λ (..., 4) of the direction cosines `C` (..., 3, 3).
 
-    Shepperd's method selects the row of the matrix 4 λ_i λ_k that contains the largest diagonal element. (The diagonal
-    alone, as in `squares_from_dcm`, does not determine the signs of the components.) The value and the gradient are
-    finite at every rotation. If `C` is not orthogonal, the result depends on the selected row.
+    The first non-zero component of λ is positive. Shepperd's method selects the row of the matrix 4 λ_i λ_k that
+    contains the largest diagonal element. (The diagonal alone, as in `squares_from_dcm`, does not determine the signs
+    of the components.) The value and the gradient are finite at every rotation. A traced matrix that is not a rotation
+    to within 1e-3 has a quaternion of NaN. `nearest_dcm` returns the nearest rotation of any matrix.
+
+    **Raises:** ValueError for a concrete matrix that is not a rotation to within 1e-3.
     """
+    defect = _defect(C)
+    if not is_traced(defect):
+        _require_rotations(np.asarray(C), np.asarray(defect))
+        return from_rotation(C)
+    return xp.where((defect <= TOLERANCE)[..., None], from_rotation(C), np.nan)
+
+
+@of_arrays
+def from_rotation(C: Mat3) -> Quat:
+    """Return the same as `from_dcm` for direction cosines that are known to be a rotation, without a check."""
     return canonical(unit_quaternion(pivot_row(C)))
+
+
+@of_arrays
+def nearest_dcm(C: Mat3) -> Mat3:
+    """Return the rotation with the smallest sum of squared differences from the elements of the matrix `C`.
+
+    The result is R = U diag(1, 1, det U det V) Vᵀ from the singular value decomposition C = U S Vᵀ. It is unique, and
+    differentiable, unless the smallest singular value is zero or, for a negative determinant, repeated.
+    """
+    linalg = namespace(C).linalg
+    u, _, v = linalg.svd(C)
+    sign = xp.sign(linalg.det(u) * linalg.det(v))
+    last = xp.stack([xp.ones_like(sign), xp.ones_like(sign), sign], axis=-1)
+    return (u * last[..., None, :]) @ v
+
+
+@of_arrays
+def _defect(C: Mat3) -> Scalar:
+    """Return the largest element of |C Cᵀ − 1| and |det C − 1|."""
+    rows = [C[..., k, :] for k in range(3)]
+    products = [[(a * b).sum(axis=-1) - float(i == j) for j, b in enumerate(rows)] for i, a in enumerate(rows)]
+    volume = (cross(rows[0], rows[1]) * rows[2]).sum(axis=-1) - 1
+    return xp.abs(xp.stack([volume, *(x for row in products for x in row)], axis=-1)).max(axis=-1)
+
+
+def _require_rotations(C: np.ndarray, defect: np.ndarray) -> None:
+    """Raise a ValueError for the first matrix that is not a rotation; NaN is passed on."""
+    bad = np.argwhere(defect > TOLERANCE)
+    if len(bad) == 0:
+        return
+    at = tuple(bad[0])
+    where = f" (matrix {', '.join(map(str, at))} of the array)" if at else ""
+    problem = "a reflection" if np.linalg.det(C[at]) < 0 else f"off a rotation by {defect[at]:.2g}"
+    raise ValueError(
+        f"direction cosines must be a rotation matrix, but {C[at].tolist()}{where} is {problem}: pass "
+        "rotation.nearest_dcm(C) to use the nearest rotation"
+    )
 
 
 @of_arrays

@@ -9,7 +9,7 @@ of `gibbs_ratios` are not finite if one of their denominators is zero.
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton
-from qtraj.algebra.cosines import from_dcm, squares_from_dcm, to_dcm
+from qtraj.algebra.cosines import from_dcm, nearest_dcm, squares_from_dcm, to_dcm
 from qtraj.algebra.euler import from_euler, to_euler
 from qtraj.algebra.gibbs import from_gibbs, from_mrp, gibbs_from_dcm, gibbs_ratios, to_gibbs, to_mrp
 from qtraj.algebra.quaternion import canonical, exp, log
@@ -25,6 +25,7 @@ __all__ = [
     "from_rotation_vector",
     "gibbs_from_dcm",
     "gibbs_ratios",
+    "nearest_dcm",
     "squares_from_dcm",
     "to_dcm",
     "to_euler",

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
+from qtraj.algebra.cosines import from_rotation
 from qtraj.algebra.cpu import in_one_loop, root
 from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import concrete, one_instant, real_vector
@@ -68,7 +69,7 @@ class Trihedral(AbstractResult):
 
         `rotation.continuous` makes the signs of consecutive quaternions continuous.
         """
-        return rotation.from_dcm(self.dcm())
+        return from_rotation(self.dcm())
 
     def gibbs(self) -> Vec3:
         """Return the Gibbs vector e·tan(Φ/2) of the rotation by Φ about e; it is infinite at Φ = π."""
@@ -90,7 +91,7 @@ class Trihedral(AbstractResult):
         dcm = self.dcm()
         values = {
             "dcm": dcm,
-            "quaternion": rotation.from_dcm(dcm),
+            "quaternion": from_rotation(dcm),
             "speed": self.speed,
             "curvature": self.curvature,
             "torsion": self.torsion,

@@ -8,8 +8,7 @@ Each step solves a convex quadratic program (QP) in the step d and the allowed v
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
 positive definite, squares of the active constraints are added, and finally negative eigenvalues change sign. If a step
 reduces the merit function by less than a tenth of the predicted decrease, a second QP corrects it with the constraint
-values after the step. If this fails, too, the trust radius is reduced. Finished searches leave the block of searches
-that run together, and others enter.
+values after the step. If this fails, too, the trust radius is reduced. Finished searches make room for others.
 """
 
 from dataclasses import dataclass, fields
@@ -262,10 +261,10 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     """Return the states after a step was accepted or rejected."""
     step, accepted = trial.step, trial.accepted
     size = np.abs(step.d).max(axis=0)
-    remaining = size * np.minimum(size / s.size, 1.0) * np.minimum(size / s.size, 1.0)
+    remaining = size * np.minimum(size / s.size, 1.0) ** 2
     last = trial.good & (size < np.minimum(SMALL_GOOD_STEP, 0.5 * s.radius)) & (remaining < MAX_REMAINING)
-    merit = np.abs(_merit(searches, s.penalty, s.cost, s.largest))
-    slow = (step.predicted_decrease <= NEGLIGIBLE * merit) & (size > SLOW * s.size)
+    least = NEGLIGIBLE * np.abs(_merit(searches, s.penalty, s.cost, s.largest))
+    slow = (step.predicted_decrease <= least) & (size > SLOW * s.size)
     ends = (accepted & ((size < SMALL_STEP) | last | slow) & (step.residual < BALANCED)) | trial.converged
     z = np.where(accepted, trial.z, s.z)
     cost, largest = np.where(accepted, trial.cost, s.cost), np.where(accepted, trial.largest, s.largest)
@@ -277,8 +276,8 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     enough = (searches.weight == 0) & (largest <= ENOUGH)
     done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
-    last_size = np.where(accepted, size, s.size)
-    return State(z, cost, largest, radius, penalty, last_size, ~accepted, floor, lowered, s.steps + 1, done, stationary)
+    size = np.where(accepted, size, s.size)
+    return State(z, cost, largest, radius, penalty, size, ~accepted, floor, lowered, s.steps + 1, done, stationary)
 
 
 def _penalty(

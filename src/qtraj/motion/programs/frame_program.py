@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
+from qtraj.algebra.cosines import from_rotation
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
@@ -120,7 +121,7 @@ def _jax_minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array
 
 
 def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
-    quaternions = rotation.from_dcm(dcms(path, _times(path), frame))
+    quaternions = from_rotation(dcms(path, _times(path), frame))
     return stop_gradient(xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
 
 

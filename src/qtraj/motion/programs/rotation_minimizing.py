@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
-from qtraj.algebra import hamilton, quaternion, rotation
+from qtraj.algebra import hamilton, quaternion
+from qtraj.algebra.cosines import from_rotation
 from qtraj.algebra.vector import cross, dot, norm, unit
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
@@ -109,7 +110,7 @@ def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) ->
     """
     samples = _sample(path, node[None], t[None])
     dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2))[None], (t - node)[None])[0]
-    q = rotation.from_dcm(dcm)
+    q = from_rotation(dcm)
     r = [x[0, -1] for x in samples]
     square = dot(r[1], r[1])
     square = xp.where(square > 0, square, 1.0)
@@ -129,7 +130,7 @@ def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
         return natural.quaternion()
     normal = _direction(initial.astype(natural.normal.dtype), 1)
     projected = normal - natural.tangent * dot(natural.tangent, normal)
-    return rotation.from_dcm(_dcm(natural.tangent, unit(projected, natural.normal)))
+    return from_rotation(_dcm(natural.tangent, unit(projected, natural.normal)))
 
 
 def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
@@ -186,7 +187,7 @@ def _steps(path: AbstractHodograph, a: Array, b: Array) -> Float[Array, "n 4"]:
     side = xp.where(np.arange(3)[None] == smallest[:, None], 1.0, xp.zeros_like(tangent))
     before = _dcm(tangent, unit(cross(side, tangent), side))
     after = _transported(samples, before[..., 2, :], b - a)
-    q = quaternion.product(rotation.from_dcm(after), quaternion.conjugate(rotation.from_dcm(before)))
+    q = quaternion.product(from_rotation(after), quaternion.conjugate(from_rotation(before)))
     return xp.where(q[..., :1] < 0, -q, q)
 
 
