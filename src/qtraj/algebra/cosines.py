@@ -6,7 +6,7 @@ from qtraj.algebra.quaternion import canonical, components, norm_squared, unit a
 from qtraj.algebra.vector import balanced, cross
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import namespace, of_arrays, xp
-from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar
+from qtraj.foundation.types import Mat3, Quat, Scalar
 
 TOLERANCE = 1e-3
 """A matrix is a rotation if the elements of C Cᵀ − 1 and det C − 1 are at most this large; files round cosines."""
@@ -34,7 +34,7 @@ def to_dcm(q: Quat) -> Mat3:
     return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) / norm_squared(q)[..., None, None]
 
 
-def from_dcm(C: ArrayInput) -> Quat:
+def from_dcm(C: Mat3) -> Quat:
     """Return the unit quaternion λ (..., 4) of the direction cosines `C` (..., 3, 3).
 
     The first non-zero component of λ is positive. Shepperd's method selects the row of the matrix 4 λ_i λ_k that
