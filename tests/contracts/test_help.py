@@ -12,8 +12,8 @@ import pytest
 
 import qtraj as qt
 
-LONGEST = 640
-"""Characters of a signature, on eight lines of a terminal."""
+LONGEST = 720
+"""Characters of a signature, on nine lines of a terminal."""
 NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
 
 

@@ -102,6 +102,13 @@ def test_invalid_limits_raise_with_a_reason(make, fragment):
     assert fragment in str(caught.value)
 
 
+def test_an_unknown_limit_is_refused_with_a_suggestion():
+    with pytest.raises(TypeError, match=r"no limit 'lateral_accel': did you mean 'lateral_acceleration'\?"):
+        qt.Limits(lateral_accel=2.0)
+    with pytest.raises(TypeError, match="no limit 'colour': the known limits are curvature, torsion"):
+        qt.Limits(colour=2.0)
+
+
 # Gradients with respect to every boundary number, against central differences.
 
 GRADIENT = 1e-7  # relative to the largest component

@@ -231,8 +231,10 @@ def test_a_route_has_moments_at_a_stop_but_not_on_a_straight_and_a_parked_body_n
 
 
 def test_advice_states_limits_in_their_units(untuned):
-    limit = 1e-8 * untuned["tangential_moment"]
-    tuned = qt.tune(START, END, qt.Limits(tangential_moment=limit, vehicle=BODY), motion="hermite", starts=1)
+    limit = 1e-4 * untuned["tangential_moment"]
+    bounds = {"duration": (4.5, 5.5), "start.V_rho": (-1.0, 1.0), "end.V_rho": (-1.0, 1.0)}
+    limits = qt.Limits(tangential_moment=limit, vehicle=BODY)
+    tuned = qt.tune(START, END, limits, motion="hermite", starts=1, bounds=bounds)
     assert tuned.status == "infeasible"
     value = tuned.certificate.worst["tangential_moment"][1]
     smallest = float(re.search(r"the smallest maximum found is ([0-9.e+-]+) N·m", tuned.result)[1])

@@ -135,7 +135,7 @@ def test_a_callable_may_contain_arrays_and_be_traced():
 
 
 def test_an_impossible_limit_is_infeasible():
-    best = qt.tune(START, END, qt.Limits(curvature=0.02), bounds={"duration": (2.0, 8.0)}, method="lbfgs", starts=1)
+    best = qt.tune(START, END, qt.Limits(curvature=0.01), bounds={"duration": (2.0, 8.0)}, method="lbfgs", starts=1)
     assert best.status == "infeasible"
     assert "What would help" in best.result
 

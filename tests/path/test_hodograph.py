@@ -40,6 +40,10 @@ def test_position_velocity_and_acceleration_are_the_rows(tilted):
         np.testing.assert_array_equal(method(0.7), r[k])
 
 
+def test_a_path_is_a_function_of_time(tilted):
+    np.testing.assert_array_equal(tilted(0.7), tilted.position(0.7))
+
+
 @pytest.mark.parametrize("name", ["helix", "tilted"])
 def test_length_agrees_with_adaptive_quadrature(name, request):
     path = request.getfixturevalue(name)

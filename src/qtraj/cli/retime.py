@@ -9,6 +9,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress_bar import Watch
+from qtraj.foundation.suggestion import suggestion
 
 if TYPE_CHECKING:
     from qtraj.design.proof.certificate import Certificate
@@ -80,7 +81,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
         if name in limits:
             raise ValueError(f"--limit {name} was given more than once")
         if name not in QUANTITIES:
-            raise ValueError(f"--limit: unknown limit {name!r}; the limits are {', '.join(QUANTITIES)}")
+            raise ValueError(f"--limit: unknown limit {name!r}; {suggestion(name, list(QUANTITIES), 'limits')}")
         try:
             limits[name] = float(value)
         except ValueError:

@@ -15,6 +15,7 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
+from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import PathQuantity
@@ -64,8 +65,9 @@ class Limits(eqx.Module):
     This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the findings on
     moments are "undecided" and their values are NaN.
 
-    **Raises:** ValueError for a limit that is not a positive, finite number, for a limit on a force, power, friction or
-    moment without a vehicle, and for a limit on a moment if the vehicle has no inertia with these principal axes.
+    **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is not a positive, finite
+    number, for a limit on a force, power, friction or moment without a vehicle, and for a limit on a moment if the
+    vehicle has no inertia with these principal axes.
     """
 
     curvature: Scalar | None
@@ -113,7 +115,10 @@ class Limits(eqx.Module):
         normal_moment: Limit = None,
         binormal_moment: Limit = None,
         vehicle: Vehicle | None = None,
+        **unknown: Any,
     ):
+        for name in unknown:
+            raise TypeError(f"Limits has no limit {name!r}: {suggestion(name, list(QUANTITIES), 'limits')}")
         self.curvature = _limit(curvature, "curvature")
         self.torsion = _limit(torsion, "torsion")
         self.speed = _limit(speed, "speed")

@@ -3,16 +3,13 @@
 The valid values of a key are the `description` of its field in the model.
 """
 
-import difflib
 from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.toml_fault import quoted
-
-LIKE = 0.7
-"""Minimum similarity, from 0 to 1, of a suggested key; for example, it is 0.6 for 'duration' and 'acceleration'."""
 
 
 class Place(NamedTuple):
@@ -50,7 +47,7 @@ def unknown_keys(error: ValidationError) -> int:
 def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     place = _place(fault["loc"], root)
     if fault["type"] == "extra_forbidden":
-        return f"unknown key '{place}'; {_hint(str(place.keys[-1]), list(place.table.model_fields))}"
+        return f"unknown key '{place}'; {suggestion(str(place.keys[-1]), list(place.table.model_fields))}"
     if fault["type"] == "value_error":
         text = str(fault["ctx"]["error"])
         if not isinstance(fault["input"], dict):
@@ -59,13 +56,6 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     if fault["type"] == "missing":
         return f"the key '{place}' is missing: expected {place.expected}"
     return f"the key '{place}' has the value {quoted(fault['input'])}: expected {place.expected}"
-
-
-def _hint(name: str, keys: Sequence[str]) -> str:
-    """Return a suggestion for the unknown key `name` in a table with other `keys`."""
-    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened the key
-    near = difflib.get_close_matches(name, begun or keys, n=1, cutoff=0.0 if begun else LIKE)
-    return f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
 
 
 def _place(location: Sequence[int | str], root: type[BaseModel]) -> Place:

@@ -58,6 +58,10 @@ class AbstractHodograph(eqx.Module):
         rows = jax.vmap(lambda t: self.derivatives(t, order))(t)
         return [rows[:, k] for k in range(order + 1)]
 
+    def __call__(self, t: ScalarLike) -> Vec3:
+        """Return the position r(t), (3,) [m]."""
+        return self.position(t)
+
     def position(self, t: ScalarLike) -> Vec3:
         """Return the position r(t), (3,) [m]."""
         return self.derivatives(t, 0)[0]

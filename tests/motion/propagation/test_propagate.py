@@ -268,6 +268,7 @@ def test_float32():
         ({"q0": np.ones(3)}, r"shape \(4,\)"),
         ({"axes": "world"}, "'body' or 'inertial', but 'world'"),
         ({"omega": lambda t: jnp.ones(5)}, r"omega\(t\) must have shape"),
+        ({"omega": np.zeros((4, 3))}, r"must be a function of time, but ndarray .* call propagate_samples\("),
         ({"tolerance": 0.0}, "tolerance must be positive"),
         ({"steps": 0}, "at least 1 in each interval"),
         ({"max_steps": 2}, "at least the number of intervals between the times, 3, but 2"),

@@ -57,6 +57,11 @@ def checked(
     **Raises:** ValueError for invalid arguments.
     """
     require_axes(axes)
+    if not callable(omega):
+        raise ValueError(
+            f"omega must be a function of time, but {type(omega).__name__} was given: for recorded rates call "
+            "propagate_samples(times, rates, q0)"
+        )
     with at_once():
         times, q0 = output_times(times), initial_quaternion(q0)
         dtype = common_dtype(times, q0)
