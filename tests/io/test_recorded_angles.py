@@ -172,11 +172,15 @@ def test_a_drive_on_the_globe_becomes_metres(tmp_path):
 def test_invalid_places_on_the_globe_are_refused(tmp_path):
     rows = np.column_stack([range(4), np.full(4, -79.0), np.full(4, 43.0), np.zeros(4)])
     file = table(tmp_path, "t,longitude,latitude,altitude", rows)
+    only = table(tmp_path, "t,longitude,altitude", rows[:, [0, 1, 3]], "only.csv")
     with pytest.raises(ValueError, match=r"position are incomplete.*projection='tangent-plane'.*TangentPlane"):
-        qt.read_track(file)
+        qt.read_track(only)
     with pytest.raises(ValueError, match=r"'longitude' seems to contain geographic.*projection='tangent-plane'"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]})
     assert qt.read_track(file, projection="tangent-plane").positions.shape == (4, 3)
+    np.testing.assert_array_equal(
+        qt.read_track(file).positions, qt.read_track(file, projection="tangent-plane").positions
+    )
     with pytest.raises(ValueError, match="the latitude must come first"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]}, projection="tangent-plane")
     swapped = table(tmp_path, "t,lat,lon,alt", rows - [0, 40, 0, 0], "swapped.csv")

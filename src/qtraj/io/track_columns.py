@@ -6,68 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from qtraj.io.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
+from qtraj.io.column_names import ANGLED, COMMON, GLOBAL, MORE, find, plain, squeezed
 from qtraj.io.tangent_plane import OPTIONS as PROJECTIONS
-
-COMMON = {
-    "time": ("time", "t", "timestamp", "seconds"),
-    "position": (
-        "x,y,z",
-        "px,py,pz",
-        "pos_x,pos_y,pos_z",
-        "position_x,position_y,position_z",
-        "easting,northing,altitude",
-        "east,north,up",
-        "tx,ty,tz",
-    ),
-    "velocity": (
-        "vx,vy,vz",
-        "vel_x,vel_y,vel_z",
-        "velocity_x,velocity_y,velocity_z",
-        "vel_east,vel_north,vel_up",
-        "ve,vn,vu",
-    ),
-    "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
-    "rate": (
-        "angvel_x,angvel_y,angvel_z",
-        "wx,wy,wz",
-        "gyro_x,gyro_y,gyro_z",
-        "omega_x,omega_y,omega_z",
-        "rate_x,rate_y,rate_z",
-        "angvel_z",
-        "wz",
-        "gyro_z",
-        "omega_z",
-        "vertical_rate",
-    ),
-}
-"""Column names that are recognised automatically, in lower case and without units in brackets."""
-
-ANGLED = ("roll,pitch,heading", "roll,pitch,yaw", "roll,pitch,azimuth")
-GLOBAL = (
-    "latitude,longitude,height",
-    "latitude,longitude,altitude",
-    "lat,lon,height",
-    "lat,lon,altitude",
-    "lat,lon,alt",
-    "lat,lng,alt",
-)
-"""Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`).
-
-Each form is recognised only if the caller selects it.
-"""
-
-UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": "", "rate": "rad/s"}
-OTHERS = {
-    "time": ("ms", "msec", "milliseconds", "us", "µs", "μs", "ns", "min", "h"),
-    "position": ("mm", "cm", "km", "ft", "feet", "in", "mi", "deg", "°", "rad"),
-    "velocity": ("mm/s", "cm/s", "km/h", "kmh", "kph", "mph", "ft/s", "kn", "kt", "knots", "deg/s", "rad/s"),
-    "attitude": ("deg", "°", "rad"),
-    "rate": ("deg/s", "°/s", "dps", "mrad/s", "rpm", "m/s"),
-}
-"""Known units of each quantity that differ from `UNITS`; a column with one of them in brackets is rejected."""
-
-ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
-"""Spellings of angle units in the brackets of a column name, and the unit that each spelling denotes."""
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
 """Words in column names that indicate latitude or longitude instead of positions in metres."""
@@ -80,6 +20,9 @@ ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
 
 MIN_SIMILARITY = 0.7
 """Minimum similarity, from 0 to 1, at which a column name is considered a misspelling of a common name."""
+
+MAX_VALUES = 12
+"""Maximum number of first values in a message."""
 
 Columns = Mapping[str, str | Sequence[str] | None]
 
@@ -105,73 +48,103 @@ def _require_heading_last(names: list[str]) -> None:
 
 
 def choose(
-    path: Path, header: list[str], columns: Columns, angles: AttitudeAngles | None = None, globe: bool = False
+    path: Path,
+    header: list[str],
+    columns: Columns,
+    angles: AttitudeAngles | None = None,
+    globe: bool = False,
+    first: Sequence[str] = (),
 ) -> dict[str, tuple[str, ...]]:
     """Return the column names of each quantity: the names in `columns` or, without such an entry, common names.
 
     With `angles`, the attitude is given by roll, pitch and heading. With `globe`, the position is given by latitude,
-    longitude and height.
+    longitude and, if recorded, height. `first` is the first row, for the messages.
 
     **Raises:** ValueError for an unknown key, a wrong number of columns, three angles without `angles`, or names that
     indicate an order other than latitude, longitude, height or roll, pitch, heading. ValueError with the name of the
-    file for columns that do not exist, a missing required quantity, a quantity with incomplete columns (except the
-    angular rate), and columns whose names indicate other units.
+    file for columns that do not exist, a missing required quantity, and a quantity with incomplete columns (except the
+    angular rate).
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
         raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
-    listed = ", ".join(header)
     chosen: dict[str, tuple[str, ...]] = {}
-    angled = angles is not None
-    common = COMMON | ({"attitude": ANGLED} if angled else {}) | ({"position": GLOBAL} if globe else {})
-    for part, count in (COUNTS | ({"attitude": 3} if angled else {})).items():
+    for part in COUNTS:
         named = columns.get(part)
-        names = _common(common[part], header) if part not in columns else (named,) if isinstance(named, str) else named
+        names = _recognised(part, header, angles, globe) if part not in columns else named
         if names is None:
-            if part == "attitude" and angled and part not in columns:
-                raise ValueError(f"{path}: {_no_angles(listed)}")
-            if part == "position" and globe:
-                raise ValueError(f"{path}: {_no_globe(listed)}")
-            if part in REQUIRED or (part not in columns and part != "rate" and _begun(part, header)):
-                raise ValueError(f"{path}: {_not_found(part, header)}")
+            if message := _missing(part, header, columns, angles, globe):
+                raise ValueError(f"{path}: {message}{_first_values(header, first)}")
             continue
-        if part == "attitude" and not angled and len(names) == 3:
+        names = (names,) if isinstance(names, str) else tuple(names)
+        _require_count(part, names, angles, globe)
+        if absent := [name for name in names if name not in header]:
             raise ValueError(
-                f"columns['attitude'] names three angles, {', '.join(names)}, which need a convention: pass "
-                f"angles=qtraj.AttitudeAngles(sequence=…, heading=…, unit=…, body=…), or write a table [track.angles] "
-                f"in the scenario. {ANGLE_OPTIONS}."
+                f"{path}: there is no column {absent[0]!r}. The columns are {', '.join(header)}."
+                f"{_first_values(header, first)}"
             )
-        if len(names) != count and not (part == "rate" and len(names) == 1):
-            counts = f"{count} column(s)" if part != "rate" else "3 columns, or the column of the yaw rate"
-            raise ValueError(f"columns[{part!r}] must name {counts}, but {list(names)!r} was given")
-        if missing := [name for name in names if name not in header]:
-            raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
         if part == "position" and globe:
             _require_latitude_first(list(names))
-        if part == "attitude" and angled:
-            _require_heading_last(list(names))
-        if message := _in_other_units(part, names, angles, globe):
+        if part == "position" and not globe and (message := _geographic(names)):
             raise ValueError(f"{path}: {message}")
-        chosen[part] = tuple(names)
+        if part == "attitude" and angles is not None:
+            _require_heading_last(list(names))
+        chosen[part] = names
     return chosen
 
 
-def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | None, globe: bool) -> str | None:
-    """Return a message if a column name indicates another unit or meaning, otherwise None."""
-    for k, name in enumerate(names):
-        for unit in re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", name):
-            if (part == "attitude" and angles is not None) or (part == "position" and globe and k < 2):
-                expected = angles.unit if part == "attitude" and angles is not None else "deg"
-                if unit.lower() in ANGLE_UNITS and ANGLE_UNITS[unit.lower()] != expected:
-                    return f"the column {name!r} is in {unit}, but the {part} must be in {expected}: convert it first"
-            elif unit.lower() in OTHERS[part]:
-                expected = f"in {UNITS[part]}" if UNITS[part] else "a quaternion"
-                return f"the column {name!r} is in {unit}, but the {part} must be {expected}: convert it first"
-        if part == "position" and not globe and GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
+def has_geographic_position(header: list[str]) -> bool:
+    """Return whether a file has the columns latitude and longitude, and no position in metres."""
+    return find((*COMMON["position"], *MORE["position"]), header) is None and find(GLOBAL, header) is not None
+
+
+def _recognised(part: str, header: list[str], angles: AttitudeAngles | None, globe: bool) -> tuple[str, ...] | None:
+    if part == "attitude" and angles is not None:
+        return find(ANGLED, header)
+    if part == "position" and globe:
+        return find(GLOBAL, header)
+    return find((*COMMON[part], *MORE[part]), header)
+
+
+def _missing(part: str, header: list[str], columns: Columns, angles: AttitudeAngles | None, globe: bool) -> str | None:
+    """Return the message about a quantity without columns, or None if the quantity may be absent."""
+    if part == "attitude" and angles is not None and part not in columns:
+        return _no_angles(", ".join(header))
+    if part == "position" and globe:
+        return _no_globe(", ".join(header))
+    if part in REQUIRED or (part not in columns and part != "rate" and _begun(part, header)):
+        return _not_found(part, header)
+    return None
+
+
+def _require_count(part: str, names: tuple[str, ...], angles: AttitudeAngles | None, globe: bool) -> None:
+    if part == "attitude" and angles is None and len(names) == 3:
+        raise ValueError(
+            f"columns['attitude'] names three angles, {', '.join(names)}, which need a convention: pass "
+            f"angles=qtraj.AttitudeAngles(sequence=…, heading=…, unit=…, body=…), or write a table [track.angles] "
+            f"in the scenario. {ANGLE_OPTIONS}."
+        )
+    count = 3 if part == "attitude" and angles is not None else COUNTS[part]
+    allowed = {count} | ({1} if part == "rate" else set()) | ({2} if part == "position" and globe else set())
+    if len(names) not in allowed:
+        counts = f"{count} column(s)" if part != "rate" else "3 columns, or the column of the yaw rate"
+        raise ValueError(f"columns[{part!r}] must name {counts}, but {list(names)!r} was given")
+
+
+def _geographic(names: Sequence[str]) -> str | None:
+    """Return a message if a column name indicates latitude or longitude instead of a position in metres."""
+    for name in names:
+        if GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
             return (
                 f"the column {name!r} seems to contain geographic coordinates, but positions must be in m: convert "
                 f"latitude and longitude to metres first (for example with pyproj), or use {PROJECTIONS}"
             )
     return None
+
+
+def _first_values(header: list[str], first: Sequence[str]) -> str:
+    pairs = [f"{name} = {cell.strip()}" for name, cell in zip(header, first, strict=False)]
+    more = ", …" if len(pairs) > MAX_VALUES else ""
+    return f" The first values are {', '.join(pairs[:MAX_VALUES])}{more}." if pairs else ""
 
 
 def _no_angles(listed: str) -> str:
@@ -190,37 +163,23 @@ def _no_globe(listed: str) -> str:
     )
 
 
-def _common(choices: Sequence[str], header: list[str]) -> tuple[str, ...] | None:
-    plain = _plain(header)
-    for choice in choices:
-        names = choice.split(",")
-        if all(name in plain for name in names):
-            return tuple(plain[name] for name in names)
-    return None
-
-
 def _begun(part: str, header: list[str]) -> bool:
     """Return whether the file has any column with a common name of this quantity."""
-    plain = _plain(header)
-    return any(name in plain for choice in COMMON[part] for name in choice.split(","))
-
-
-def _plain(header: list[str]) -> dict[str, str]:
-    """Map column names in lower case and without units to the original names."""
-    return {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
+    known = plain(header)
+    return any(squeezed(name) in known for choice in COMMON[part] for name in choice.split(","))
 
 
 def _not_found(part: str, header: list[str]) -> str:
     """Return the message about a missing or incomplete quantity, with advice for Python and for scenarios."""
-    plain = _plain(header)
+    known = plain(header)
     common = [choice.split(",") for choice in COMMON[part]]
-    best = max(common, key=lambda names: sum(name in plain for name in names))
-    present = [plain[name] for name in best if name in plain]
-    missing = [name for name in best if name not in plain]
+    best = max(common, key=lambda names: sum(squeezed(name) in known for name in names))
+    present = [known[squeezed(name)] for name in best if squeezed(name) in known]
+    missing = [name for name in best if squeezed(name) not in known]
     what, example = f"no columns for the {part} were found", "..."
     if present and missing:
         what = f"the columns for the {part} are incomplete: found {', '.join(present)}, missing {', '.join(missing)}"
-        likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
+        likely = [known.get(squeezed(name)) or _likely(part, k, known) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
     omit = f' To omit the {part}, write {part} = [] in the scenario, or {{"{part}": None}} in Python.'
     without = "" if part in REQUIRED else omit
@@ -237,10 +196,10 @@ def _on_the_globe(part: str, header: list[str]) -> str:
     return f" Latitude and longitude are read with {PROJECTIONS}." if part == "position" and words & GEOGRAPHIC else ""
 
 
-def _likely(part: str, k: int, plain: Mapping[str, str]) -> str:
+def _likely(part: str, k: int, known: Mapping[str, str]) -> str:
     """Return a column whose name resembles a common name of the k-th component, or "..." if there is none."""
-    names = [choice.split(",")[k] for choice in COMMON[part]]
-    common = {name for choices in COMMON.values() for choice in choices for name in choice.split(",")}
-    others = [name for name in plain if name not in common]
-    similar = [plain[name] for name in others if difflib.get_close_matches(name, names, 1, MIN_SIMILARITY)]
+    names = [squeezed(choice.split(",")[k]) for choice in COMMON[part]]
+    common = {squeezed(name) for choices in COMMON.values() for choice in choices for name in choice.split(",")}
+    others = [name for name in known if name not in common]
+    similar = [known[name] for name in others if difflib.get_close_matches(name, names, 1, MIN_SIMILARITY)]
     return similar[0] if similar else "..."

@@ -1,27 +1,46 @@
-"""Read recorded tracks from text files: CSV with a header row, and TUM trajectories."""
+"""Read recorded tracks from text files: tables with column names, and TUM trajectories."""
 
 from __future__ import annotations  # so that `help` shows short names
 
 import csv
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from qtraj.algebra import hamilton, rotation
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.untrusted import read_text
 from qtraj.io.attitude_angles import AttitudeAngles
+from qtraj.io.column_scales import Units, require_units, scales
+from qtraj.io.delimited import Content, Table, content, find_table, header_in_comment, is_number
+from qtraj.io.recorded_axes import attitudes_up, choose_axes, rates_up, vectors_up
+from qtraj.io.table_cells import read_cells
 from qtraj.io.tangent_plane import TangentPlane
-from qtraj.io.track_columns import choose
-from qtraj.path.track import MIN_SAMPLES, Track
+from qtraj.io.track_columns import choose, has_geographic_position
+from qtraj.io.track_facts import Columns, facts
+from qtraj.path.track import Track
 
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-TUM_SCALAR_FIRST = [7, 4, 5, 6]
 
-Lines = list[tuple[int, str]]
+
+class Recording(NamedTuple):
+    """A track, and four lines of text that state what was read from its file and as what."""
+
+    track: Track
+    facts: tuple[str, str, str, str]
+
+
+class Reading(NamedTuple):
+    """The options of `read_track`, checked."""
+
+    columns: Mapping[str, str | Sequence[str] | None]
+    angles: AttitudeAngles | None
+    plane: TangentPlane | None
+    units: Units
+    axes: str | None
 
 
 def read_track(
@@ -29,70 +48,91 @@ def read_track(
     columns: Mapping[str, str | Sequence[str] | None] | None = None,
     angles: AttitudeAngles | None = None,
     projection: TangentPlane | str | None = None,
+    units: Mapping[str, str] | None = None,
+    axes: str | None = None,
 ) -> Track:
     """Read a recorded track from a text file, with velocities, attitudes and rates if the file contains them.
 
-    A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
-    names its columns, for example {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}. The
-    attitude is a quaternion, body to world, scalar first. "rate" names three angular rates, or only the yaw rate. A
-    quantity whose entry is None is omitted. Quantities that `columns` does not contain are recognised by common names
-    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, vel_north, vel_up; qw, qx, qy, qz; angvel_x,
-    angvel_y, angvel_z; wx, wy, wz, and similar names), if all columns of the quantity have common names. A rate about z
-    without the other two rates is read as the yaw rate.
+    The content of the file determines how it is read, and not its name: a table with commas, semicolons, tabs or
+    spaces, with decimal points or commas, in UTF-8; or a TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw"
+    on a line, no header). Lines that start with #, % or // are comments. The header is the first line that names
+    columns; it may follow other lines, or be a comment. Files whose names end with .gz are decompressed.
 
-    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content.
-    The quaternions of a TUM trajectory, scalar last, are reordered. Files whose names end with .gz are decompressed.
-    The units are the units of `Track`: s, m, m/s, rad/s.
+    Quantities are recognised by common names (time, t, timestamp; x, y, z; easting, northing, altitude; north, east,
+    down; latitude, longitude, altitude; vx, vy, vz; vel_east, vel_north, vel_up; qw, qx, qy, qz; wx, wy, wz, and
+    similar names), if all columns of the quantity have common names. Case, underscores and units at the end of a name,
+    as in `x [cm]`, `x (cm)` and `x_cm`, do not matter. The units are converted to the units of `Track`: s, m, m/s,
+    rad/s. A rate about z without the other two rates is read as the yaw rate.
 
-    If `angles` is an `AttitudeAngles`, the attitude is read from the three columns roll, pitch and heading in this
-    convention. If `projection` is "tangent-plane" or a `TangentPlane`, the position is read from latitude [°],
-    longitude [°] and height above the ellipsoid [m], and converted to metres east, north and up. Velocities and
-    attitudes then refer to the axes east, north and up at each sample, and are rotated accordingly.
+    Times are numbers, ISO 8601, or dates with the day first. The first time is subtracted from dates, and from Unix
+    times in ms, µs and ns, before they are rounded to floating-point numbers. Other times keep their clock.
 
-    **Raises:** FileNotFoundError for a missing file; ValueError with file, line, column and value for a cell that is
-    missing or not a finite number, times that do not increase strictly, unknown columns, or too few rows; ValueError
-    with the options for angles without `angles` and for latitudes without `projection`.
+    Latitude [°], longitude [°] and height above the ellipsoid [m] are converted to metres east, north and up relative
+    to the first sample, or to the origin of a `TangentPlane`. Without a height, the height is 0. Velocities and
+    attitudes then refer to the axes at each sample, and are rotated accordingly.
+
+    Args:
+        file: The name of the file.
+        columns: The columns of quantities with other names, for example {"time": "t", "position": ["e", "n", "u"],
+            "velocity": [...], "attitude": [...]}. The attitude is a quaternion, body to world, scalar first. "rate"
+            names three angular rates, or only the yaw rate. A quantity whose entry is None is omitted. The columns of a
+            table without header are named "1", "2", "3", ….
+        angles: The convention of an attitude in the three columns roll, pitch and heading.
+        projection: "tangent-plane" or a `TangentPlane`, if the position is latitude, longitude and height.
+        units: The units of "time", "position", "velocity" and "rate", for example {"velocity": "km/h"}; default: the
+            units in the column names, otherwise s, m, m/s, rad/s.
+        axes: The world axes of position, velocity and attitude: "enu" (z is up), "ned" (north, east, down; body axes
+            forward, right, down) or "camera" (right, down, forward; for the body axes, too). The track has z up and
+            body axes forward, left, up. Default: by the column names, otherwise "enu".
+
+    Returns:
+        The track.
+
+    Raises:
+        FileNotFoundError: For a missing file.
+        ValueError: With file, line, column and value for a cell that is missing or not a finite number, times that do
+            not increase strictly, unknown columns, or too few rows; with the options for columns that are not
+            recognised, units that do not fit, and angles without `angles`.
     """
+    return read_recording(file, columns, angles, projection, units, axes).track
+
+
+def read_recording(
+    file: str | os.PathLike[str],
+    columns: Mapping[str, str | Sequence[str] | None] | None = None,
+    angles: AttitudeAngles | None = None,
+    projection: TangentPlane | str | None = None,
+    units: Mapping[str, str] | None = None,
+    axes: str | None = None,
+) -> Recording:
+    """Read a track as `read_track` does, and state in four lines what was read as what."""
     path = Path(file)
     plane = _plane(projection)
     if angles is not None and not isinstance(angles, AttitudeAngles):
         raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
-    lines = _content(path)
-    if _is_tum(path, lines):
-        if columns is not None or angles is not None or plane is not None:
-            raise ValueError(
-                f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory, which has "
-                "positions in metres, quaternions and no header row"
-            )
-        return _read_tum(path, lines)
+    require_units(units or {})
+    found = content(path)
+    is_tum = _is_tum(path, found)
+    if is_tum and (columns is not None or angles is not None or plane is not None):
+        raise ValueError(
+            f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory, which has "
+            "positions in metres, quaternions and no header row"
+        )
+    reading = Reading(columns or {}, angles, plane, units or {}, axes)
     try:
-        return _read_csv(path, lines, columns, angles, plane)
+        table = Table(list(TUM_COLUMNS), found.lines, " ") if is_tum else find_table(path, found, _named(reading))
+        return _read(path, table, reading)
     except csv.Error as error:
         raise ValueError(f"{path}: the table cannot be read ({error})") from error
 
 
-def _content(path: Path) -> Lines:
-    """Return the lines of a file with their line numbers, without comments and blank lines."""
-    try:
-        text = read_text(path)
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: there is no such file, so no track can be read") from None
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
-    if not lines:
-        raise ValueError(f"{path}: the file is empty, but a track needs rows of times and positions")
-    return lines
-
-
-def _is_tum(path: Path, lines: Lines) -> bool:
-    cells = lines[0][1].split()
-    numbers = all(_is_number(cell) for cell in cells)
-    return numbers and (len(cells) == len(TUM_COLUMNS) or path.suffix.lower() in {".txt", ".tum"})
-
-
-def _read_tum(path: Path, lines: Lines) -> Track:
-    table = _numbers(path, lines, _split, range(len(TUM_COLUMNS)), TUM_COLUMNS)
-    _require_increasing(path, lines, table[:, 0], TUM_COLUMNS[0])
-    return _track(path, table[:, 0], table[:, 1:4], None, table[:, TUM_SCALAR_FIRST])
+def _is_tum(path: Path, found: Content) -> bool:
+    """Return whether the file is a TUM trajectory: numbers between spaces, and no header with other names."""
+    cells = found.lines[0][1].split()
+    if not all(map(is_number, cells)) or not (len(cells) == 8 or path.suffix.lower() in {".txt", ".tum"}):
+        return False
+    header = header_in_comment(found)
+    return header is None or header == list(TUM_COLUMNS)
 
 
 def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
@@ -103,34 +143,67 @@ def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
     return TangentPlane()
 
 
-def _read_csv(
-    path: Path,
-    lines: Lines,
-    columns: Mapping[str, str | Sequence[str] | None] | None,
-    angles: AttitudeAngles | None,
-    plane: TangentPlane | None,
-) -> Track:
-    line, names = lines[0]
-    delimiter = max(",;\t", key=names.count)
+def _named(reading: Reading) -> list[str]:
+    """Return the column names that the user gives."""
+    entries = [[names] if isinstance(names, str) else names for names in reading.columns.values() if names]
+    return [name for names in entries for name in names]
 
-    def parse(lines: Lines) -> Iterator[list[str]]:
-        return csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
 
-    header = [cell.strip() for cell in next(parse(lines))]
-    if all(_is_number(cell) for cell in header):
-        raise ValueError(f"{path}, line {line}: expected a header row with column names, but the row contains numbers")
-    chosen = choose(path, header, {} if columns is None else columns, angles, plane is not None)
+def _read(path: Path, table: Table, reading: Reading) -> Recording:
+    plane, angles = reading.plane, reading.angles
+    if plane is None and "position" not in reading.columns and has_geographic_position(table.header):
+        plane = TangentPlane()
+    first = next(table.rows(table.lines[:1]), [])
+    chosen = choose(path, table.header, reading.columns, angles, plane is not None, first)
+    columns = _columns(path, table, reading, chosen, plane is not None)
     used = [name for part in chosen.values() for name in part]
-    table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
-    _require_increasing(path, lines[1:], table[:, 0], used[0])
-    ends = np.cumsum([len(part) for part in chosen.values()])[:-1]
-    parts = dict(zip(chosen, np.split(table, ends, axis=1), strict=True))
+    times, numbers = read_cells(path, table, used, columns.units["time"][0])
+    parts = _parts(columns, numbers)
     position, velocity, attitude = parts["position"], parts.get("velocity"), parts.get("attitude")
     if attitude is not None and angles is not None:
         attitude = angles.quaternions(attitude)
+    elif attitude is not None:
+        attitude = attitudes_up(attitude, columns.axes["attitude"])
     if plane is not None:
         position, velocity, attitude = _projected(path, plane, position, velocity, attitude)
-    return _track(path, table[:, 0], position, velocity, attitude, parts.get("rate"))
+    rate = rates_up(parts["rate"], columns.axes["rate"]) if "rate" in parts else None
+    try:
+        track = Track(times.seconds, position, velocity, attitude, rate)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return Recording(track, facts(columns, times))
+
+
+def _columns(path: Path, table: Table, reading: Reading, chosen: Mapping[str, tuple[str, ...]], globe: bool) -> Columns:
+    """Return the units and the axes of the chosen columns."""
+    rows = dict(zip(table.header, table.units or [], strict=False))
+    try:
+        units = {
+            part: scales(part, names, reading.units, rows, globe, reading.angles) for part, names in chosen.items()
+        }
+        axes = choose_axes(chosen, reading.axes, globe)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return Columns(table.header, chosen, units, axes, reading.angles is not None)
+
+
+def _parts(columns: Columns, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of each quantity except the time, in the units of a track; vectors with z up."""
+    parts: dict[str, np.ndarray] = {}
+    start = 0
+    for part, names in columns.chosen.items():
+        if part == "time":
+            continue
+        values = numbers[:, start : start + len(names)]
+        start += len(names)
+        if part != "attitude":
+            values = values * [1.0 if unit is None else float(unit.factor) for unit in columns.units[part]]
+        if part == "position" and len(names) == 2:
+            values = np.column_stack([values, np.zeros(len(values))])
+        if part in ("position", "velocity"):
+            values = vectors_up(values, columns.axes[part])
+        parts[part] = values
+    return parts
 
 
 def _projected(
@@ -150,65 +223,3 @@ def _projected(
         local = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(rotations, -1, -2))), float)
         attitude = np.stack(hamilton.product(tuple(local.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
     return position, velocity, attitude
-
-
-def _split(lines: Lines) -> Iterator[list[str]]:
-    return (line.split() for _, line in lines)
-
-
-def _numbers(
-    path: Path, lines: Lines, parse: Callable[[Lines], Iterator[list[str]]], places: Sequence[int], names: Sequence[str]
-) -> np.ndarray:
-    """Return the selected cells (rows, columns) in float64; raise a ValueError if a cell is not a finite number."""
-    if len(lines) < MIN_SAMPLES:
-        raise ValueError(f"{path}: a track needs at least {MIN_SAMPLES} rows of numbers, but there are {len(lines)}")
-    try:
-        table = np.array([[float(row[k]) for k in places] for row in parse(lines)])
-    except (ValueError, IndexError, csv.Error):
-        table = np.full((1, 1), np.nan)
-    if len(table) != len(lines) or not np.isfinite(table).all():
-        for number, line in lines:
-            row = next(parse([(number, line)]))
-            for k, name in zip(places, names, strict=True):
-                _require_number(path, number, name, row[k].strip() if k < len(row) else "")
-        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must be on one line")
-    return table
-
-
-def _require_number(path: Path, line: int, name: str, cell: str) -> None:
-    if not cell:
-        raise ValueError(f"{path}, line {line}: the cell of column {name!r} is missing")
-    if not _is_number(cell) or not np.isfinite(float(cell)):
-        raise ValueError(f"{path}, line {line}: column {name!r} must have finite numbers, but contains {cell!r}")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _require_increasing(path: Path, lines: Lines, times: np.ndarray, name: str) -> None:
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        k = int(late[0]) + 1
-        raise ValueError(
-            f"{path}, line {lines[k][0]}: times must increase strictly, but in column {name!r} "
-            f"{times[k]:.17g} follows {times[k - 1]:.17g}"
-        )
-
-
-def _track(
-    path: Path,
-    time: np.ndarray,
-    position: np.ndarray,
-    velocity: np.ndarray | None,
-    attitude: np.ndarray | None,
-    rate: np.ndarray | None = None,
-) -> Track:
-    try:
-        return Track(time, position, velocity, attitude, rate)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error

@@ -47,7 +47,7 @@ class TrackPart(Part):
     """A window of a recording to which a path is fitted."""
 
     file: keys.Text = key(
-        "the recording: CSV with a header, or TUM", values="the name of a text file, relative to the scenario"
+        "the recording: a table with column names, or TUM", values="the name of a text file, relative to the scenario"
     )
     window: keys.Pair | None = key(
         "time interval of the recording to use; default: the whole recording",
@@ -59,11 +59,20 @@ class TrackPart(Part):
         None,
         values="column names of 'time', 'position', 'velocity', 'attitude' or 'rate'; an empty list omits the quantity",
     )
+    units: dict[Literal["time", "position", "velocity", "rate"], keys.Text] | None = key(
+        "units of the columns; default: the units in the column names, otherwise s, m, m/s, rad/s",
+        None,
+        values="units of 'time', 'position', 'velocity' or 'rate', such as { velocity = 'km/h' }",
+    )
+    axes: Literal["enu", "ned", "camera"] | None = key(
+        "world axes: z up; north, east, down; or right, down, forward. Default: by the column names, otherwise z up",
+        None,
+    )
     angles: AnglesPart | None = key(
         "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
     )
     projection: Annotated[str, one_of(["tangent-plane"]), AfterValidator(with_hyphens)] | None = key(
-        "conversion of latitude, longitude and height to metres; default: positions are in metres",
+        "conversion of latitude, longitude and height to metres; default: by the column names",
         None,
         values="'tangent-plane': east, north and up on the tangent plane of WGS 84",
     )
@@ -90,7 +99,8 @@ class TrackPart(Part):
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
         projection = None if self.projection is None else TangentPlane(origin)
-        track = read_track(beside(self.file), columns, angles, projection)
+        units: dict[str, str] = {**(self.units or {})}
+        track = read_track(beside(self.file), columns, angles, projection, units, self.axes)
         return track if self.window is None else track.window(*self.window)
 
 

@@ -1,0 +1,197 @@
+"""Names of columns: separate the unit from the name, and find the columns that have common names."""
+
+import itertools
+import re
+from collections.abc import Sequence
+
+from qtraj.io.column_units import NOT_SUFFIXES, SPELLINGS, Unit, unit_of
+
+COMMON = {
+    "time": ("time", "t", "timestamp", "seconds"),
+    "position": (
+        "x,y,z",
+        "px,py,pz",
+        "pos_x,pos_y,pos_z",
+        "position_x,position_y,position_z",
+        "easting,northing,altitude",
+        "east,north,up",
+        "tx,ty,tz",
+    ),
+    "velocity": (
+        "vx,vy,vz",
+        "vel_x,vel_y,vel_z",
+        "velocity_x,velocity_y,velocity_z",
+        "vel_east,vel_north,vel_up",
+        "ve,vn,vu",
+    ),
+    "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
+    "rate": (
+        "angvel_x,angvel_y,angvel_z",
+        "wx,wy,wz",
+        "gyro_x,gyro_y,gyro_z",
+        "omega_x,omega_y,omega_z",
+        "rate_x,rate_y,rate_z",
+        "angvel_z",
+        "wz",
+        "gyro_z",
+        "omega_z",
+        "vertical_rate",
+    ),
+}
+"""Column names that are recognised automatically; one of them without the others makes a quantity incomplete."""
+
+NED_POSITION = ("north,east,down", "n,e,d", "pos_n,pos_e,pos_d", "pos_north,pos_east,pos_down")
+NED_VELOCITY = ("vn,ve,vd", "vel_n,vel_e,vel_d", "vel_north,vel_east,vel_down", "v_north,v_east,v_down")
+ENU_POSITION = (
+    "easting,northing,altitude",
+    "easting,northing,height",
+    "easting,northing,elevation",
+    "east,north,up",
+    "e,n,u",
+    "pos_e,pos_n,pos_u",
+)
+ENU_VELOCITY = ("vel_east,vel_north,vel_up", "ve,vn,vu", "vel_e,vel_n,vel_u", "v_east,v_north,v_up")
+
+MORE = {
+    "time": [
+        "stamp",
+        "time_stamp",
+        "sec",
+        "secs",
+        "datetime",
+        "date_time",
+        "utc",
+        "utc_time",
+        "time_utc",
+        "gps_time",
+        "unix_time",
+        "unix",
+        "epoch",
+        "elapsed",
+        "elapsed_time",
+        "time_boot",
+        "time_us",
+        "time_ms",
+        "time_ns",
+        "milliseconds",
+        "microseconds",
+        "nanoseconds",
+        "base_date_time",
+    ],
+    "position": (*ENU_POSITION, *NED_POSITION, "p_rs_r_x,p_rs_r_y,p_rs_r_z", "x_pos,y_pos,z_pos"),
+    "velocity": (*ENU_VELOCITY, *NED_VELOCITY, "v_rs_r_x,v_rs_r_y,v_rs_r_z", "v_x,v_y,v_z"),
+    "attitude": (
+        "q_rs_w,q_rs_x,q_rs_y,q_rs_z",
+        "quat_w,quat_x,quat_y,quat_z",
+        "orientation_w,orientation_x,orientation_y,orientation_z",
+    ),
+    "rate": ("angular_velocity_x,angular_velocity_y,angular_velocity_z",),
+}
+"""Further names, which are recognised only if all columns of a quantity have them."""
+
+ANGLED = ("roll,pitch,heading", "roll,pitch,yaw", "roll,pitch,azimuth")
+GLOBAL = tuple(
+    ",".join(name for name in names if name)
+    for names in itertools.product(
+        ("latitude", "lat"),
+        ("longitude", "lon", "lng", "long"),
+        ("height", "altitude", "alt", "elevation", "ele", "h", ""),
+    )
+)
+"""Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`)."""
+
+SPEED = ["speed", "sog", "ground_speed", "groundspeed", "velocity", "speed_over_ground"]
+HEADING = ["heading", "hdg", "course", "cog", "bearing", "yaw", "course_over_ground", "true_heading"]
+"""Columns that are recognised, but that a track does not contain: speed along the path, and heading."""
+
+PREFIXES = {"field", "pose", "msg", "header", "gps", "gnss"}
+"""Words at the start of column names that do not change the meaning."""
+
+IMPLIED = {"timems": "ms", "timeus": "us", "timens": "ns"} | {
+    name: name for name in ("milliseconds", "microseconds", "nanoseconds")
+}
+"""Units of columns whose names consist of a time and a unit without a separator, or of a unit alone."""
+
+_BRACKET = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
+_SEPARATOR = re.compile(r"[\s_.\-]+")
+
+
+def squeezed(name: str) -> str:
+    """Return a name in lower case, without the unit in brackets and without separators."""
+    return _SEPARATOR.sub("", _base(name).lower())
+
+
+def unit_in(name: str) -> tuple[str, Unit] | None:
+    """Return the unit in a column name and its text: in brackets, as in `x [km]`, or at the end, as in `x_km`."""
+    for text in _BRACKET.findall(name):
+        if unit := unit_of(text):
+            return text, unit
+    if text := IMPLIED.get(squeezed(name)):
+        return text, SPELLINGS[text]
+    words, count = _words(name)
+    text = "_".join(words[len(words) - count :])
+    unit = _suffix(text) if count else None
+    return (text, unit) if unit else None
+
+
+def plain(header: Sequence[str]) -> dict[str, str]:
+    """Map names without units and separators, in lower case, to the column names; the first of equal names counts."""
+    forms = (squeezed, _without_unit, _without_prefix)
+    result: dict[str, str] = {}
+    for form in forms:
+        for name in header:
+            result.setdefault(form(name), name)
+    return result
+
+
+def find(choices: Sequence[str], header: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns of the first choice, such as "x,y,z", of which the header has all names, otherwise None."""
+    known = plain(header)
+    for choice in choices:
+        names = [squeezed(name) for name in choice.split(",")]
+        if all(name in known for name in names):
+            return tuple(known[name] for name in names)
+    return None
+
+
+def is_one_of(choices: Sequence[str], names: Sequence[str]) -> bool:
+    """Return whether the names, in this order, are one of the choices."""
+    return any(find([choice], names) == tuple(names) for choice in choices if choice.count(",") == len(names) - 1)
+
+
+def names_columns(header: Sequence[str]) -> bool:
+    """Return whether a row names the columns of a time and a position."""
+    if len(header) < 3:
+        return False
+    place = (*COMMON["position"], *MORE["position"], *GLOBAL)
+    return find((*COMMON["time"], *MORE["time"]), header) is not None and find(place, header) is not None
+
+
+def _base(name: str) -> str:
+    return re.sub(r"\s*[\[(].*$", "", name).strip()
+
+
+def _words(name: str) -> tuple[list[str], int]:
+    """Return the words of a name, and the number of words at its end that are a unit."""
+    words = [word for word in _SEPARATOR.split(_base(name).lower()) if word]
+    for count in range(min(2, len(words) - 1), 0, -1):
+        if _suffix("_".join(words[-count:])):
+            return words, count
+    return words, 0
+
+
+def _suffix(text: str) -> Unit | None:
+    return None if text in NOT_SUFFIXES else unit_of(text)
+
+
+def _without_unit(name: str) -> str:
+    words, count = _words(name)
+    return "".join(words[: len(words) - count])
+
+
+def _without_prefix(name: str) -> str:
+    words, count = _words(name)
+    rest = words[: len(words) - count]
+    while len(rest) > 1 and rest[0] in PREFIXES:
+        rest = rest[1:]
+    return "".join(rest)

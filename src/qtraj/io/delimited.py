@@ -1,0 +1,203 @@
+"""Find the rows, the header and the delimiter of a table in a text file."""
+
+import csv
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from qtraj.foundation.untrusted import read_text
+from qtraj.io.column_names import names_columns
+from qtraj.io.column_units import unit_of
+from qtraj.io.recorded_times import is_time
+
+Lines = list[tuple[int, str]]
+
+COMMENTS = ("#", "%", "//")
+DELIMITERS = ",;\t "
+HEADER_LINES = 100
+"""Number of lines at the start of a file among which the header is sought."""
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_UNIT_APART = re.compile(r"\s+(?=[\[(])")
+
+
+class Table(NamedTuple):
+    """Rows of a table: the column names, the lines with their numbers in the file, and how a line is split."""
+
+    header: list[str]
+    lines: Lines
+    delimiter: str
+    decimal_comma: bool = False
+    units: list[str] | None = None
+
+    def rows(self, lines: Lines) -> Iterator[list[str]]:
+        """Return the cells of each of these lines."""
+        return split(lines, self.delimiter)
+
+    def number(self, cell: str) -> str:
+        """Return a cell with a decimal point."""
+        return cell.replace(",", ".") if self.decimal_comma else cell
+
+
+class Content(NamedTuple):
+    """The lines of a file that are not blank: comments without their mark, and all others."""
+
+    comments: Lines
+    lines: Lines
+
+
+def content(path: Path) -> Content:
+    """Return the lines of a file with their line numbers.
+
+    **Raises:** FileNotFoundError for a missing file; ValueError for a file that is empty or not a text.
+    """
+    try:
+        text = read_text(path)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path}: there is no such file, so no track can be read") from None
+    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [item for item in numbered if not item[1].lstrip().startswith(COMMENTS)]
+    if not lines:
+        raise ValueError(f"{path}: the file is empty, but a track needs rows of times and positions")
+    first = lines[0][0]
+    comments = [(k, line.lstrip().lstrip("#%/").strip()) for k, line in numbered if k < first and k <= HEADER_LINES]
+    return Content([item for item in comments if item[1]], lines)
+
+
+def split(lines: Lines, delimiter: str) -> Iterator[list[str]]:
+    """Return the cells of each line; any number of spaces separates cells if the delimiter is a space."""
+    texts = (" ".join(line.split()) if delimiter == " " else line for _, line in lines)
+    return csv.reader(texts, delimiter=delimiter, skipinitialspace=True)
+
+
+def is_number(cell: str, decimal_comma: bool = False) -> bool:
+    """Return whether a cell is a number."""
+    try:
+        float(cell.replace(",", ".") if decimal_comma else cell)
+    except ValueError:
+        return False
+    return True
+
+
+def find_table(path: Path, found: Content, named: Sequence[str] = ()) -> Table:
+    """Return the table of a file.
+
+    The header is the first line that names columns of a time and a position, or all columns in `named`: a line of its
+    own, or a comment with as many cells as the first row. Otherwise the header is the last line before the numbers.
+    Without a header, and if `named` consists of numbers, the columns have the names 1, 2, 3, ….
+
+    **Raises:** ValueError if the file has no header.
+    """
+
+    def is_header(cells: list[str]) -> bool:
+        return names_columns(cells) or (len(named) > 0 and set(named) <= set(cells))
+
+    return (
+        _header_line(found.lines, is_header)
+        or _header_in_comment(found, is_header)
+        or _last_words(found.lines)
+        or _header_in_comment(found, lambda _: True)
+        or _by_numbers(path, found.lines, named)
+    )
+
+
+def header_in_comment(found: Content) -> list[str] | None:
+    """Return the names in a comment that names columns and has as many cells as the first row, otherwise None."""
+    table = _header_in_comment(found, names_columns)
+    return None if table is None else table.header
+
+
+def _header_line(lines: Lines, is_header: Callable[[list[str]], bool]) -> Table | None:
+    for k, (_, line) in enumerate(lines[:HEADER_LINES]):
+        for delimiter in _delimiters(line):
+            cells = _names(line, delimiter)
+            if is_header(cells) and not all(map(is_number, cells)):
+                return _table(cells, lines[k + 1 :], delimiter)
+    return None
+
+
+def _header_in_comment(found: Content, is_header: Callable[[list[str]], bool]) -> Table | None:
+    if not _is_data(found.lines[0][1]):
+        return None
+    delimiter = row_delimiter(found.lines[0][1])
+    count = len(next(split(found.lines[:1], delimiter)))
+    for _, line in found.comments:
+        for other in [delimiter, *DELIMITERS.replace(delimiter, "")]:
+            cells = _names(line, other)
+            if len(cells) == count > 2 and is_header(cells) and not any(map(is_number, cells)):
+                return _table(cells, found.lines, delimiter)
+    return None
+
+
+def _last_words(lines: Lines) -> Table | None:
+    """Return the table whose header is the last line before the numbers, or the first line if there are no numbers."""
+    if _is_data(lines[0][1]):
+        return None
+    data = next((k for k, (_, line) in enumerate(lines[:HEADER_LINES]) if _is_data(line)), 1)
+    delimiter = _delimiters(lines[data - 1][1])[0]
+    return _table(_names(lines[data - 1][1], delimiter), lines[data:], delimiter)
+
+
+def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
+    number, line = lines[0]
+    delimiter = row_delimiter(line)
+    row = next(split(lines[:1], delimiter))
+    if named and all(name.isdecimal() for name in named):
+        return _table([str(k + 1) for k in range(len(row))], lines, delimiter)
+    raise ValueError(
+        f"{path}, line {number}: expected a header row with column names, but the row contains numbers "
+        f"({', '.join(cell.strip() for cell in row[:8])}{', …' if len(row) > 8 else ''}): insert a line such as "
+        'time,x,y,z, or name the columns by their numbers with columns={"time": "1", "position": ["2", "3", "4"]}'
+    )
+
+
+def _table(header: list[str], lines: Lines, delimiter: str) -> Table:
+    """Return a table, without a row of units below the header; find out whether its numbers have a decimal comma."""
+    units = None
+    if lines and len(row := next(split(lines[:1], delimiter))) == len(header) and _are_units(row):
+        units, lines = [cell.strip(" []()") for cell in row], lines[1:]
+    first = next(split(lines[:1], delimiter)) if lines else []
+    comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell.strip()) for cell in first)
+    return Table(header, lines, delimiter, comma, units)
+
+
+def _are_units(row: list[str]) -> bool:
+    texts = [cell.strip(" []()") for cell in row]
+    return (
+        any(texts)
+        and all(not text or text in {"-", "1"} or unit_of(text) for text in texts)
+        and not any(map(is_number, texts))
+    )
+
+
+def _names(line: str, delimiter: str) -> list[str]:
+    text = _UNIT_APART.sub("", line) if delimiter == " " else line
+    try:
+        return [cell.strip() for cell in next(split([(0, text)], delimiter), [])]
+    except csv.Error:
+        return []
+
+
+def _delimiters(line: str) -> list[str]:
+    """Return the delimiters in a header, the most frequent one first; the space counts if there is no other."""
+    present = sorted((d for d in ",;\t" if d in line), key=lambda d: -line.count(d))
+    return present or [" " if " " in line.strip() else ","]
+
+
+def row_delimiter(line: str) -> str:
+    """Return the delimiter of a row of numbers; a comma is decimal if another delimiter separates numbers with it."""
+    best, most = ",", 1
+    for delimiter in ",;\t ":
+        cells = _names(line, delimiter)
+        understood = [is_number(cell, delimiter != ",") or is_time(cell) for cell in cells]
+        if len(cells) > 1 and sum(understood) > most:
+            best, most = delimiter, sum(understood)
+    return best
+
+
+def _is_data(line: str) -> bool:
+    """Return whether a line is a row of numbers or times, and not of names."""
+    cells = _names(line, row_delimiter(line))
+    numbers = [is_number(cell, True) or is_time(cell) for cell in cells]
+    return len(cells) > 1 and numbers[0] and sum(numbers) >= 2
