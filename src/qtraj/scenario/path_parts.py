@@ -99,7 +99,7 @@ class TrackPart(Part):
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
         projection = None if self.projection is None else TangentPlane(origin)
-        units: dict[str, str] = {**(self.units or {})}
+        units = {str(part): str(unit) for part, unit in (self.units or {}).items()}
         track = read_track(beside(self.file), columns, angles, projection, units, self.axes)
         return track if self.window is None else track.window(*self.window)
 
