@@ -80,6 +80,11 @@ def is_number(cell: str, decimal_comma: bool = False) -> bool:
     return True
 
 
+def are_numbers(named: Sequence[str]) -> bool:
+    """Return whether a user names the columns by their numbers, as is possible for a table without header."""
+    return len(named) > 0 and all(name.isdecimal() for name in named)
+
+
 def find_table(path: Path, found: Content, named: Sequence[str] = ()) -> Table:
     """Return the table of a file.
 
@@ -143,7 +148,7 @@ def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
     number, line = lines[0]
     delimiter = row_delimiter(line)
     row = next(split(lines[:1], delimiter))
-    if named and all(name.isdecimal() for name in named):
+    if are_numbers(named):
         return _table([str(k + 1) for k in range(len(row))], lines, delimiter)
     raise ValueError(
         f"{path}, line {number}: expected a header row with column names, but the row contains numbers "

@@ -21,12 +21,13 @@ _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)")
 
 
 class Times(NamedTuple):
-    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, and a note."""
+    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, a note, the cells."""
 
     seconds: np.ndarray
     unit: str
     origin: str | None = None
     note: str = ""
+    cells: Sequence[str] = ()
 
 
 class NotATimeError(ValueError):
@@ -62,6 +63,27 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     first = exact[0] if unix else 0
     scaled = np.array([float((value - first) * factor.numerator) for value in exact]) / factor.denominator
     return Times(scaled, unit.symbol, f"{cells[0].strip()} {unit.symbol}" if unix else None)
+
+
+def by_speeds(times: Times, positions: np.ndarray, velocities: np.ndarray, globe: bool) -> Times:
+    """Return the times in ms, µs or ns if whole numbers without a unit agree with the speeds only in this unit.
+
+    The unit is the median ratio of the distances between positions (n, 3) to the distances at the recorded speeds. It
+    is accepted within a factor of 2. Geographic positions (`globe`) are not compared.
+    """
+    if globe or times.unit != "s" or not all(cell.strip().lstrip("+-").isdecimal() for cell in times.cells):
+        return times
+    speeds = np.linalg.norm(velocities, axis=1)
+    travelled = np.diff(times.seconds) * (speeds[1:] + speeds[:-1]) / 2
+    moving = travelled > 0
+    if not moving.any():
+        return times
+    ratio = float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1)[moving] / travelled[moving]))
+    for spelling in ("ms", "us", "ns"):
+        if 0.5 < ratio / float(SPELLINGS[spelling].factor) < 2:
+            note = "by the recorded speeds"
+            return read_times(times.cells, SPELLINGS[spelling])._replace(note=note, cells=times.cells)
+    return times
 
 
 def _unit_by_size(cell: str) -> Unit:
