@@ -176,7 +176,7 @@ def test_similar_rows_at_one_time_are_averaged(tmp_path):
     expected[5, 0] += 0.5e-3
     np.testing.assert_allclose(recording.track.positions, expected, atol=PRINTED)
     np.testing.assert_allclose(recording.track.attitudes, ATTITUDES, atol=PRINTED)
-    assert "1 rows at the time of another row averaged with it" in recording.facts[0]
+    assert "1 row averaged with another row at the same time" in recording.facts[0]
 
 
 @pytest.mark.parametrize(("choice", "x"), [("first", 4.5), ("last", 104.5), ("mean", 54.5)])

@@ -140,8 +140,12 @@ def _last_words(lines: Lines) -> Table | None:
     if _is_data(lines[0][1]):
         return None
     data = next((k for k, (_, line) in enumerate(lines[:HEADER_LINES]) if _is_data(line)), 1)
-    delimiter = _delimiters(lines[data - 1][1])[0]
-    return _table(_names(lines[data - 1][1], delimiter), lines[data:], delimiter)
+    place = data - 1
+    delimiter = _delimiters(lines[place][1])[0]
+    names = _names(lines[place][1], delimiter)
+    if place and _are_units(names):
+        place, names = place - 1, _names(lines[place - 1][1], delimiter)
+    return _table(names, lines[place + 1 :], delimiter)
 
 
 def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
@@ -205,4 +209,4 @@ def _is_data(line: str) -> bool:
     """Return whether a line is a row of numbers or times, and not of names."""
     cells = _names(line, row_delimiter(line))
     numbers = [is_number(cell, True) or is_time(cell) for cell in cells]
-    return len(cells) > 1 and numbers[0] and sum(numbers) >= 2
+    return len(cells) > 1 and sum(numbers) >= (2 if numbers[0] else 3)

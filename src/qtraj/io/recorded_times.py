@@ -15,7 +15,11 @@ SECONDS = SPELLINGS["s"]
 UNIX = (10**9, 5 * 10**9)
 """Unix times [s] from the year 2001 to the year 2128."""
 
-CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,](\d+))?)?")
+CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d+))?")
+CLOCK_FORM, DATE_FORMS = "times such as 09:00:00", "dates such as 2026-05-06T09:00:00 or 06/05/2026 09:00:00"
+HOUR, DAY = 3600 * 10**9, 86400 * 10**9
+"""[ns]"""
+
 _NUMERIC_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4})(.*)")
 _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)")
 
@@ -129,11 +133,22 @@ def _dates(cells: list[str]) -> Times:
     for k, cell in enumerate(cells):
         value = _of_day(cell) if clock else _iso(_year_first(cell, month_first))
         if value is None:
-            raise NotATimeError(k, f"must have {'times of day' if clock else 'dates'} such as {cells[0]!r}")
-        nanoseconds.append(value)
+            form = (
+                "times of day such as 09:00:00" if clock else "dates such as 2026-05-06T09:00:00 or 06/05/2026 09:00:00"
+            )
+            raise NotATimeError(k, f"must have {form}")
+        nanoseconds.append(value + _midnights(nanoseconds, value) if clock else value)
     first = nanoseconds[0]
     seconds = np.array([value - first for value in nanoseconds], float) / 10**9
     return Times(seconds, "time of day" if clock else "date and time", cells[0], note)
+
+
+def _midnights(before: list[int], value: int) -> int:
+    """Return the whole days to add to a time of day; a day starts between the last and the first hour of a clock."""
+    if not before:
+        return 0
+    days, last = divmod(before[-1], DAY)
+    return DAY * (days + (last >= DAY - HOUR and value < HOUR))
 
 
 def _date_order(cells: list[str]) -> tuple[bool, str]:

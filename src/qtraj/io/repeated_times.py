@@ -42,14 +42,15 @@ def merge(times: np.ndarray, parts: Mapping[str, np.ndarray], choice: str | None
         _require_close(np.asarray(parts["position"]), starts, groups)
     ends = np.append(starts[1:], len(times)) - 1
     count = len(times) - len(starts)
+    rows = "row" if count == 1 else "rows"
     if equal or choice in ("first", "last"):
         chosen = ends if choice == "last" else starts
         kept = {name: part[chosen] for name, part in parts.items()}
-        return Merged(times[starts], kept, f"{count} repeated rows omitted")
+        return Merged(times[starts], kept, f"{count} repeated {rows} omitted")
     signed = {name: _same_sign(part, starts, groups) if name == "attitude" else part for name, part in parts.items()}
     sizes = np.bincount(groups)[:, None]
     means = {name: _exact_mean(part, starts, sizes) for name, part in signed.items()}
-    return Merged(times[starts], means, f"{count} rows at the time of another row averaged with it")
+    return Merged(times[starts], means, f"{count} {rows} averaged with another row at the same time")
 
 
 def _exact_mean(part: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
