@@ -146,6 +146,14 @@ def test_times_on_their_own_clock_stay(tmp_path):
     np.testing.assert_array_equal(read_track(write(tmp_path, lines("t,x,y,z", unix))).times[0], 1_714_986_000.5)
 
 
+@pytest.mark.parametrize("cell", ["1e400", "nan", "9" * 400, "inf", "soon"])
+def test_times_that_are_not_finite_numbers(tmp_path, cell):
+    rows = [[str(k), *row] for k, row in enumerate(cells(POSITIONS))]
+    rows[3][0] = cell
+    with pytest.raises(ValueError, match="line 5: column 't_ms' must have finite numbers, but contains"):
+        read_track(write(tmp_path, lines("t_ms,x,y,z", rows)))
+
+
 STAMPS = [datetime(2026, 5, 6, 9, 0, 0, tzinfo=UTC) + timedelta(seconds=0.25 * k) for k in range(COUNT)]
 
 

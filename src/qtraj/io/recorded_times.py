@@ -15,6 +15,9 @@ SECONDS = SPELLINGS["s"]
 UNIX = (10**9, 5 * 10**9)
 """Unix times [s] from the year 2001 to the year 2128."""
 
+LARGEST = 10**25
+"""Maximum size of a number that is converted without loss of digits."""
+
 CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d+))?")
 CLOCK_FORM, DATE_FORMS = "times such as 09:00:00", "dates such as 2026-05-06T09:00:00 or 06/05/2026 09:00:00"
 HOUR, DAY = 3600 * 10**9, 86400 * 10**9
@@ -114,16 +117,12 @@ def _float(index: int, cell: str) -> float:
 
 def _exact(index: int, cell: str) -> int | Decimal:
     try:
-        return int(cell)
-    except ValueError:
-        pass
-    try:
         value = Decimal(cell.strip())
     except InvalidOperation:
         raise NotATimeError(index, "must have finite numbers") from None
-    if not value.is_finite():
+    if not value.is_finite() or abs(value) > LARGEST:
         raise NotATimeError(index, "must have finite numbers")
-    return value
+    return int(value) if value == value.to_integral_value() else value
 
 
 def _dates(cells: list[str]) -> Times:
