@@ -95,6 +95,14 @@ def test_spellings_of_units(spelling, symbol):
     assert unit_of("map") is None
 
 
+@pytest.mark.parametrize(
+    ("spelling", "value"),
+    [("kn", 0.514444), ("km/h", 0.277778), ("mph", 0.44704), ("ft", 0.3048), ("deg/s", 0.0174533), ("rad", 57.29578)],
+)
+def test_factors_of_units(spelling, value):
+    assert float(unit_of(spelling).factor) == pytest.approx(value, rel=2e-6)
+
+
 def test_every_spelling_denotes_itself():
     assert all(unit_of(spelling) == unit for spelling, unit in SPELLINGS.items())
 
@@ -138,6 +146,14 @@ def test_times_on_their_own_clock_stay(tmp_path):
     np.testing.assert_array_equal(read_track(write(tmp_path, lines("t,x,y,z", unix))).times[0], 1_714_986_000.5)
 
 
+@pytest.mark.parametrize("cell", ["1e400", "nan", "9" * 400, "inf", "soon"])
+def test_times_that_are_not_finite_numbers(tmp_path, cell):
+    rows = [[str(k), *row] for k, row in enumerate(cells(POSITIONS))]
+    rows[3][0] = cell
+    with pytest.raises(ValueError, match="line 5: column 't_ms' must have finite numbers, but contains"):
+        read_track(write(tmp_path, lines("t_ms,x,y,z", rows)))
+
+
 STAMPS = [datetime(2026, 5, 6, 9, 0, 0, tzinfo=UTC) + timedelta(seconds=0.25 * k) for k in range(COUNT)]
 
 
@@ -162,6 +178,34 @@ def test_dates(tmp_path, written, words):
     rows[4][0] = "later"
     with pytest.raises(ValueError, match=r"line 6: column 'Timestamp' must have .* such as .*, but contains 'later'"):
         read_track(write(tmp_path, lines("Timestamp,x,y,z", rows)))
+
+
+def test_a_time_of_day_continues_after_midnight(tmp_path):
+    stamps = [f"23:59:{54 + k}" if k < 6 else f"00:00:{k - 6:02d}" for k in range(COUNT)]
+    rows = [[stamp, *row] for stamp, row in zip(stamps, cells(POSITIONS), strict=True)]
+    np.testing.assert_array_equal(read_track(write(tmp_path, lines("time,x,y,z", rows))).times, np.arange(COUNT))
+    minutes = [[stamp[:5], *row[1:]] for stamp, row in zip(stamps, rows, strict=True)]
+    with pytest.raises(ValueError, match="line 2: column 'time' must have finite numbers, but contains '23:59'"):
+        read_track(write(tmp_path, lines("time,x,y,z", minutes)))
+
+
+def test_dates_in_an_unknown_form_are_refused(tmp_path):
+    rows = [[f"5/6/2026 9:00:{k:02d} AM", *row] for k, row in enumerate(cells(POSITIONS))]
+    with pytest.raises(ValueError, match="line 2: column 'date' must have dates such as 2026-05-06T09:00:00 or"):
+        read_track(write(tmp_path, lines("date,x,y,z", rows)))
+
+
+def test_unknown_names_above_a_row_of_units_are_listed(tmp_path):
+    rows = [["(sec)", "(m)", "(m)", "(m)"], *cells(TIMES, POSITIONS)]
+    file = write(tmp_path, lines("moment,Easting,Northing,H-Ell", rows))
+    with pytest.raises(ValueError, match="The columns are moment, Easting, Northing, H-Ell;"):
+        read_track(file)
+    check(read_track(file, {"time": "moment"}), velocities=None)
+
+
+def test_a_comment_header_above_rows_that_begin_with_text(tmp_path):
+    rows = [["car", *row] for row in cells(TIMES, POSITIONS)]
+    check(read_track(write(tmp_path, lines("# name,t,x,y,z", rows))), velocities=None)
 
 
 def degrees(positions):

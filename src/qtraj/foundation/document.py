@@ -181,7 +181,7 @@ def _construct(name: Any, fields: dict[str, Any]) -> Any:
     names = [*parameters] if name in _forms else [f.name for f in dataclasses.fields(cls)]
     if unknown := sorted(set(fields) - set(names)):
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(names)}")
-    required = [p.name for p in parameters.values() if p.default is p.empty]
+    required = [p.name for p in parameters.values() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
     if missing := [field for field in required if field not in fields]:
         raise ValueError(f"{name} lacks the field {missing[0]!r}; its required fields are {', '.join(required)}")
     return build(**fields)

@@ -46,6 +46,7 @@ ENU_POSITION = (
     "easting,northing,altitude",
     "easting,northing,height",
     "easting,northing,elevation",
+    "easting,northing,h_ell",
     "east,north,up",
     "e,n,u",
     "pos_e,pos_n,pos_u",
@@ -77,6 +78,7 @@ MORE = {
         "microseconds",
         "nanoseconds",
         "base_date_time",
+        "date",
     ],
     "position": (*ENU_POSITION, *NED_POSITION, "p_rs_r_x,p_rs_r_y,p_rs_r_z", "x_pos,y_pos,z_pos"),
     "velocity": (*ENU_VELOCITY, *NED_VELOCITY, "v_rs_r_x,v_rs_r_y,v_rs_r_z", "v_x,v_y,v_z"),
@@ -95,7 +97,7 @@ GLOBAL = tuple(
     for names in itertools.product(
         ("latitude", "lat"),
         ("longitude", "lon", "lng", "long"),
-        ("height", "altitude", "alt", "elevation", "ele", "h", ""),
+        ("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", ""),
     )
 )
 """Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`)."""

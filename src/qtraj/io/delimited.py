@@ -80,6 +80,11 @@ def is_number(cell: str, decimal_comma: bool = False) -> bool:
     return True
 
 
+def are_numbers(named: Sequence[str]) -> bool:
+    """Return whether a user names the columns by their numbers, as is possible for a table without header."""
+    return len(named) > 0 and all(name.isdecimal() for name in named)
+
+
 def find_table(path: Path, found: Content, named: Sequence[str] = ()) -> Table:
     """Return the table of a file.
 
@@ -135,15 +140,19 @@ def _last_words(lines: Lines) -> Table | None:
     if _is_data(lines[0][1]):
         return None
     data = next((k for k, (_, line) in enumerate(lines[:HEADER_LINES]) if _is_data(line)), 1)
-    delimiter = _delimiters(lines[data - 1][1])[0]
-    return _table(_names(lines[data - 1][1], delimiter), lines[data:], delimiter)
+    place = data - 1
+    delimiter = _delimiters(lines[place][1])[0]
+    names = _names(lines[place][1], delimiter)
+    if place and _are_units(names):
+        place, names = place - 1, _names(lines[place - 1][1], delimiter)
+    return _table(names, lines[place + 1 :], delimiter)
 
 
 def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
     number, line = lines[0]
     delimiter = row_delimiter(line)
     row = next(split(lines[:1], delimiter))
-    if named and all(name.isdecimal() for name in named):
+    if are_numbers(named):
         return _table([str(k + 1) for k in range(len(row))], lines, delimiter)
     raise ValueError(
         f"{path}, line {number}: expected a header row with column names, but the row contains numbers "
@@ -200,4 +209,4 @@ def _is_data(line: str) -> bool:
     """Return whether a line is a row of numbers or times, and not of names."""
     cells = _names(line, row_delimiter(line))
     numbers = [is_number(cell, True) or is_time(cell) for cell in cells]
-    return len(cells) > 1 and numbers[0] and sum(numbers) >= 2
+    return len(cells) > 1 and sum(numbers) >= (2 if numbers[0] else 3)

@@ -15,18 +15,26 @@ SECONDS = SPELLINGS["s"]
 UNIX = (10**9, 5 * 10**9)
 """Unix times [s] from the year 2001 to the year 2128."""
 
-CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,](\d+))?)?")
+LARGEST = 10**25
+"""Maximum size of a number that is converted without loss of digits."""
+
+CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d+))?")
+CLOCK_FORM, DATE_FORMS = "times such as 09:00:00", "dates such as 2026-05-06T09:00:00 or 06/05/2026 09:00:00"
+HOUR, DAY = 3600 * 10**9, 86400 * 10**9
+"""[ns]"""
+
 _NUMERIC_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4})(.*)")
 _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)")
 
 
 class Times(NamedTuple):
-    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, and a note."""
+    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, a note, the cells."""
 
     seconds: np.ndarray
     unit: str
     origin: str | None = None
     note: str = ""
+    cells: Sequence[str] = ()
 
 
 class NotATimeError(ValueError):
@@ -64,6 +72,27 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     return Times(scaled, unit.symbol, f"{cells[0].strip()} {unit.symbol}" if unix else None)
 
 
+def by_speeds(times: Times, positions: np.ndarray, velocities: np.ndarray, globe: bool) -> Times:
+    """Return the times in ms, µs or ns if whole numbers without a unit agree with the speeds only in this unit.
+
+    The unit is the median ratio of the distances between positions (n, 3) to the distances at the recorded speeds. It
+    is accepted within a factor of 2. Geographic positions (`globe`) are not compared.
+    """
+    if globe or times.unit != "s" or not all(cell.strip().lstrip("+-").isdecimal() for cell in times.cells):
+        return times
+    speeds = np.linalg.norm(velocities, axis=1)
+    travelled = np.diff(times.seconds) * (speeds[1:] + speeds[:-1]) / 2
+    moving = travelled > 0
+    if not moving.any():
+        return times
+    ratio = float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1)[moving] / travelled[moving]))
+    for spelling in ("ms", "us", "ns"):
+        if 0.5 < ratio / float(SPELLINGS[spelling].factor) < 2:
+            note = "by the recorded speeds"
+            return read_times(times.cells, SPELLINGS[spelling])._replace(note=note, cells=times.cells)
+    return times
+
+
 def _unit_by_size(cell: str) -> Unit:
     """Return the unit in which a number is a Unix time, otherwise seconds."""
     try:
@@ -88,16 +117,12 @@ def _float(index: int, cell: str) -> float:
 
 def _exact(index: int, cell: str) -> int | Decimal:
     try:
-        return int(cell)
-    except ValueError:
-        pass
-    try:
         value = Decimal(cell.strip())
     except InvalidOperation:
         raise NotATimeError(index, "must have finite numbers") from None
-    if not value.is_finite():
+    if not value.is_finite() or abs(value) > LARGEST:
         raise NotATimeError(index, "must have finite numbers")
-    return value
+    return int(value) if value == value.to_integral_value() else value
 
 
 def _dates(cells: list[str]) -> Times:
@@ -107,11 +132,22 @@ def _dates(cells: list[str]) -> Times:
     for k, cell in enumerate(cells):
         value = _of_day(cell) if clock else _iso(_year_first(cell, month_first))
         if value is None:
-            raise NotATimeError(k, f"must have {'times of day' if clock else 'dates'} such as {cells[0]!r}")
-        nanoseconds.append(value)
+            form = (
+                "times of day such as 09:00:00" if clock else "dates such as 2026-05-06T09:00:00 or 06/05/2026 09:00:00"
+            )
+            raise NotATimeError(k, f"must have {form}")
+        nanoseconds.append(value + _midnights(nanoseconds, value) if clock else value)
     first = nanoseconds[0]
     seconds = np.array([value - first for value in nanoseconds], float) / 10**9
     return Times(seconds, "time of day" if clock else "date and time", cells[0], note)
+
+
+def _midnights(before: list[int], value: int) -> int:
+    """Return the whole days to add to a time of day; a day starts between the last and the first hour of a clock."""
+    if not before:
+        return 0
+    days, last = divmod(before[-1], DAY)
+    return DAY * (days + (last >= DAY - HOUR and value < HOUR))
 
 
 def _date_order(cells: list[str]) -> tuple[bool, str]:

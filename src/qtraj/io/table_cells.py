@@ -16,7 +16,7 @@ def read_cells(path: Path, table: Table, names: Sequence[str], unit: Unit | None
     """Return the times of the first of the named columns, and the numbers (rows, columns) of the others.
 
     **Raises:** ValueError with file, line and column for a cell that is missing or not a finite number, for times that
-    do not increase strictly, and for too few rows.
+    decrease, and for too few rows.
     """
     if len(table.lines) < MIN_SAMPLES:
         raise ValueError(
@@ -43,14 +43,28 @@ def _times(path: Path, table: Table, name: str, cells: list[str], unit: Unit | N
         raise ValueError(
             f"{path}, line {line}: column {name!r} {fault}, but contains {cells[fault.index].strip()!r}"
         ) from None
-    late = np.flatnonzero(np.diff(times.seconds) <= 0)
+    late = np.flatnonzero(np.diff(times.seconds) < 0)
     if late.size:
         k = int(late[0]) + 1
-        raise ValueError(
-            f"{path}, line {table.lines[k][0]}: times must increase strictly, but in column {name!r} "
-            f"{cells[k].strip()} follows {cells[k - 1].strip()}"
-        )
-    return times
+        restart = times.seconds[k] <= times.seconds[0]
+        advice = ". The clock restarts there: write the part before and the part after to two files" if restart else ""
+        raise ValueError(f"{_not_increasing(path, table, name, cells, k)}{advice}")
+    return times._replace(cells=cells)
+
+
+def same_time(path: Path, table: Table, name: str, times: Times, index: int) -> str:
+    """Return the message about a sample that differs from another sample at the same time."""
+    return (
+        f"{_not_increasing(path, table, name, times.cells, index)}, and the two rows differ. Pass duplicates='first', "
+        "'last' or 'mean' (in a scenario duplicates under [track])"
+    )
+
+
+def _not_increasing(path: Path, table: Table, name: str, cells: Sequence[str], index: int) -> str:
+    return (
+        f"{path}, line {table.lines[index][0]}: times must increase strictly, but in column {name!r} "
+        f"{cells[index].strip()} follows {cells[index - 1].strip()}"
+    )
 
 
 def _raise_fault(path: Path, table: Table, places: Sequence[int], names: Sequence[str]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from qtraj.io.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
 from qtraj.io.column_names import ANGLED, COMMON, GLOBAL, MORE, find, plain, squeezed
+from qtraj.io.given_times import NO_TIMES
 from qtraj.io.tangent_plane import OPTIONS as PROJECTIONS
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
@@ -186,8 +187,16 @@ def _not_found(part: str, header: list[str]) -> str:
     return (
         f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
-        f"{without}{_on_the_globe(part, header)}"
+        f"{without}{_without_times(header) if part == 'time' else ''}{_on_the_globe(part, header)}"
     )
+
+
+def _without_times(header: list[str]) -> str:
+    """Return advice for a file without times."""
+    known = plain(header)
+    flat = {"x", "y"} <= known.keys() and "z" not in known
+    shape = " A line without times and heights, such as the centre line of a race track, is a shape, not a track."
+    return (shape if flat else "") + NO_TIMES
 
 
 def _on_the_globe(part: str, header: list[str]) -> str:

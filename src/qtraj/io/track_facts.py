@@ -22,24 +22,28 @@ class Columns(NamedTuple):
     angles: bool = False
 
 
-def facts(columns: Columns, times: Times) -> tuple[str, str, str, str]:
-    """Return four lines of text: the time, the position, the other quantities, and the columns left out."""
+def facts(columns: Columns, times: Times, given_times: str = "") -> tuple[str, str, str, str]:
+    """Return four lines of text: the time, the position, the other quantities, and the columns left out.
+
+    `given_times` describes the source of times that are not in the file.
+    """
     others = [part for part in ("velocity", "attitude", "rate") if part in columns.chosen]
     used = {name for names in columns.chosen.values() for name in names}
     left = [name for name in columns.header if name not in used]
     return (
-        _time(columns, times),
+        _time(columns, times, given_times),
         _quantity(columns, "position"),
         "; ".join(_quantity(columns, part) for part in others) or "velocity, attitude and rate: none",
         _left_out(left),
     )
 
 
-def _time(columns: Columns, times: Times) -> str:
+def _time(columns: Columns, times: Times, given: str) -> str:
     name = columns.chosen["time"][0]
     origin = f", in seconds after {times.origin}" if times.origin else ""
     note = f", {times.note}" if times.note else ""
-    return f"time: column {list(columns.header).index(name) + 1} {name!r}, {times.unit}{note}{origin}"
+    column = f"column {list(columns.header).index(name) + 1} {name!r}"
+    return f"time: {given or column}, {times.unit}{note}{origin}"
 
 
 def _quantity(columns: Columns, part: str) -> str:

@@ -8,19 +8,30 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
-from qtraj.algebra import hamilton, rotation
-from qtraj.foundation.arrays import as_float
 from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.column_scales import Units, require_units, scales
-from qtraj.io.delimited import Content, Table, content, find_table, header_in_comment, is_number
+from qtraj.io.column_units import Unit
+from qtraj.io.delimited import Content, Table, are_numbers, content, find_table, header_in_comment, is_number
+from qtraj.io.given_times import described, require_rate, with_times
+from qtraj.io.kitti_poses import (
+    COLUMNS as KITTI_COLUMNS,
+    POSITION,
+    ROTATION,
+    attitudes,
+    is_kitti,
+    pose_axes,
+    require_times,
+)
 from qtraj.io.recorded_axes import attitudes_up, choose_axes, rates_up, vectors_up
-from qtraj.io.table_cells import read_cells
+from qtraj.io.recorded_times import Times, by_speeds
+from qtraj.io.repeated_times import CHOICES, DifferentSamplesError, merge
+from qtraj.io.table_cells import read_cells, same_time
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_columns import choose, has_geographic_position
 from qtraj.io.track_facts import Columns, facts
+from qtraj.io.track_parts import parts_of, projected
 from qtraj.path.track import Track
 
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -41,6 +52,8 @@ class Reading(NamedTuple):
     plane: TangentPlane | None
     units: Units
     axes: str | None
+    duplicates: str | None
+    given_times: str = ""
 
 
 def read_track(
@@ -50,13 +63,17 @@ def read_track(
     projection: TangentPlane | str | None = None,
     units: Mapping[str, str] | None = None,
     axes: str | None = None,
+    rate: float | None = None,
+    times: str | os.PathLike[str] | None = None,
+    duplicates: str | None = None,
 ) -> Track:
     """Read a recorded track from a text file, with velocities, attitudes and rates if the file contains them.
 
     The content of the file determines how it is read, and not its name: a table with commas, semicolons, tabs or
-    spaces, with decimal points or commas, in UTF-8; or a TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw"
-    on a line, no header). Lines that start with #, % or // are comments. The header is the first line that names
-    columns; it may follow other lines, or be a comment. Files whose names end with .gz are decompressed.
+    spaces, with decimal points or commas, in UTF-8; a TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on
+    a line, no header); or KITTI poses (twelve numbers on a line, no times). Lines that start with #, % or // are
+    comments. The header is the first line that names columns; it may follow other lines, or be a comment. Files whose
+    names end with .gz are decompressed.
 
     Quantities are recognised by common names (time, t, timestamp; x, y, z; easting, northing, altitude; north, east,
     down; latitude, longitude, altitude; vx, vy, vz; vel_east, vel_north, vel_up; qw, qx, qy, qz; wx, wy, wz, and
@@ -83,7 +100,11 @@ def read_track(
             units in the column names, otherwise s, m, m/s, rad/s.
         axes: The world axes of position, velocity and attitude: "enu" (z is up), "ned" (north, east, down; body axes
             forward, right, down) or "camera" (right, down, forward; for the body axes, too). The track has z up and
-            body axes forward, left, up. Default: by the column names, otherwise "enu".
+            body axes forward, left, up. Default: by the column names, otherwise "enu"; for KITTI poses "camera".
+        rate: The number of samples per second of a file without times.
+        times: The name of a file with one time [s] on each line, for a file without times.
+        duplicates: "first", "last" or "mean" of the rows at one time. By default, equal rows count once, and rows whose
+            positions differ by less than a step to a neighbour are averaged.
 
     Returns:
         The track.
@@ -94,7 +115,7 @@ def read_track(
             not increase strictly, unknown columns, or too few rows; with the options for columns that are not
             recognised, units that do not fit, and angles without `angles`.
     """
-    return read_recording(file, columns, angles, projection, units, axes).track
+    return read_recording(file, columns, angles, projection, units, axes, rate, times, duplicates).track
 
 
 def read_recording(
@@ -104,6 +125,9 @@ def read_recording(
     projection: TangentPlane | str | None = None,
     units: Mapping[str, str] | None = None,
     axes: str | None = None,
+    rate: float | None = None,
+    times: str | os.PathLike[str] | None = None,
+    duplicates: str | None = None,
 ) -> Recording:
     """Read a track as `read_track` does, and state in four lines what was read as what."""
     path = Path(file)
@@ -111,17 +135,24 @@ def read_recording(
     if angles is not None and not isinstance(angles, AttitudeAngles):
         raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
     require_units(units or {})
+    require_rate(rate, times)
+    if duplicates not in (None, *CHOICES):
+        raise ValueError(f"duplicates= must be 'first', 'last' or 'mean', but {duplicates!r} was given")
     found = content(path)
-    is_tum = _is_tum(path, found)
+    reading = Reading(columns or {}, angles, plane, units or {}, axes, duplicates, described(rate, times))
+    if columns is None and is_kitti(found):
+        require_times(path, rate is not None or times is not None)
+        poses = Table(KITTI_COLUMNS, found.lines, " ")
+        return _read_kitti(path, with_times(path, poses, rate, times), reading)
+    is_tum = _is_tum(path, found) and not are_numbers(_named(reading))
     if is_tum and (columns is not None or angles is not None or plane is not None):
         raise ValueError(
             f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory, which has "
             "positions in metres, quaternions and no header row"
         )
-    reading = Reading(columns or {}, angles, plane, units or {}, axes)
     try:
         table = Table(list(TUM_COLUMNS), found.lines, " ") if is_tum else find_table(path, found, _named(reading))
-        return _read(path, table, reading)
+        return _read(path, with_times(path, table, rate, times), reading)
     except csv.Error as error:
         raise ValueError(f"{path}: the table cannot be read ({error})") from error
 
@@ -129,7 +160,7 @@ def read_recording(
 def _is_tum(path: Path, found: Content) -> bool:
     """Return whether the file is a TUM trajectory: numbers between spaces, and no header with other names."""
     cells = found.lines[0][1].split()
-    if not all(map(is_number, cells)) or not (len(cells) == 8 or path.suffix.lower() in {".txt", ".tum"}):
+    if not all(map(is_number, cells)) or not (len(cells) == 8 or path.suffix.lower() == ".tum"):
         return False
     header = header_in_comment(found)
     return header is None or header == list(TUM_COLUMNS)
@@ -158,20 +189,50 @@ def _read(path: Path, table: Table, reading: Reading) -> Recording:
     columns = _columns(path, table, reading, chosen, plane is not None)
     used = [name for part in chosen.values() for name in part]
     times, numbers = read_cells(path, table, used, columns.units["time"][0])
-    parts = _parts(columns, numbers)
-    position, velocity, attitude = parts["position"], parts.get("velocity"), parts.get("attitude")
+    parts = parts_of(columns, numbers)
+    if columns.units["time"][0] is None and "velocity" in parts:
+        times = by_speeds(times, parts["position"], parts["velocity"], plane is not None)
+    attitude = parts.get("attitude")
     if attitude is not None and angles is not None:
-        attitude = angles.quaternions(attitude)
+        parts["attitude"] = angles.quaternions(attitude)
     elif attitude is not None:
-        attitude = attitudes_up(attitude, columns.axes["attitude"])
+        parts["attitude"] = attitudes_up(attitude, columns.axes["attitude"])
     if plane is not None:
-        position, velocity, attitude = _projected(path, plane, position, velocity, attitude)
-    rate = rates_up(parts["rate"], columns.axes["rate"]) if "rate" in parts else None
+        parts |= projected(path, plane, parts["position"], parts.get("velocity"), parts.get("attitude"))
+    if "rate" in parts:
+        parts["rate"] = rates_up(parts["rate"], columns.axes["rate"])
+    return _recording(path, table, columns, times, parts, reading)
+
+
+def _read_kitti(path: Path, table: Table, reading: Reading) -> Recording:
+    times, numbers = read_cells(path, table, ("time", *POSITION, *ROTATION), None)
+    axes = pose_axes(path, numbers[:, :3], reading.axes)
+    chosen = {"time": ("time",), "position": POSITION, "attitude": ROTATION}
+    units: dict[str, list[Unit | None]] = {part: [None] * len(names) for part, names in chosen.items()}
     try:
-        track = Track(times.seconds, position, velocity, attitude, rate)
+        columns = Columns(table.header, chosen, units, choose_axes(chosen, axes, False))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return Recording(track, facts(columns, times))
+    turned = attitudes_up(attitudes(path, numbers[:, 3:]), axes)
+    parts = {"position": vectors_up(numbers[:, :3], axes), "attitude": turned}
+    return _recording(path, table, columns, times, parts, reading)
+
+
+def _recording(
+    path: Path, table: Table, columns: Columns, times: Times, parts: dict[str, np.ndarray], reading: Reading
+) -> Recording:
+    """Return the track with one sample for each time."""
+    try:
+        merged = merge(times.seconds, parts, reading.duplicates)
+    except DifferentSamplesError as error:
+        raise ValueError(same_time(path, table, columns.chosen["time"][0], times, error.index)) from None
+    try:
+        others = [merged.parts.get(part) for part in ("velocity", "attitude", "rate")]
+        track = Track(merged.times, merged.parts["position"], *others)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    note = ", ".join(filter(None, (times.note, merged.note)))
+    return Recording(track, facts(columns, times._replace(note=note), reading.given_times))
 
 
 def _columns(path: Path, table: Table, reading: Reading, chosen: Mapping[str, tuple[str, ...]], globe: bool) -> Columns:
@@ -185,41 +246,3 @@ def _columns(path: Path, table: Table, reading: Reading, chosen: Mapping[str, tu
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return Columns(table.header, chosen, units, axes, reading.angles is not None)
-
-
-def _parts(columns: Columns, numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns of each quantity except the time, in the units of a track; vectors with z up."""
-    parts: dict[str, np.ndarray] = {}
-    start = 0
-    for part, names in columns.chosen.items():
-        if part == "time":
-            continue
-        values = numbers[:, start : start + len(names)]
-        start += len(names)
-        if part != "attitude":
-            values = values * [1.0 if unit is None else float(unit.factor) for unit in columns.units[part]]
-        if part == "position" and len(names) == 2:
-            values = np.column_stack([values, np.zeros(len(values))])
-        if part in ("position", "velocity"):
-            values = vectors_up(values, columns.axes[part])
-        parts[part] = values
-    return parts
-
-
-def _projected(
-    path: Path, plane: TangentPlane, geodetic: np.ndarray, velocity: np.ndarray | None, attitude: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Return positions in the tangent plane, and velocities and attitudes rotated to its axes.
-
-    The recorded velocities and attitudes refer to the local axes of each sample.
-    """
-    try:
-        position, rotations = plane.project(geodetic)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if velocity is not None:
-        velocity = np.einsum("nij,nj->ni", rotations, velocity)
-    if attitude is not None:
-        local = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(rotations, -1, -2))), float)
-        attitude = np.stack(hamilton.product(tuple(local.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
-    return position, velocity, attitude

@@ -68,6 +68,15 @@ class TrackPart(Part):
         "world axes: z up; north, east, down; or right, down, forward. Default: by the column names, otherwise z up",
         None,
     )
+    rate: keys.Positive | None = key("samples per second of a file without times", None, unit="1/s")
+    times: keys.Text | None = key(
+        "the times of a file without times",
+        None,
+        values="the name of a file with one time [s] on each line, relative to the scenario",
+    )
+    duplicates: Literal["first", "last", "mean"] | None = key(
+        "which of several rows at one time counts; default: equal rows once, and the mean of similar rows", None
+    )
     angles: AnglesPart | None = key(
         "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
     )
@@ -99,8 +108,11 @@ class TrackPart(Part):
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
         projection = None if self.projection is None else TangentPlane(origin)
-        units = {str(part): str(unit) for part, unit in (self.units or {}).items()}
-        track = read_track(beside(self.file), columns, angles, projection, units, self.axes)
+        times = None if self.times is None else beside(self.times)
+        units = {str(part): unit for part, unit in (self.units or {}).items()}
+        track = read_track(
+            beside(self.file), columns, angles, projection, units, self.axes, self.rate, times, self.duplicates
+        )
         return track if self.window is None else track.window(*self.window)
 
 
