@@ -184,3 +184,19 @@ def test_the_example_is_the_circuit_of_the_benchmark():
     stored, drawn = qt.load(ROOT / "examples" / "circuit.json"), centre_line()
     np.testing.assert_allclose(stored.joints(), drawn.joints(), rtol=0, atol=1e-9)
     np.testing.assert_allclose(stored.joints()[-1], stored.joints()[0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("cyclic", [False, True])
+def test_indefinite_systems_are_solved(cyclic):
+    rng = np.random.default_rng(5)
+    diagonal, lower = rng.normal(size=(6, 4, 4)), rng.normal(size=(5, 4, 4))
+    diagonal, border = diagonal + diagonal.swapaxes(1, 2), None
+    if cyclic:
+        corner, side = diagonal[0], rng.normal(size=(6, 4, 4))
+        diagonal[0], lower[0], side[0] = np.eye(4), 0.0, 0.0
+        border = chain.Border(corner, side)
+    matrix = chain.Chain(diagonal, lower, border)
+    known = rng.normal(size=(6, 4))
+    assert matrix.solver() is None
+    found = matrix.solver(indefinite=True)(known)
+    np.testing.assert_allclose(matrix.product(found), known, rtol=0, atol=1e-10)

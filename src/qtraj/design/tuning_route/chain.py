@@ -49,14 +49,18 @@ class Chain(NamedTuple):
         own[0] = 0.0
         return Chain(self.diagonal + own, self.lower, self.border._replace(corner=corner))
 
-    def solver(self) -> Solver | None:
-        """Return a function that solves systems with this matrix, or None if it is not positive definite."""
-        whole = _factored(_band(self.diagonal, self.lower))
+    def solver(self, indefinite: bool = False) -> Solver | None:
+        """Return a function that solves systems with this matrix, or None if it is not positive definite.
+
+        With `indefinite`, the result is None only for a singular matrix.
+        """
+        factored = _factored_with_pivots if indefinite else _factored
+        whole = factored(_band(self.diagonal, self.lower))
         if whole is None or self.border is None:
             return whole
         corner, side = self.border
         found = whole(side)
-        first = _factored(_band((corner - np.einsum("nij,nik->jk", side, found))[None], self.lower[:0]))
+        first = factored(_band((corner - np.einsum("nij,nik->jk", side, found))[None], self.lower[:0]))
         if first is None:
             return None
 
@@ -109,5 +113,26 @@ def _factored(band: Float[np.ndarray, "rows 2b"]) -> Callable[[np.ndarray], np.n
     def solve(right: np.ndarray) -> np.ndarray:
         columns = right.reshape(len(band), -1)
         return lapack.dpbtrs(factor, columns, lower=1)[0].reshape(right.shape)  # pyright: ignore[reportAttributeAccessIssue]
+
+    return solve
+
+
+def _factored_with_pivots(band: Float[np.ndarray, "rows 2b"]) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Do the same for a symmetric matrix that need not be positive definite; the result is None if it is singular."""
+    from scipy.linalg import lapack
+
+    if not np.isfinite(band).all():
+        return None
+    n, k = len(band), band.shape[1] - 1
+    table = np.zeros((3 * k + 1, n))
+    for d in range(min(k + 1, n)):
+        table[2 * k + d, : n - d] = table[2 * k - d, d:] = band[: n - d, d]
+    factor, pivots, info = lapack.dgbtrf(table, k, k)  # pyright: ignore[reportAttributeAccessIssue]
+    if info:
+        return None
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        columns = right.reshape(n, -1)
+        return lapack.dgbtrs(factor, k, k, columns, pivots)[0].reshape(right.shape)  # pyright: ignore[reportAttributeAccessIssue]
 
     return solve

@@ -139,12 +139,12 @@ def residual(at: Iterate, linear: Linear, mu: float) -> float:
     return max(_size(linear.residual) / scale, _size(linear.values - at.margins + at.slacks), products / scale)
 
 
-def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0) -> Step | None:
+def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinite: bool = False) -> Step | None:
     """Return the Newton step for the barrier parameter `mu`, or None if the matrix is not positive definite.
 
-    `shift` is added to the diagonal of the matrix.
+    `shift` is added to the diagonal of the matrix. With `indefinite`, the result is None only for a singular matrix.
     """
-    solver = linear.solver(shift)
+    solver = linear.solver(shift, indefinite)
     if solver is None:
         return None
     gaps = linear.values - at.margins + at.slacks

@@ -109,13 +109,14 @@ class Linear:
         change: Segments = assembly.changed_ends(s, *moved(problem, dz))
         return self.program.flat(*assembly.pushed(problem, s, self.expansion, change))
 
-    def solver(self, shift: float = 0.0) -> Solver | None:
+    def solver(self, shift: float = 0.0, indefinite: bool = False) -> Solver | None:
         """Return a function that solves systems with the matrix, or None if the matrix is not positive definite.
 
-        `shift` is added to the diagonal entries of free variables.
+        `shift` is added to the diagonal entries of free variables. With `indefinite`, the result is None only for a
+        singular matrix.
         """
         matrix = self.matrix if shift == 0 else self.matrix.shifted(shift * self.program.problem.free)
-        return matrix.solver()
+        return matrix.solver(indefinite)
 
     def completed(self, dz: Variables) -> Variables:
         """Return a solution with the variables that repeat others."""

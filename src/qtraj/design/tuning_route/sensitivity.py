@@ -152,8 +152,8 @@ def _change(kind: str, found: Solution, data: Data, change: Data) -> Array:
 
 
 def _refined(matrix: Chain, right: np.ndarray) -> np.ndarray:
-    """Return the solution of the linear system; NaN if the matrix is not positive definite."""
-    solver = matrix.solver()
+    """Return the solution of the linear system; NaN if the matrix is singular."""
+    solver = matrix.solver(indefinite=True)
     if solver is None:
         return np.full(right.shape, np.nan)
     found = solver(right)
@@ -179,13 +179,14 @@ def polished(program: RouteProgram, at: Iterate) -> tuple[Iterate, Chain, bool]:
 def _polished(program: RouteProgram, at: Iterate, mu: float) -> tuple[Iterate, Chain, bool]:
     """Refine an iterate by full Newton steps, starting with the barrier parameter `mu`.
 
-    There is no line search, because the rounding errors of a merit function would stop it this close to the optimum.
+    There is no line search, because the rounding errors of a merit function would stop it this close to the optimum,
+    and the matrix may be indefinite until the slacks and multipliers fit together.
     """
     linear = linearised(program, at)
     for _ in range(STEPS):
         if mu <= LEAST and residual(at, linear, mu) <= TOLERANCE:
             return at, linear.matrix, True
-        step = newton(at, linear, mu)
+        step = newton(at, linear, mu, indefinite=True)
         if step is None:
             break
         primal, dual = longest(at.slacks, step.slacks, KEEP), longest(at.multipliers, step.multipliers, KEEP)
