@@ -1,12 +1,11 @@
 """Recognise and read poses as KITTI writes them: twelve numbers on a line, the rows of a matrix (3, 4)."""
 
 from pathlib import Path
+from typing import Any
 
-import jax
 import numpy as np
 
 from qtraj.algebra import rotation
-from qtraj.foundation.arrays import as_float
 from qtraj.io.delimited import Content, is_number
 from qtraj.io.given_times import NO_TIMES
 
@@ -55,10 +54,8 @@ def attitudes(path: Path, matrices: np.ndarray) -> np.ndarray:
 
     **Raises:** ValueError for a matrix that is not a rotation, with its number.
     """
-    square = matrices.reshape(-1, 3, 3)
+    square: Any = matrices.reshape(-1, 3, 3)
     deviation = np.abs(square @ np.swapaxes(square, 1, 2) - np.eye(3)).max(axis=(1, 2))
     if (bad := np.flatnonzero((deviation > TOLERANCE) | (np.linalg.det(square) < 0))).size:
         raise ValueError(f"{path}: the pose of row {bad[0] + 1} does not contain a rotation matrix")
-    u, _, v = np.linalg.svd(square)
-    body_from_world = np.swapaxes(u @ v, 1, 2)  # the convention of `from_dcm`
-    return np.asarray(jax.vmap(rotation.from_dcm)(as_float(body_from_world)), float)
+    return np.asarray(rotation.from_dcm(rotation.nearest_dcm(square.swapaxes(1, 2))))

@@ -1,12 +1,11 @@
 """Convert the columns of a recording to the quantities of a track."""
 
 from pathlib import Path
+from typing import Any
 
-import jax
 import numpy as np
 
 from qtraj.algebra import hamilton, rotation
-from qtraj.foundation.arrays import as_float
 from qtraj.io.recorded_axes import vectors_up
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_facts import Columns
@@ -46,6 +45,7 @@ def projected(
     if velocity is not None:
         parts["velocity"] = np.einsum("nij,nj->ni", rotations, velocity)
     if attitude is not None:
-        local = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(rotations, -1, -2))), float)
+        world_to_local: Any = np.swapaxes(rotations, -1, -2)
+        local = np.asarray(rotation.from_dcm(world_to_local))
         parts["attitude"] = np.stack(hamilton.product(tuple(local.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
     return parts
