@@ -1,5 +1,6 @@
 """Find outliers, which are samples that are much farther from the route than the other samples."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,21 +19,35 @@ SMOOTHING = 1e-4
 OUTLIER_RATIO = 10.0
 """A sample can be an outlier only if its distance exceeds this factor times the upper quartile of the distances.
 
-All distances are from the route.
+The quartile is that of the samples that are not outliers; all distances are from the route.
 """
 
 MIN_JUMP = 0.5
 """Consecutive distant samples are outliers if the error vector changes from one sample to the next by at least this
 fraction of their largest error."""
 
-MAX_ROUNDS, REDUCTION = 12, 0.3
-"""Maximum number of fits, and the factor by which the bound decreases from one fit to the next."""
+QUIET = 5.0
+"""There are no outliers if no distance from a first fit exceeds this multiple of the median distance."""
+
+CONVEX, REDESCENDING, SETTLED = 20, 10, 0.01
+"""Maximum number of fits for the smallest sum of distances, maximum number of fits with redescending weights, and the
+relative change of the median distance, or the change of a weight, at which either ends."""
+
+BIWEIGHT = 6.0
+"""Distance at which Tukey's biweight becomes zero, in median distances."""
+
+JUMP_RATIO, BACK, LONGEST = 20.0, 0.25, 0.1
+"""Minimum size of a jump relative to the median change of a step, tolerance on a jump back relative to the jump, and
+the largest number of samples between them relative to all samples."""
+
+MAX_ROUNDS = 12
+"""Maximum number of fits after which outliers are found again."""
 
 END_TOLERANCE = 1e-6
 """Tolerance on the first and the last of the user's knots, relative to the duration."""
 
-MIN_QUARTILE = 1e-8
-"""[m] Lower bound on the quartile, so that rounding errors do not turn noiseless samples into outliers."""
+MIN_SCALE = 1e-8
+"""[m] Lower bound on these distances, so that rounding errors do not turn noiseless samples into outliers."""
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
@@ -54,27 +69,72 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
             user_knots = _checked_knots(values, duration)
             spacing = float(np.median(np.diff(user_knots)))
     grid = equal_knots(duration, spacing) if user_knots is None else user_knots
-    at, jerk, bound = design(grid, recording.times), jerk_system(grid), np.inf
-    samples = sample_system(at, recording.positions, recording.position_weights)
-    earlier = {recording.weights.tobytes()}
-    for _ in range(MAX_ROUNDS):
+    at, jerk = design(grid, recording.times), jerk_system(grid)
+
+    def residuals(weights: np.ndarray) -> np.ndarray:
+        samples = sample_system(at, recording.positions, recording.position_sigmas.of(weights))
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
-        residuals = recording.position_sigmas.scaled(predict(at, states) - recording.positions)
-        inliers = lengths(residuals)[recording.weights > 0]
-        final_bound = outlier_bound(inliers)
-        bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
-        weights = (~outliers(residuals, bound)).astype(float)
-        change = weights - recording.weights
-        changed = change != 0
-        if changed.any():
-            recording = recording._replace(weights=weights)
-            changes = recording.position_sigmas.of(change)[changed]
-            part = sample_system(at.part(changed), recording.positions[changed], changes)
-            samples = samples.plus(part)
-        if bound == final_bound and weights.tobytes() in earlier:
-            break  # otherwise the same samples could be excluded and included alternately
-        earlier.add(weights.tobytes())
-    return recording, spacing, user_knots
+        return recording.position_sigmas.scaled(predict(at, states) - recording.positions)
+
+    trusted = ~_displaced(recording.times, recording.positions)
+    distances = lengths(residuals(np.ones(len(trusted))))
+    if trusted.all() and distances.max() <= QUIET * max(float(np.median(distances)), MIN_SCALE):
+        return recording, spacing, user_knots
+    weights = _robust_weights(residuals, trusted)
+    errors = residuals(weights)
+    marked = outliers(errors, outlier_bound(lengths(errors)[weights > 0]))
+    for _ in range(MAX_ROUNDS):
+        errors = residuals((~marked).astype(float))
+        again = outliers(errors, outlier_bound(lengths(errors)[~marked]))
+        if np.array_equal(again, marked):
+            break
+        marked = again
+    return recording._replace(weights=(~marked).astype(float)), spacing, user_knots
+
+
+def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.ndarray) -> np.ndarray:
+    """Return the weights (n,) of a robust fit: first of the smallest sum of distances, then redescending weights.
+
+    Samples that are not `trusted` have no weight in the first fits.
+    """
+    weights, last = trusted.astype(float), np.inf
+    for _ in range(CONVEX):
+        distances = lengths(residuals(weights))
+        scale = max(float(np.median(distances)), MIN_SCALE)
+        weights = trusted * scale / np.maximum(distances, scale)
+        if abs(scale - last) < SETTLED * scale:
+            break
+        last = scale
+    for _ in range(REDESCENDING):
+        distances, before = lengths(residuals(weights)), weights
+        scale = max(float(np.median(distances)), MIN_SCALE)
+        weights = np.maximum(1 - (distances / (BIWEIGHT * scale)) ** 2, 0.0) ** 2
+        if np.abs(weights - before).max() < SETTLED:
+            break
+    return weights
+
+
+def _displaced(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Return a mask (n,) of samples that may be displaced together, between a jump and an equal jump back."""
+    marked = np.zeros(len(times), bool)
+    steps = np.diff(times)[:, None]
+    velocities = np.diff(positions, axis=0) / steps
+    padded = np.pad(velocities, ((2, 2), (0, 0)), mode="edge")
+    usual = np.median(np.stack([padded[k : k + len(velocities)] for k in range(5)]), axis=0)
+    jumps = (velocities - usual) * steps
+    sizes = lengths(jumps)
+    last = -1
+    places = np.flatnonzero(sizes > JUMP_RATIO * max(float(np.median(sizes)), MIN_SCALE))
+    for k, start in enumerate(places):
+        if start <= last:
+            continue
+        ends = places[k + 1 :]
+        ends = ends[ends - start <= len(times) * LONGEST]
+        back = ends[lengths(jumps[ends] + jumps[start]) < BACK * sizes[start]]
+        if len(back):
+            last = back[0]
+            marked[start + 1 : last + 1] = True
+    return marked
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
@@ -83,8 +143,8 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def outlier_bound(distances: np.ndarray) -> float:
-    """Return the distance [m] above which a sample can be an outlier, from the distances of all inliers."""
-    return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
+    """Return the distance [m] above which a sample can be an outlier, from the distances of the other samples."""
+    return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_SCALE)
 
 
 def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:

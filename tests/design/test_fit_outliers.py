@@ -1,0 +1,71 @@
+"""Outliers of recordings: single ones, many, and blocks after a jump of the receiver; the route stays where it was."""
+
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+TIMES = np.arange(0.0, 60.0, 0.1)
+DRIVE = np.stack([8 * TIMES, 30 * np.sin(TIMES / 9), 0.02 * TIMES], axis=1)
+NOISE = 0.02
+
+
+def fraction(part, size):
+    def disturb(random, positions):
+        bad = np.flatnonzero(random.random(len(positions)) < part)
+        positions[bad] += size * random.standard_normal((len(bad), 3))
+        return bad
+
+    return disturb
+
+
+def block(random, positions):
+    start, shift = random.integers(50, 500), random.standard_normal(3)
+    positions[start : start + 20] += 15 * shift / np.linalg.norm(shift)
+    return np.arange(start, start + 20)
+
+
+def spikes(random, positions):
+    bad = random.choice(len(positions), 5, replace=False)
+    positions[bad] += 50 * random.standard_normal((5, 3))
+    return bad
+
+
+CASES = {
+    "one in ten by 20 m": fraction(0.1, 20.0),
+    "three in ten by 20 m": fraction(0.3, 20.0),
+    "one in five by 1 m": fraction(0.2, 1.0),
+    "a block of 20 by 15 m": block,
+    "five spikes of 50 m": spikes,
+    "none": lambda random, positions: np.array([], int),
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("case", CASES)
+def test_the_drive_is_recovered(case, seed):
+    random = np.random.default_rng(seed)
+    positions = DRIVE + NOISE * random.standard_normal(DRIVE.shape)
+    bad = CASES[case](random, positions)
+    fitted = qt.fit_route(qt.Track(TIMES, positions))
+    assert not np.setdiff1d(fitted.outliers, bad).size
+    far = bad[np.linalg.norm(positions[bad] - DRIVE[bad], axis=1) > 0.5]
+    assert not np.setdiff1d(far, fitted.outliers).size
+    errors = np.linalg.norm(np.stack([fitted.path(t) for t in TIMES]) - DRIVE, axis=1)
+    assert np.sqrt(np.mean(errors**2)) < 0.03
+    assert errors.max() < 0.08
+
+
+@pytest.mark.parametrize("count", [100, 300])
+def test_exact_data_have_no_outliers(count):
+    fitted = qt.fit_route(qt.Track(TIMES[:count], DRIVE[:count]))
+    assert fitted.outliers.size == 0
+
+
+def test_a_lasting_jump_is_part_of_the_way():
+    """A correction of the receiver without a jump back: no sample is left out because it comes later."""
+    positions = DRIVE + NOISE * np.random.default_rng(0).standard_normal(DRIVE.shape)
+    positions[300:] += [0.0, 2.0, 0.0]
+    fitted = qt.fit_route(qt.Track(TIMES, positions))
+    assert len(fitted.outliers) < 20
+    assert np.linalg.norm(fitted.path(50.0) - DRIVE[500] - np.array([0.0, 2.0, 0.0])) < 0.05
