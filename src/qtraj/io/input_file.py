@@ -2,13 +2,14 @@
 
 import hashlib
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from qtraj.foundation.toml_fault import syntax_fault
 from qtraj.foundation.untrusted import decoded, parse_json, parse_toml, read_bytes
-from qtraj.io.recording import is_recording
+from qtraj.io.track.recording import is_recording
 
 HASH_DIGITS = 16
 RECORDING_START = 2**16
@@ -40,10 +41,25 @@ def read_input(file: Path) -> InputFile:
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, for a syntax error.
     """
     content = read_bytes(file)
-    start = content[:RECORDING_START].decode(errors="replace")
-    recording = is_recording(file, start)
+    recording = is_recording(file, content[:RECORDING_START])
     data = {"track": {"file": file.name}} if recording else _parsed(file, decoded(file, content))
     return InputFile(file, hashlib.sha256(content).hexdigest()[:HASH_DIGITS], data, recording)
+
+
+def with_track(given: InputFile, track: Mapping[str, Any]) -> InputFile:
+    """Return the input with these keys in its table [track].
+
+    **Raises:** ValueError if there are keys, but the input has no recording.
+    """
+    if not track:
+        return given
+    own = given.data.get("track")
+    if given.is_saved or not isinstance(own, dict):
+        raise ValueError(
+            f"{given.file}: --{next(iter(track))} applies to recordings, but this file has no table [track]: omit the "
+            "option"
+        )
+    return replace(given, data=given.data | {"track": own | dict(track)})
 
 
 def _parsed(file: Path, text: str) -> dict[str, Any]:

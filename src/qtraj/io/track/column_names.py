@@ -4,7 +4,7 @@ import itertools
 import re
 from collections.abc import Sequence
 
-from qtraj.io.column_units import NOT_SUFFIXES, SPELLINGS, Unit, unit_of
+from qtraj.io.track.column_units import NOT_SUFFIXES, SPELLINGS, Unit, unit_of
 
 COMMON = {
     "time": ("time", "t", "timestamp", "seconds"),
@@ -95,16 +95,59 @@ ANGLED = ("roll,pitch,heading", "roll,pitch,yaw", "roll,pitch,azimuth")
 GLOBAL = tuple(
     ",".join(name for name in names if name)
     for names in itertools.product(
-        ("latitude", "lat"),
-        ("longitude", "lon", "lng", "long"),
-        ("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", ""),
+        ("latitude", "lat", "position_lat"),
+        ("longitude", "lon", "lng", "long", "position_long"),
+        ("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", "hgt", "alt_msl", "altitude_msl", "elev", ""),
     )
 )
 """Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`)."""
 
+FLAT = ("x,y", "px,py", "pos_x,pos_y", "position_x,position_y", "easting,northing", "east,north", "e,n", "tx,ty")
+FLAT_VELOCITY = ("vx,vy", "vel_x,vel_y", "velocity_x,velocity_y", "v_x,v_y", "vel_east,vel_north", "ve,vn")
+"""Names of horizontal positions and velocities, whose heights are 0."""
+
+HEIGHTS = {"z", "h", "height", "alt", "altitude", "altitud", "elevation", "ele", "up", "u", "down", "d", "hgt", "depth"}
+"""Names of columns that may be the height of a position."""
+
+MATRICES = tuple(
+    ",".join(f"{prefix}{i}{j}" for i in digits for j in digits)
+    for prefix in ("r", "rot", "rotation", "m", "rotation_matrix", "rotm")
+    for digits in ("123", "012")
+)
+"""Names of the elements of rotation matrices from body to world axes, row by row."""
+
+UNORDERED = tuple(
+    ",".join(f"{prefix}{k}" for k in digits)
+    for prefix in ("q", "quat", "quaternion", "orientation", "att", "attitude", "q_rs")
+    for digits in ("0123", "1234")
+)
+"""Names of quaternions that do not tell which component is the scalar."""
+
+DATE_AND_CLOCK = tuple(
+    f"{date},{clock}"
+    for date in ("date", "day", "utc_date", "gps_date", "local_date", "date_utc")
+    for clock in (
+        "time",
+        "clock",
+        "utc_time",
+        "time_of_day",
+        "utc",
+        "gps_time",
+        "local_time",
+        "tod",
+        "time_utc",
+        "hour",
+    )
+)
+
+OBJECTS = ["mmsi", "imo", "track_id", "vehicle_id", "vessel_id", "object_id", "trip_id", "device_id", "agent_id", "id"]
+"""Columns that tell which of several vehicles a row belongs to."""
+
 SPEED = ["speed", "sog", "ground_speed", "groundspeed", "velocity", "speed_over_ground"]
-HEADING = ["heading", "hdg", "course", "cog", "bearing", "yaw", "course_over_ground", "true_heading"]
+HEADING = ["heading", "hdg", "course", "cog", "bearing", "yaw", "course_over_ground", "true_heading", "psi", "theta"]
 """Columns that are recognised, but that a track does not contain: speed along the path, and heading."""
+
+CURVATURE = ["kappa", "curvature", "curv"]
 
 PREFIXES = {"field", "pose", "msg", "header", "gps", "gnss"}
 """Words at the start of column names that do not change the meaning."""
@@ -115,7 +158,7 @@ IMPLIED = {"timems": "ms", "timeus": "us", "timens": "ns"} | {
 """Units of columns whose names consist of a time and a unit without a separator, or of a unit alone."""
 
 _BRACKET = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
-_SEPARATOR = re.compile(r"[\s_.\-]+")
+_SEPARATOR = re.compile(r"[\s_.\-\[\]]+")
 
 
 def squeezed(name: str) -> str:
@@ -170,7 +213,8 @@ def names_columns(header: Sequence[str]) -> bool:
 
 
 def _base(name: str) -> str:
-    return re.sub(r"\s*[\[(].*$", "", name).strip()
+    """Return a name without its unit in brackets; a number in brackets is an index and stays."""
+    return re.sub(r"\s*[\[(](?!\d+[\])]).*$", "", name).strip()
 
 
 def _words(name: str) -> tuple[list[str], int]:

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from qtraj.io.attitude_angles import AttitudeAngles
-from qtraj.io.column_names import unit_in
-from qtraj.io.column_units import SPELLINGS, Unit, unit_of
+from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.column_names import unit_in
+from qtraj.io.track.column_units import SPELLINGS, Unit, unit_of
 
 KINDS = {"time": "time", "position": "length", "velocity": "speed", "rate": "angular rate"}
 DEFAULTS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": "a quaternion", "rate": "rad/s"}
