@@ -1,7 +1,7 @@
 """Format lengths and durations in the unit that suits their size."""
 
 _LENGTHS = ((1e-3, "µm", 1e6), (1.0, "mm", 1e3), (1e3, "m", 1.0), (1e9, "km", 1e-3))
-_DURATIONS = ((1e-3, "µs", 1e6), (1.0, "ms", 1e3), (600.0, "s", 1.0), (7200.0, "min", 1 / 60), (864e3, "h", 1 / 3600))
+_DURATIONS = ((1e-3, "µs", 1e6), (0.1, "ms", 1e3), (600.0, "s", 1.0), (7200.0, "min", 1 / 60), (864e3, "h", 1 / 3600))
 
 
 def length_text(length: float, digits: int = 4) -> str:
