@@ -144,8 +144,8 @@ assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps 
 # ## Random turns
 #
 # This section tunes 32 turns between random states. The limit of each turn is 0.7 times the largest curvature of the
-# nearest uniform rotation. The problem is not convex, so some searches that start only from the initial states end
-# without a solution. We repeat these searches with eight starts each and keep the best result.
+# nearest uniform rotation. The problem is not convex, so a search that starts only from the initial states may end in a
+# local optimum. We repeat the searches with eight starts each.
 
 # %%
 angles, radii = RANDOM.uniform(0.6, 2.5, COUNT), RANDOM.uniform(15.0, 35.0, (2, COUNT))
@@ -172,21 +172,12 @@ def tuned(first, last, curvatures, starts):
 
 sharp = tuned(first, last, jnp.full(COUNT, 10.0), 1).certificate.values[:, 0]  # of the nearest uniform rotations
 wanted = 0.7 * sharp
-turns = tuned(first, last, wanted, 1)
-print(repr(turns))
-left = np.flatnonzero(~turns.converged)
-assert len(left) < COUNT // 4
-
-
-def select(tree, chosen):
-    """Some elements of a batch."""
-    return jax.tree.map(lambda x: x[chosen], tree)
-
-
-for k in left:
-    again = qt.tune(select(first, k), select(last, k), qt.Limits(curvature=wanted[k]), starts=8)
-    print(f"problem {k}: {turns.status[k]}; from eight starts: {again.result}")
-    assert again.converged or "curvature" in again.result
+single, turns = (tuned(first, last, wanted, starts) for starts in (1, 8))
+print(repr(single), repr(turns), sep="\n")
+gains = 1 - turns.objective / single.objective
+print(f"Eight starts find a better optimum in {np.sum(gains > 1e-6)} of {COUNT} problems, by up to {gains.max():.2%}.")
+assert turns.converged.all()
+assert np.all(gains > -1e-6)
 
 # %% [markdown]
 # ## With any optax optimiser

@@ -126,6 +126,7 @@ def test_gradients_through_blocks_agree_with_differences(small_blocks):
             np.testing.assert_allclose(gradient[k], difference, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_reductions_agree_with_the_samples(stack, small_blocks):
     times = np.linspace(0.0, 4.0, 21) ** 1.1
     table = qt.evaluate(stack, times, ["speed", "rate"])
@@ -173,6 +174,7 @@ def test_reductions_of_long_rows_agree_with_the_samples(stack, few_segments, cou
             np.testing.assert_array_equal(peak.times["rate"][:, 1], row_times.min(axis=1))  # zero everywhere
 
 
+@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_the_time_of_a_peak_does_not_depend_on_rounding(stack, few_segments, monkeypatch):
     """Samples that are computed twice may differ: if none equals the peak, the time is that of the largest."""
     attained = long_rows.attained

@@ -32,7 +32,7 @@ mistakes = [
     (lambda: qt.simulate(turn, 2.0, one, still, times), "law must be an object such as AccelerationLaw"),
     (lambda: qt.simulate(turn, law, one, still, times, sensor=0.1), "sensor must be an object such as"),
     (lambda: qt.simulate(turn, law, one, still, times, actuator=1.0), "actuator must be an object such as"),
-    (lambda: qt.simulate(turn, law, one, [0.0] * 3, times), "the initial rate must have shape (4,)"),
+    (lambda: qt.simulate(turn, law, one, [0.0] * 2, times), "the initial rate must have shape (3,) or (4,)"),
     (lambda: qt.integrate(lambda t, q, w: jnp.zeros(3), one, still, times), "the virtual scalar part first"),
     (lambda: qt.propagate(lambda t: jnp.zeros(2), one, times), "omega(t) must have shape (3,)"),
     (lambda: qt.EulerTurn(one, one, 2.0), "a motion profile such as TimeOptimal"),

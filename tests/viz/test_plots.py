@@ -80,6 +80,7 @@ def test_a_table_draws_the_named_outputs():
     assert [a.get_ylabel() for a in table.plot("rate").axes] == ["rate\n[rad/s]"]
 
 
+@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_several_paths_are_drawn_together_also_with_different_times():
     stack = jax.vmap(lambda k: qt.SpiralHelix(jnp.stack([10 + k, 0 * k]), [0.2, 0.4], [1.0, 0.5], 6.0))(jnp.arange(3.0))
     for times in (TIMES, np.linspace(0.0, [5.0, 6.0, 7.0], 9, axis=1)):

@@ -120,6 +120,26 @@ def test_axes_and_components_are_named_after_the_frame(frame, names):
     assert [line["name"] for line in rate["series"][:3]] == [f"ω {name.split()[0]}" for name in names]
 
 
+@pytest.mark.parametrize(
+    ("frame", "shown"),
+    [("natural", "angular rate of the natural trihedral"), ("upright", "yaw rate"), ("rotation-minimizing", None)],
+)
+def test_rates_have_a_panel_for_their_own_frame_only(frame, shown):
+    dataset = two_paths(frame=frame)
+    for name in ("angular_rate", "yaw_rate"):
+        dataset[name] = dataset["speed"].assign_attrs(units="rad s-1").drop_attrs()
+    titles = [panel["title"] for panel in json.loads(Page(report_page(dataset)).scripts[0])["panels"]]
+    assert [title for title in titles if "rate" in title] == ([shown] if shown else [])
+
+
+def test_a_limit_on_the_trihedral_is_shown_for_every_frame():
+    dataset = two_paths(frame="upright")
+    dataset["angular_rate"] = dataset["speed"].assign_attrs(units="rad s-1", limit=1.0)
+    panels = json.loads(Page(report_page(dataset)).scripts[0])["panels"]
+    [panel] = [panel for panel in panels if panel["title"] == "angular rate of the natural trihedral"]
+    assert panel["limits"][0]["value"] == 1.0
+
+
 def test_tables_have_the_status_of_each_limit(paths):
     text = " ".join(paths.text)
     for expected in ("Limits", "speed [m/s]", "broken", "within", "Boundary states", "600010.0000", IMAGE, "report"):

@@ -11,12 +11,15 @@ import numpy as np
 from qtraj.batch.at_once import evaluated, is_small
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
+from qtraj.batch.of_program import OUTPUTS as PROGRAM_OUTPUTS, program_table
 from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
-from qtraj.foundation.arrays import as_float, is_traced
+from qtraj.foundation.argument import described
+from qtraj.foundation.arrays import as_float, is_traced, warn_if_outside
 from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput
+from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path.channel import CHANNELS
 from qtraj.path.driving import default_frame, require_one_direction
@@ -32,7 +35,7 @@ DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvat
 
 
 def evaluate(
-    paths: AbstractHodograph,
+    paths: AbstractHodograph | AbstractProgram,
     times: ArrayInput,
     outputs: Sequence[str] = DEFAULT_OUTPUTS,
     frame: Frame | None = None,
@@ -71,8 +74,13 @@ def evaluate(
     of paths and instants. To avoid the allocation of new memory, the arrays of this table are overwritten; do not use
     them again.
 
+    A program instead of a path, such as a `FrameProgram` or an `EulerTurn`, is evaluated, too. Its outputs are
+    `quaternion`, `rate`, `angular_acceleration` and `dcm`; the first three are the default.
+
     Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
     differentiated in forward and reverse mode.
+
+    At times outside [0, duration] the formulas are extrapolated, with a warning for concrete times.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
     are neither (n,) nor (b, n), a missing vehicle, a number of vehicles that differs from the number of paths, forces
@@ -80,6 +88,10 @@ def evaluate(
     with `reduce` or `reuse`.
     """
     require_axes(axes)
+    if isinstance(paths, AbstractProgram):
+        _require_none(frame=frame, reduce=reduce, devices=devices, reuse=reuse, vehicle=vehicle)
+        names = PROGRAM_OUTPUTS if outputs is DEFAULT_OUTPUTS else _names(outputs)
+        return program_table(paths, times, names, axes)
     task = Task(
         names=_names(outputs),
         components=_one_of(components, ("last", "first"), "components"),
@@ -101,6 +113,7 @@ def evaluate(
         raise ValueError(f"times must have shape {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
         raise ValueError("times must contain at least one instant")
+    warn_if_outside(instants, paths.duration, "path")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
@@ -146,6 +159,12 @@ def _minimizing(
     return Table(time=instants, **ordered, **form)
 
 
+def _require_none(**arguments: Any) -> None:
+    """Raise a ValueError if an argument was given that does not apply to a program."""
+    if given := [name for name, value in arguments.items() if value is not None]:
+        raise ValueError(f"{given[0]} applies only to paths, but a program was given: omit {given[0]}")
+
+
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     if isinstance(outputs, str):
         raise ValueError(
@@ -188,7 +207,7 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
 def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
         raise ValueError(
-            f"a path or a batch of paths was expected, but a {type(paths).__name__} was given. "
+            f"a path or a batch of paths was expected, but {described(paths)} was given. "
             "Stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
             "them with jax.vmap."
         )

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.timing.constraints import NAMES
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
@@ -229,6 +230,11 @@ class Limits(eqx.Module):
         """Return each limit minus the value at one instant `t` [s], by name; negative if the limit is violated."""
         limits = self.given()
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
+
+
+def require_limits(limits: Limits) -> None:
+    """Raise a ValueError if the argument `limits` is not a `Limits`."""
+    require_type(limits, Limits, "limits", "a Limits, such as Limits(curvature=0.05)")
 
 
 def divisors(names: Iterable[str], road: RoadParameters) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from qtraj.design.proof.maxima import find_maxima
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters, Vehicle, require
@@ -48,6 +48,7 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 
     **Raises:** ValueError for an unknown name or a batch, or if the quantity needs a `vehicle` and none is given.
     """
+    require_path(path)
     entry = quantity(name)
     used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs else None
     road = None if used is None else used.parameters()

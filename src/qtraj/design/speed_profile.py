@@ -12,13 +12,13 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.design.timing.constraints import UPPER
-from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.outcome import Retimed, require_one
 from qtraj.design.timing.road import coefficients
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
-from qtraj.foundation.record import Quantity, Record, require_concrete
+from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
@@ -143,9 +143,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
 
     **Raises:** ValueError for a batch of results, or for traced values.
     """
-    require_concrete(timed)
-    if timed.code.ndim:
-        raise ValueError(f"the result for one path was expected, but a batch of shape {timed.code.shape} was given")
+    require_one(timed)
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
     vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
     bounds = dict(zip(names, limits, strict=True))

@@ -188,3 +188,20 @@ def warn_if_coarse(x: ArrayInput, name: str) -> None:
             "Call jax.config.update('jax_enable_x64', True) first, or move the origin closer to the path.",
             stacklevel=2,
         )
+
+
+def warn_if_outside(times: Any, duration: Any, what: str) -> None:
+    """Warn if instants [s] are outside [0, duration] by more than rounding; `duration` has the batch shape of rows."""
+    instants, last = concrete(times), concrete(duration)
+    if instants is None or last is None:
+        return
+    last = last[..., None]
+    slack = 4 * np.finfo(instants.dtype).eps * np.abs(last)
+    outside = (instants < -slack) | (instants > last + slack)
+    if outside.any():
+        worst = float(np.broadcast_to(instants, outside.shape)[outside][0])
+        warnings.warn(
+            f"{int(outside.sum())} of {outside.size} instants are outside the {what}, such as {worst:.9g} s: it lasts "
+            f"from 0 to {float(last.max()):.9g} s. The values there are extrapolated.",
+            stacklevel=3,
+        )

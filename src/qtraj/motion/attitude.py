@@ -8,6 +8,7 @@ import numpy as np
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.foundation import document
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
@@ -99,3 +100,8 @@ class AbstractProgram(eqx.Module):
         **Raises:** ValueError for a suffix other than .toml or .json, or for a program that contains a user's function.
         """
         document.save(self, file)
+
+
+def require_program(program: AbstractProgram) -> None:
+    """Raise a ValueError if the argument `program` is not an attitude program."""
+    require_type(program, AbstractProgram, "program", "a program, such as a FrameProgram or an EulerTurn")

@@ -12,9 +12,9 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
-from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.attitude import AbstractProgram, require_program
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.path.track import Track, elapsed_times, to_float64
+from qtraj.path.track import Track, elapsed_times, require_track, to_float64
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
@@ -95,6 +95,8 @@ def compare_attitude(
     **Raises:** ValueError for a track that has no attitudes, lasts longer than the program or is traced; if the
     program's frame is undefined at all samples; and for a mounting that is zero, not finite or of another shape.
     """
+    require_program(program)
+    require_track(track)
     if track.attitudes is None:
         raise ValueError(
             "this track has no attitudes to compare: read attitudes with qtraj.read_track, as quaternions qw, qx, qy, "

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.path.rate_axes import require_axes as require_axes
 
@@ -43,6 +44,20 @@ def initial_quaternion(quaternion: ArrayInput) -> Quat:
     if values is not None and not values.any():
         raise ValueError("the initial quaternion must not be zero, because zero does not represent an attitude")
     return quaternion
+
+
+def initial_rate(rate: ArrayInput) -> Quat:
+    """Return the initial rate (4,) [rad/s] as a float array; a rate (3,) gets the scalar part zero.
+
+    **Raises:** ValueError if the rate is not finite, or has another shape.
+    """
+    shape = np.shape(rate)
+    if shape == (3,):
+        vector = real_vector(rate, "the initial rate", 3)
+        return xp.concatenate([xp.zeros_like(vector[:1]), vector])
+    if shape != (4,):
+        raise ValueError(f"the initial rate must have shape (3,) or (4,), but an array of shape {shape} was given")
+    return real_vector(rate, "the initial rate", 4)
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:

@@ -13,12 +13,13 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.motion.attitude import require_program
 from qtraj.motion.attitude_residual import require_covered
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path import headings
 from qtraj.path.driving import segments_of
 from qtraj.path.route import Route
-from qtraj.path.track import Track, elapsed_times, to_float64
+from qtraj.path.track import Track, elapsed_times, require_track, to_float64
 
 MIN_SPEED = 3.0
 """Default speed [m/s] above which rates are compared; at low speeds, noise determines the direction of travel."""
@@ -91,6 +92,8 @@ def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = 
     **Raises:** ValueError for a track without rates, a track that lasts longer than the program, fewer than three
     samples above `min_speed`, and inside a trace.
     """
+    require_program(program)
+    require_track(track)
     if track.rates is None:
         raise ValueError(
             "this track has no angular rates to compare: read them with "

@@ -4,6 +4,7 @@ import equinox as eqx
 import numpy as np
 
 from qtraj.algebra.vector import dot, norm, unit
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy_or_jit, xp
@@ -50,6 +51,12 @@ class BoundaryState(AbstractResult):
             return f"{batch_prefix(self.position.shape[:-1])}|velocity| {speed}"
         text = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
         return text if self.acceleration is None else f"{text}, acceleration {vector_text(self.acceleration)} m/s²"
+
+
+def require_states(start: BoundaryState, end: BoundaryState) -> None:
+    """Raise a ValueError if `start` or `end` is not a boundary state."""
+    for name, state in (("start", start), ("end", end)):
+        require_type(state, BoundaryState, name, "a BoundaryState, such as BoundaryState(position, velocity)")
 
 
 class Cylindrical(eqx.Module):

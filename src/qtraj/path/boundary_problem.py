@@ -11,7 +11,7 @@ from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import in_numpy, with_component, xp
 from qtraj.foundation.types import Scalar
-from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, cylindrical
+from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, cylindrical, require_states
 from qtraj.path.placement import Placement
 
 RATE_TOLERANCE = 1e-9
@@ -140,6 +140,7 @@ def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
 
     **Raises:** ValueError if the horizontal velocities are parallel or zero, because then no such axis exists.
     """
+    require_states(start, end)
     middle = (start.position + end.position)[:2] / 2
     va, vb = start.velocity[:2], end.velocity[:2]
     # The point p satisfies (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, with the horizontal positions p_A, p_B and

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import part
 from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, is_host, xp
 from qtraj.foundation.record import Quantity, Record
@@ -165,6 +166,8 @@ def compare_paths(
     Each path is sampled at 513 equally spaced instants over its duration. `given` are the requested boundary states;
     the result contains their velocities.
     """
+    require_type(before, SpiralHelix, "before", "a SpiralHelix")
+    require_type(after, SpiralHelix, "after", "a SpiralHelix")
     was, now = sampled(before), sampled(after)
     pairs = ((was, before.placement), (now, after.placement))
     velocities = [[_components(state, placement) for state in samples.ends] for samples, placement in pairs]

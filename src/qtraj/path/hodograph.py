@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
@@ -108,6 +109,11 @@ class AbstractHodograph(eqx.Module):
         **Raises:** ValueError for any other suffix, or if the path contains a user-defined function.
         """
         document.save(self, file)
+
+
+def require_path(path: AbstractHodograph) -> None:
+    """Raise a ValueError if the argument `path` is not a path."""
+    require_type(path, AbstractHodograph, "path", "a path, such as a SpiralHelix or a Route")
 
 
 def _arc_length(path: AbstractHodograph) -> Scalar:

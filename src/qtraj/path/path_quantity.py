@@ -32,7 +32,8 @@ class PathQuantity:
     `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and denominator would
     overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the name of the
     quantity. `bounds_speed` indicates whether a limit on the quantity also bounds the speed on every path. `infinite`
-    indicates where the quantity is infinite although the ratio is not.
+    indicates where the quantity is infinite although the ratio is not. `of` names the frame whose motion the quantity
+    describes, if another frame along the path has the same quantity.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
     PRINCIPAL if the quantity is `factor` times the square root of the ratio; `factor` is a function of the vehicle's
@@ -53,6 +54,7 @@ class PathQuantity:
     bounds_speed: bool = False
     signed: Formula | None = None
     infinite: Formula | None = None
+    of: str = ""
     needs: str = ""
     factor: Formula | None = None
     factor_unit: str = "1"
@@ -61,6 +63,11 @@ class PathQuantity:
     def variable(self) -> str:
         """The name of the quantity as an output of `qtraj.evaluate`."""
         return self.output or self.name
+
+    @property
+    def title(self) -> str:
+        """The name of the output in words, with the frame that the quantity belongs to."""
+        return self.variable.replace("_", " ") + (f" of the {self.of}" if self.of else "")
 
     @property
     def label(self) -> str:

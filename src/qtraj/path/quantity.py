@@ -8,6 +8,7 @@ datasets, figures, proofs and tuning use this registry.
 from typing import Any, NamedTuple
 
 from qtraj.algebra.cpu import inverse_root
+from qtraj.foundation.argument import require_type
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
 from qtraj.path.path_quantity import PathQuantity, cubed, ratio, squared
@@ -118,6 +119,7 @@ _ENTRIES = (
         denominator=lambda i: squared(i.N * i.S),
         divisor="cross_norm",
         square=_rate_square,
+        of="natural trihedral",
         bounds_speed=True,
     ),
     PathQuantity(
@@ -130,6 +132,7 @@ _ENTRIES = (
         denominator=lambda i: squared(squared(i.S)) * squared(squared(i.N)),
         divisor="cross_norm",
         square=_acceleration_square,
+        of="natural trihedral",
         output="angular_acceleration_magnitude",
     ),
     PathQuantity("jerk", "|r⃛|", "m s-3", 3, "magnitude of the jerk", numerator=lambda i: i.J, output="jerk_magnitude"),
@@ -161,6 +164,9 @@ _ENTRIES = (
 
 QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)}
 """The quantities by their names in `Limits`, in display order."""
+
+TITLES = {entry.variable: entry.title for entry in QUANTITIES.values()}
+"""The titles of the quantities in figures and reports, by the names of the outputs."""
 
 
 class Offset(NamedTuple):
@@ -200,6 +206,7 @@ def quantity(name: str) -> PathQuantity:
     **Raises:** ValueError for an unknown name.
     """
     entries = QUANTITIES | {CORRIDOR.name: CORRIDOR}
+    require_type(name, str, "the name of a path quantity", "a string such as 'curvature'")
     if name not in entries:
         raise ValueError(f"unknown path quantity {name!r}; the known quantities are {', '.join(entries)}")
     return entries[name]

@@ -17,7 +17,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
-from qtraj.path.boundary import BoundaryState
+from qtraj.path.boundary import BoundaryState, require_states
 from qtraj.path.components import rotated_z
 from qtraj.path.frame_components import filled
 from qtraj.path.hodograph import AbstractHodograph
@@ -139,6 +139,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         integer ≥ 0, or an acceleration is given. Traced values are not checked; check the `mismatch` of the path
         instead.
         """
+        require_states(start, end)
         eps = float(np.finfo(np.result_type(start.position.dtype, end.position.dtype)).eps)
         return cls(*problem.uniform(start, end, turns, placement, eps))
 
@@ -159,6 +160,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         **Raises:** ValueError if the duration is not positive, a state lies on the axis, `turns` is not an integer, or
         only one state contains an acceleration.
         """
+        require_states(start, end)
         duration = real_scalar(duration, "the duration of a spiral-helix")
         require_positive(duration, "the duration of a spiral-helix", "s")
         return cls(*problem.hermite(start, end, duration, turns, placement), duration, placement)
@@ -169,6 +171,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
         **Raises:** ValueError if the horizontal velocities are parallel or zero, because then no such axis exists.
         """
+        require_states(start, end)
         axis = problem.axis_between(start, end)
         return cls.hermite(start, end, duration, turns, axis)
 

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_array, as_float, concrete, part, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
@@ -138,6 +139,11 @@ class Track(AbstractResult):
         attitudes = None if self.attitudes is None else part(self.attitudes, chosen)
         rates = None if self.rates is None else part(self.rates, chosen)
         return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes, rates)
+
+
+def require_track(track: Track) -> None:
+    """Raise a ValueError if the argument `track` is not a track."""
+    require_type(track, Track, "track", "a Track, such as the result of qtraj.read_track")
 
 
 def to_float64(x: Array) -> np.ndarray:

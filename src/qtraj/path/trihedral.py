@@ -31,7 +31,7 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frame_components import Basis, FrameComponents, curvature, filled, torsion, triple
 from qtraj.path.frenet import Invariants
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.rate_axes import BODY, INERTIAL, in_axes, require_axes
 from qtraj.path.route import Route
@@ -147,6 +147,7 @@ def trihedral(
 
     **Raises:** ValueError for an array of instants, unknown `axes`, or an invalid `frame`.
     """
+    require_path(path)
     require_axes(axes)
     if frame is None:
         frame = Upright() if isinstance(path, Route) else Natural()

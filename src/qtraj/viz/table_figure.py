@@ -1,5 +1,6 @@
 """Plot the outputs of a table against time, one panel for each output."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from qtraj.foundation.units import symbol
+from qtraj.path.quantity import TITLES
 from qtraj.viz.style import AXIS_COLOURS, COMPONENTS, RC, SERIES, WIDTH, above, frame
 
 PANEL, MARGINS = 1.55, 0.75  # heights [inch]: one panel, and both margins together
@@ -16,6 +18,7 @@ MAX_PATHS = 8
 NOT_DRAWN = ("dcm", "defined")
 """Outputs that are plotted only if they are requested."""
 PALE = 0.55
+WRAP = 20  # characters of a line of a label
 
 
 def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
@@ -67,7 +70,8 @@ def _panel(axes: Any, dataset: xarray.Dataset, name: str) -> None:
             axes.plot(
                 time.values, values[:, column], color=colour, lw=1.5, alpha=PALE if inner and k else 1, label=text
             )
-    axes.set_ylabel(f"{name.replace('_', ' ')}\n[{symbol(variable.attrs.get('units', '1')) or '–'}]")
+    heading = textwrap.fill(TITLES.get(name, name.replace("_", " ")), WRAP)
+    axes.set_ylabel(f"{heading}\n[{symbol(variable.attrs.get('units', '1')) or '–'}]")
     frame(axes)
     if axes.get_legend_handles_labels()[1]:
         above(axes, 9)

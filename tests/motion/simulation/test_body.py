@@ -173,7 +173,7 @@ def test_invalid_arguments(tmp_path):
             lambda: qt.RigidBody(1.0, wheels=qt.ReactionWheels(np.eye(3)), max_torque=1.0),
             "limits thrusters, but wheels were given",
         ),
-        (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "the body must be an object such as"),
+        (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "body must be an object such as"),
         (
             lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)),
             "a rate law commands",

@@ -268,7 +268,7 @@ def test_invalid_arguments_are_refused():
     with pytest.raises(ValueError, match="must not be zero"):
         integrate(still, np.zeros(4), rest, [0.0, 1.0])
     with pytest.raises(ValueError, match="the initial rate must have shape"):
-        integrate(still, one, np.zeros(3), [0.0, 1.0])
+        integrate(still, one, np.zeros(2), [0.0, 1.0])
     with pytest.raises(ValueError, match="rtol must be finite"):
         integrate(still, one, rest, [0.0, 1.0], rtol=-1.0)
 
@@ -297,3 +297,11 @@ def test_a_solution_is_stored_and_read_back(in_body_axes, tmp_path):
 def test_diffrax_is_imported_by_the_first_solve_only():
     code = "import sys, qtraj.motion.simulation.simulate, qtraj.motion.control; assert 'diffrax' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_a_rate_of_three_components_has_the_scalar_part_zero():
+    times = np.linspace(0.0, 1.0, 5)
+    three, four = (
+        integrate(lambda t, q, w: 0 * w, [1.0, 0, 0, 0], rate, times) for rate in ([1.0, 2, 3], [0, 1.0, 2, 3])
+    )
+    np.testing.assert_array_equal(three.quaternion, four.quaternion)

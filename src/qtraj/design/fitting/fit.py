@@ -32,7 +32,7 @@ from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, elapsed_times, to_float64
+from qtraj.path.track import Track, elapsed_times, require_track, to_float64
 from qtraj.path.trihedral import Upright
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
@@ -86,6 +86,7 @@ def fit(
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
+    require_track(track)
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
     turn = measure_turn(track, position_sigma, velocity_sigma)
     scale = turn.radius

@@ -29,7 +29,7 @@ from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.rate_residual import compare_upright
 from qtraj.path.residual import compare
 from qtraj.path.route import Route
-from qtraj.path.track import STANDSTILL, Track, to_float64
+from qtraj.path.track import STANDSTILL, Track, require_track, to_float64
 
 MAX_HALVINGS, MIN_GAIN = 3, 0.03
 """Maximum number of halvings of the knot spacing, and the minimum relative decrease of the score by a halving."""
@@ -77,6 +77,7 @@ def fit_route(
     finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing)
+    require_track(track)
     recording, spacing, user_knots = without_outliers(_recording(track, position_sigma, velocity_sigma), knots)
     stops = _stops(recording)
     problem, best, stretch_error = _chosen(recording, stops, spacing, user_knots, tolerance, smoothing)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
@@ -23,7 +23,7 @@ from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float, constants, is_traced
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
@@ -99,6 +99,8 @@ def certify(
     reference, or with a reference about a different axis. RuntimeError with `throw` if a limit is violated, undecided
     or undefined.
     """
+    require_path(path)
+    require_limits(limits)
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
     if isinstance(path, Route):

@@ -12,11 +12,12 @@ from jaxtyping import Float, Int
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation import document
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
-from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.vehicle import Vehicle
@@ -154,3 +155,11 @@ class Retimed(AbstractOutcome):
         summary = f"{batch_prefix(self.code.shape, 'paths')}{extent(self.duration, 's')}; {self.certificate.summary}"
         labels = {"end": ["start", "end"]}
         return Record(summary, variables, findings.coordinates, findings.attributes, labels)
+
+
+def require_one(timed: Retimed) -> None:
+    """Raise a ValueError if the argument `timed` is not the result for one path with concrete values."""
+    require_type(timed, Retimed, "timed", "a Retimed, the result of qtraj.retime")
+    require_concrete(timed)
+    if timed.code.ndim:
+        raise ValueError(f"the result for one path was expected, but a batch of shape {timed.code.shape} was given")

@@ -18,7 +18,7 @@ MIN_KNOTS, MAX_KNOTS = 16, 2**14
 converge."""
 
 
-def require_limits(limits: Limits, free: bool) -> tuple[str, ...]:
+def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     """Return the names of the limits, or raise an error if they cannot be used or cannot bound the speed.
 
     `free` indicates that neither end speed is prescribed; then a limit that bounds the speed is required.

@@ -11,7 +11,7 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Float, Int
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES, listed
@@ -28,9 +28,9 @@ from qtraj.design.timing.proof import prove
 from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_knots,
-    require_limits,
     require_regular,
     require_stop,
+    require_timing_limits,
     speed_at,
 )
 from qtraj.design.timing.retimed_cells import Cells, of_parts
@@ -44,7 +44,7 @@ from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
@@ -102,8 +102,10 @@ def retime(
     velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit
     on power but none on acceleration, friction or jerk. RuntimeError with `throw` if the retiming fails.
     """
+    require_path(path)
+    require_limits(limits)
     require_float64(path)
-    names = require_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
+    names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     knots = KNOTS if knots is None else knots
     require_knots(knots)
     given = limits.given()

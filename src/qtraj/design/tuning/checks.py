@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
@@ -20,7 +20,7 @@ from qtraj.design.tuning.targets import named_limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
-from qtraj.path.boundary import BoundaryState, Cylindrical
+from qtraj.path.boundary import BoundaryState, Cylindrical, require_states
 from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
@@ -47,8 +47,8 @@ def require_choices(
     has_duration: bool,
 ) -> None:
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
-    if not isinstance(limits, Limits):
-        raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
+    require_states(start, end)
+    require_limits(limits)
     user_limits = limits.given()
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")

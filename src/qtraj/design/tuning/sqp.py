@@ -29,7 +29,7 @@ GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good 
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 FLOOR_GROWTH = 25.0  # of the lower limit of the penalty
-SATISFYING_PENALTY = 100.0  # initial penalty divided by the cost, for searches that start from feasible paths
+SATISFYING_PENALTY = 10.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
 BLOCK = 256

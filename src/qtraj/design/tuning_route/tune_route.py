@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.tuning_route import circuit, rounds
 from qtraj.design.tuning_route.geometry import moved_states
@@ -14,6 +14,7 @@ from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.sensitivity import Solution, differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -172,11 +173,10 @@ def _code(found: rounds.Found, names: tuple[str, ...]) -> ResultCode:
 def _require_route(route: Any, limits: Any) -> None:
     if not isinstance(route, Route):
         raise ValueError(
-            f"a Route was expected, but a {type(route).__name__} was given. Use tune for a SpiralHelix, or convert it "
+            f"route must be a Route, but {described(route)} was given. Use tune for a SpiralHelix, or convert it "
             "with Route.from_path."
         )
-    if not isinstance(limits, Limits):
-        raise ValueError(f"Limits were expected, but a {type(limits).__name__} was given")
+    require_limits(limits)
     if route.duration.ndim:
         raise ValueError("tune_route accepts one route, but a batch was given: call it once for each route")
     require_float64(route)

@@ -22,7 +22,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
+from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, output_times
 from qtraj.motion.control.hysteresis import require_continuous_law
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, apply, gain
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
@@ -133,7 +133,7 @@ def initial_state(
         raise ValueError(f"the law must be a PoseLaw(attitude, k1, k2), but {law!r} was given")
     position, velocity, quaternion, rate = state
     times, q = output_times(times), initial_quaternion(quaternion)
-    rate = real_vector(rate, "the initial rate", 4)
+    rate = initial_rate(rate)
     r, v = real_vector(position, "the position", 3), real_vector(velocity, "the velocity", 3)
     dtype = common_dtype(times, q, rate, r, v)
     q = start_quaternion(sign, program(times[0])[1], q)

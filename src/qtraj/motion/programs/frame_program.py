@@ -15,7 +15,7 @@ from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
 from qtraj.path.driving import default_frame, require_moving
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 
 NODES = 513
@@ -59,6 +59,7 @@ class FrameProgram(AbstractProgram):
         frame: Frame | None = None,
         anchors: ArrayInput | None = None,
     ):
+        require_path(path)
         self.path = path
         self.frame = default_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):

@@ -31,9 +31,9 @@ are more accurate for smooth motion, but less accurate if noisy samples are very
 
 
 def propagate_samples(
-    times: ArrayInput,
     rates: ArrayInput,
     q0: ArrayInput,
+    times: ArrayInput,
     kind: str = "instantaneous",
     axes: str = "body",
     *,
@@ -43,7 +43,7 @@ def propagate_samples(
 ) -> Float[Array, "n 4"]:
     """Return the quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
-    `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
+    The order of the arguments is that of `propagate`. `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
 
     - "instantaneous": ω(t_k) [rad/s];
     - "mean": the mean of ω over the preceding interval, t_{k−1} to t_k [rad/s];
@@ -62,6 +62,11 @@ def propagate_samples(
     require_axes(axes)
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")
+    if np.ndim(rates) != 2:
+        raise ValueError(
+            f"rates must have shape (n, 3), but shape {np.shape(rates)} was given; the arguments are rates, q0 and "
+            "times, in this order"
+        )
     with at_once():
         times, q0 = output_times(times), initial_quaternion(q0)
         rates = _checked_rates(rates, times, kind)

@@ -44,14 +44,14 @@ def integrate(
 ) -> Solution:
     """Integrate λ(t) and ω(t) from the angular acceleration ε = `acceleration`(t, λ, ω) (4,) [rad/s²].
 
-    `quaternion` (4,), non-zero and not necessarily normalised, and `rate` (4,) [rad/s]: the state at times[0]. `times`
-    (n,) [s]: the output instants. `axes`: "body" or "inertial", the axes of the rate, the acceleration and the
-    solution's rate. `solver`: a diffrax solver, Dopri8 for None. `rtol` is relative to each component. `atol` is
-    relative to |λ(0)| for λ, and relative to the larger of |ω(0)| and one radian per time span for ω. `jumps` (m,) [s]:
-    instants at which ε jumps. With `jumps`, the integration is faster, and derivatives with respect to `jumps` are
-    exact. `adjoint`: a diffrax adjoint. The default, None, supports both forward- and reverse-mode differentiation; for
-    reverse mode in large batches, `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number
-    of steps between two instants.
+    `quaternion` (4,), non-zero and not necessarily normalised, and `rate` [rad/s], (3,) or (4,) with the scalar part
+    first: the state at times[0]. `times` (n,) [s]: the output instants. `axes`: "body" or "inertial", the axes of the
+    rate, the acceleration and the solution's rate. `solver`: a diffrax solver, Dopri8 for None. `rtol` is relative to
+    each component. `atol` is relative to |λ(0)| for λ, and relative to the larger of |ω(0)| and one radian per time
+    span for ω. `jumps` (m,) [s]: instants at which ε jumps. With `jumps`, the integration is faster, and derivatives
+    with respect to `jumps` are exact. `adjoint`: a diffrax adjoint. The default, None, supports both forward- and
+    reverse-mode differentiation; for reverse mode in large batches, `diffrax.RecursiveCheckpointAdjoint()` may be
+    faster. `max_steps`: the maximum number of steps between two instants.
 
     If the integration fails, `code` and `result` of the solution give the reason for each element of a batch, and
     values at instants that were not reached are NaN. If `throw` is true, an error is raised instead.

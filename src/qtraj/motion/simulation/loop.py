@@ -1,7 +1,5 @@
 """Define the components of a closed loop, and the instants of new commands."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +7,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -26,6 +25,9 @@ MAX_RENEWALS = 1_000_000
 """Maximum number of commands; a simulation with more commands would take many minutes."""
 
 
+DISTURBANCE = "an object such as DisturbanceTorque(torque, inertia)"
+
+
 class Loop(eqx.Module):
     """The components of a closed loop.
 
@@ -41,12 +43,17 @@ class Loop(eqx.Module):
     body: RigidBody | None = None
 
     def __check_init__(self):
-        _require_kind(self.program, AbstractProgram, "program", "FrameProgram(path)")
-        _require_kind(self.law, AbstractLaw, "law", "AccelerationLaw(2.0, 1.0)")
-        _require_kind(self.disturbance, AbstractDisturbance | None, "disturbance", "DisturbanceTorque(torque, inertia)")
-        _require_kind(self.sensor, AbstractSensor | None, "sensor", "Gyros(0.1)")
-        _require_kind(self.actuator, Actuator, "actuator", "Actuator(1.0)")
-        _require_kind(self.body, RigidBody | None, "body", "RigidBody(inertia)")
+        require_type(self.program, AbstractProgram, "program", "an object such as FrameProgram(path)")
+        require_type(self.law, AbstractLaw, "law", "an object such as AccelerationLaw(2.0, 1.0)")
+        require_type(
+            self.disturbance,
+            AbstractDisturbance | None,
+            "disturbance",
+            "an object such as DisturbanceTorque(torque, inertia)",
+        )
+        require_type(self.sensor, AbstractSensor | None, "sensor", "an object such as Gyros(0.1)")
+        require_type(self.actuator, Actuator, "actuator", "an object such as Actuator(1.0)")
+        require_type(self.body, RigidBody | None, "body", "an object such as RigidBody(inertia)")
         if self.commands_rate and self.body is not None:
             raise ValueError(
                 "a rate law commands the rate directly, so it cannot be used with body=RigidBody(...): use an "
@@ -129,11 +136,6 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
         )
     count = int(np.floor(periods + rounding)) + 1
     return times[0] + sampling * jnp.arange(count, dtype=times.dtype)
-
-
-def _require_kind(part: Any, kind: Any, name: str, example: str) -> None:
-    if not isinstance(part, kind):
-        raise ValueError(f"the {name} must be an object such as {example}, but {part!r} was given")
 
 
 def _same(a: Array, b: Array) -> bool:

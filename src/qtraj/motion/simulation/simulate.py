@@ -54,7 +54,7 @@ def simulate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """Simulate a body that follows `program` under `law`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
+    """Simulate a body that follows `program` under `law`, from `quaternion` (4,) and body `rate` [rad/s], (3,) or (4,).
 
     `times` (n,) [s]: increasing instants, measured from the start of the program; `quaternion` and `rate` are the state
     at times[0]. `sign`: λ and −λ represent the same attitude. "nearer" starts with the quaternion nearer to the

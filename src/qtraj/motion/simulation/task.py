@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
+from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, output_times
 from qtraj.motion.simulation.interval import Method, Tolerances
 from qtraj.motion.simulation.ode import Grid
 from qtraj.path.hodograph import AbstractHodograph
@@ -123,7 +123,7 @@ def checked(
     """Return the arguments as a `Task` in one float dtype; raise a ValueError for invalid concrete values."""
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         quaternion, times = initial_quaternion(quaternion), output_times(times)
-        rate = real_vector(rate, "the initial rate", 4)
+        rate = initial_rate(rate)
         dtype = jax.dtypes.canonicalize_dtype(common_dtype(quaternion, rate, times))
         _require_resolved(times, dtype)
         return Task(

@@ -7,7 +7,8 @@ import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
-from qtraj.path.frame_axes import AXES, THRUST_ALIGNED, UPRIGHT, FrameAxes
+from qtraj.path.frame_axes import AXES, NATURAL, THRUST_ALIGNED, UPRIGHT, FrameAxes
+from qtraj.path.quantity import TITLES as QUANTITY_TITLES
 from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
@@ -16,8 +17,10 @@ from qtraj.viz.report.path_tables import path_tables
 from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
-ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
+ALWAYS = ("speed", "curvature", "lateral_acceleration")
 """Variables that have a panel in every report on paths, if the dataset contains them."""
+OF_FRAME = {NATURAL: "angular_rate", UPRIGHT: "yaw_rate"}
+"""Variables with a panel for one frame only, because they describe its motion."""
 MAX_PATHS = 8
 """Maximum number of paths that are drawn, because more paths could not be distinguished."""
 ONLY, ALONE = "path", "#0072B2"
@@ -100,10 +103,11 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
 
 
 def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
-    """Create the panels: limited quantities and `ALWAYS` show every path, components show only the selected path."""
+    """Create the panels: limited and other quantities show every path, components only the selected path."""
     first = paths[0]
     limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
-    others = [name for name in ALWAYS if name in first and name not in limited]
+    own = [name for kind, name in OF_FRAME.items() if frame == AXES[kind]]
+    others = [name for name in (*ALWAYS, *own) if name in first and name not in limited]
     panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)]
     for name, symbol in SYMBOL_OF.items():
         if name in first:
@@ -141,7 +145,7 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
         for k, (body, path) in enumerate(zip(bodies, paths, strict=True))
     ]
     limits = [(float(notes["limit"]), f"limit {notes['limit']:.4g}")] if "limit" in notes else []
-    return Panel(name.removesuffix("_magnitude").replace("_", " "), unit(notes.get("units", "")), series, limits)
+    return Panel(QUANTITY_TITLES.get(name, name.replace("_", " ")), unit(notes.get("units", "")), series, limits)
 
 
 def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray.Dataset]) -> Panel:

@@ -1,0 +1,28 @@
+"""Check the types of the arguments of public functions."""
+
+from types import UnionType
+from typing import Any
+
+import numpy as np
+
+SHOWN = 60
+"""Maximum number of characters of an argument in a message."""
+
+
+def require_type(value: Any, kind: type | UnionType, name: str, expected: str) -> None:
+    """Raise a ValueError if the argument `name` is not an instance of `kind`; `expected` describes what is."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} must be {expected}, but {described(value)} was given")
+
+
+def described(value: Any) -> str:
+    """Return a short description of an argument of a wrong type, such as "the tuple (1, 2)" or "a SpiralHelix"."""
+    if value is None:
+        return "None"
+    kind = type(value).__name__
+    if isinstance(value, str | int | float | complex | tuple | list | dict | set):
+        text = repr(value)
+        return f"the {kind} {text if len(text) <= SHOWN else text[: SHOWN - 1] + '…'}"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"

@@ -1,0 +1,70 @@
+"""`qtraj.evaluate` of attitude programs, and of times outside a path or a program."""
+
+import jax
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+START, END = qt.BoundaryState([10.0, 0, 0], [-1.0, 8, 0.5]), qt.BoundaryState([9.0, 2, 4], [1.0, 8, 0.5])
+PATH = qt.SpiralHelix.hermite(START, END, 4.0)
+TURN = qt.EulerTurn([1.0, 0, 0, 0], [1.0, 1, 0, 0], qt.Quintic(duration=2.0))
+TIMES = np.linspace(0.0, 2.0, 7)
+
+
+@pytest.mark.parametrize("axes", ["body", "inertial"])
+@pytest.mark.parametrize("program", [TURN, qt.FrameProgram(PATH, qt.Upright())], ids=["turn", "frame"])
+def test_a_program_has_the_values_of_its_attitudes(program, axes):
+    table = qt.evaluate(program, TIMES, axes=axes)
+    for k, t in enumerate(TIMES):
+        at = program.at(t, axes)
+        np.testing.assert_allclose(table.quaternion[k], at.quaternion, atol=1e-15)
+        np.testing.assert_allclose(table.rate[k], at.rate, atol=1e-15)
+        np.testing.assert_allclose(table.angular_acceleration[k], at.acceleration, atol=1e-15)
+    assert table.axes == axes
+    assert table.to_xarray()["rate"].attrs["units"] == "rad s-1"
+
+
+def test_many_instants_are_mapped_and_few_are_not():
+    times = np.linspace(0.0, 2.0, 601)
+    few, many = (qt.evaluate(TURN, x, ["dcm", "rate"]) for x in (times[::3], times))
+    np.testing.assert_allclose(many.dcm[::3], few.dcm, atol=1e-14)
+    np.testing.assert_allclose(many.rate[::3], few.rate, atol=1e-14)
+    np.testing.assert_allclose(few.dcm[-1], qt.rotation.to_dcm(TURN(2.0).quaternion), atol=1e-15)
+
+
+def test_a_program_is_evaluated_under_jit_and_differentiated():
+    last = jax.jit(lambda t: qt.evaluate(TURN, t).rate[0, 0])
+    assert float(last(np.array([0.5]))) == pytest.approx(float(TURN(0.5).rate[0]), abs=1e-14)
+    slope = jax.grad(lambda t: qt.evaluate(TURN, t[None]).rate[0, 0])(np.float64(0.5))
+    assert float(slope) == pytest.approx(float(TURN(0.5).acceleration[0]), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"outputs": ["position"]}, "the output 'position' belongs to a path.*Evaluate program.path"),
+        ({"frame": qt.Upright()}, "frame applies only to paths.*omit frame"),
+        ({"reduce": "max"}, "reduce applies only to paths"),
+        ({"times": 1.0}, r"times must have shape \(n,\)"),
+    ],
+)
+def test_arguments_of_paths_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        qt.evaluate(TURN, **({"times": TIMES} | arguments))
+
+
+@pytest.mark.parametrize(("what", "subject"), [("path", PATH), ("program", TURN)])
+def test_times_outside_are_extrapolated_with_a_warning(what, subject):
+    end = float(subject.duration)
+    with pytest.warns(UserWarning, match=f"2 of 4 instants are outside the {what}, such as -1 s.*from 0 to {end:g} s"):
+        qt.evaluate(subject, [-1.0, 0.0, end, end + 1])
+
+
+def test_rounding_of_the_last_instant_is_no_reason_for_a_warning(recwarn):
+    duration = 0.1 + 0.2
+    path = qt.SpiralHelix.hermite(START, END, duration)
+    qt.evaluate(path, np.array([0.0, np.nextafter(duration, 1)]))
+    batch = jax.vmap(lambda t: qt.SpiralHelix.hermite(START, END, t))(np.array([1.0, 2.0]))
+    qt.evaluate(batch, np.array([[0.0, 1.0], [0.0, 2.0]]))
+    assert not recwarn.list
