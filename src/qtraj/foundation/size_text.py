@@ -3,9 +3,14 @@
 _LENGTHS = ((1e-3, "µm", 1e6), (1.0, "mm", 1e3), (1e3, "m", 1.0), (1e9, "km", 1e-3))
 _DURATIONS = ((1e-3, "µs", 1e6), (0.1, "ms", 1e3), (600.0, "s", 1.0), (7200.0, "min", 1 / 60), (864e3, "h", 1 / 3600))
 
+TINY = 1e-8
+"""Length [m] below which only rounding errors are printed."""
+
 
 def length_text(length: float, digits: int = 4) -> str:
     """Return a length [m] with its unit, for example "9.0 m" or "8.12 km"."""
+    if 0 < abs(length) < TINY:
+        return "less than 0.01 µm"
     return _text(length, digits, _LENGTHS, ("km", 1e-3))
 
 

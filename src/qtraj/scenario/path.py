@@ -1,6 +1,7 @@
 """Define the scenario keys of a path, and build the path and the tuning problem."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -246,7 +247,8 @@ def lay(
         chosen["limits"] = scenario.all_limits()
         if scenario.track is not None:
             recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
-            fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
+            with with_notes(recording):
+                fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
             return _along(fitted.path, recording=recording, fitted=fitted, **chosen)
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)
@@ -256,6 +258,17 @@ def lay(
 def with_odd_limits(recording: Recording, limits: Mapping[str, float]) -> Recording:
     """Return the recording with notes about limits that are odd for it."""
     return recording._replace(notes=(*recording.notes, *odd_limits(limits, recording.track)))
+
+
+@contextmanager
+def with_notes(recording: Recording) -> Iterator[None]:
+    """Append what is odd in a recording to the message of a fit that fails."""
+    try:
+        yield
+    except ValueError as error:
+        if not recording.notes:
+            raise
+        raise ValueError(f"{error}. Note: {'; '.join(recording.notes)}") from error
 
 
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:

@@ -24,7 +24,7 @@ from qtraj.path.route import Route
 from qtraj.path.track import Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
-from qtraj.scenario.path import LimitedScenario, lay, with_odd_limits
+from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 
@@ -127,7 +127,8 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     with naming(f"{loaded.file}: "):
         limits = scenario.all_limits()  # checked first, because the fit takes longer
         recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
-        fitted = fit_route(recording.track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
+        with with_notes(recording):
+            fitted = fit_route(recording.track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
         tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
         return RouteTask(fitted.path, limits, recording, fitted, tuning)
 

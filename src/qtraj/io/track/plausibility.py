@@ -95,8 +95,8 @@ def _of_origin(origin: tuple[float, float] | None) -> Iterator[str]:
         latitude = f"{abs(origin[0]):.2f}° {'N' if origin[0] > 0 else 'S'}"
         longitude = f"{abs(origin[1]):.2f}° {'E' if origin[1] > 0 else 'W'}"
         yield (
-            f"the recording starts at {latitude}, {longitude}: if latitude and longitude are exchanged, name their "
-            'columns with columns={"position": [latitude, longitude, height]}'
+            f"the recording starts at {latitude}, {longitude}: if latitude and longitude are exchanged, "
+            "exchange the names of their columns"
         )
 
 
