@@ -39,6 +39,7 @@ def assemble(source: Source, reading: Reading) -> Recording:
     columns = _columns(source, reading, plane is not None)
     if table.count < MIN_SAMPLES:
         raise ValueError(f"{path}: a track needs at least {MIN_SAMPLES} rows of numbers, but there are {table.count}")
+    table.require_columns(path)
     require_one_object(path, table)
     used = [name for part, names in columns.chosen.items() if part != "time" for name in names]
     unit = columns.units["time"][0]

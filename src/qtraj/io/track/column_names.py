@@ -140,6 +140,13 @@ DATE_AND_CLOCK = tuple(
     )
 )
 
+_OTHERS = (
+    "s,n,ds,distance,arc_length,station,ax,ay,a,acceleration,accel,ax_mps2,steering,delta,throttle,brake,yaw_rate,"
+    "omega,w_tr_right,w_tr_left,width,width_left,width_right,battery,voltage,current,temperature,status,mode,fix,"
+    "quality,sats,satellites,hdop,vdop,pdop,count,seq,index,frame,frame_id,name,id,type,label,note,comment,rssi,hr,"
+    "std_x,std_y,sigma_x,sigma_y"
+)
+
 OBJECTS = ["mmsi", "imo", "track_id", "vehicle_id", "vessel_id", "object_id", "trip_id", "device_id", "agent_id", "id"]
 """Columns that tell which of several vehicles a row belongs to."""
 
@@ -148,6 +155,15 @@ HEADING = ["heading", "hdg", "course", "cog", "bearing", "yaw", "course_over_gro
 """Columns that are recognised, but that a track does not contain: speed along the path, and heading."""
 
 CURVATURE = ["kappa", "curvature", "curv"]
+
+NOT_HEIGHTS = {
+    re.sub(r"[\s_.]+", "", name)
+    for choices in (*COMMON.values(), *MORE.values(), FLAT_VELOCITY, MATRICES, UNORDERED, DATE_AND_CLOCK, ANGLED)
+    for choice in choices
+    for name in choice.split(",")
+    if name not in HEIGHTS and name not in ("vz", "vu", "vd", "v_z", "vel_z", "velocity_z", "vel_up", "vel_u")
+} | {re.sub(r"[\s_.]+", "", name) for name in (*SPEED, *HEADING, *CURVATURE, *OBJECTS, *_OTHERS.split(","))}
+"""Names of columns that are certainly not the height of a position, without separators."""
 
 PREFIXES = {"field", "pose", "msg", "header", "gps", "gnss"}
 """Words at the start of column names that do not change the meaning."""

@@ -25,6 +25,9 @@ class ColumnTable:
         """The number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
+    def require_columns(self, path: Path | str) -> None:
+        """Each row has a cell in each column."""
+
     def place(self, index: int) -> str:
         """Return which row this is."""
         return f"{self.called} {index + 1}"

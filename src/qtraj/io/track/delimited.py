@@ -76,9 +76,14 @@ def find_table(path: Path | str, found: Content, named: Sequence[str] = ()) -> T
     )
 
 
-def header_in_comment(found: Content) -> list[str] | None:
-    """Return the names in a comment that names columns and has as many cells as the first row, otherwise None."""
-    table = _header_in_comment(found, names_columns)
+def header_in_comment(found: Content, named: Sequence[str] = ()) -> list[str] | None:
+    """Return the names in a comment that has as many cells as the first row, otherwise None.
+
+    The comment must name columns of a time and a position, or all columns in `named`.
+    """
+    table = _header_in_comment(
+        found, lambda cells: names_columns(cells) or (len(named) > 0 and set(named) <= set(cells))
+    )
     return None if table is None else table.header
 
 
@@ -168,6 +173,8 @@ def row_delimiter(line: str) -> str:
     """Return the delimiter of a row of numbers; a comma is decimal if another delimiter separates numbers with it."""
     best, most = ",", 1
     for delimiter in ",;\t ":
+        if delimiter == " " and best in ";\t":  # spaces within cells, as in dates with times of day
+            break
         cells = names_of(line, delimiter)
         understood = [is_number(cell, delimiter != ",") or is_time(cell) for cell in cells]
         if len(cells) > 1 and sum(understood) > most:

@@ -49,8 +49,8 @@ def read_gpx(path: Path, data: bytes, timed: bool) -> tuple[ColumnTable, list[in
         parts = [[point for point in part if point.time is not None] for part in parts]
         points = with_time
     bounds = np.cumsum([len(part) for part in parts if part])[:-1].tolist()
-    heights, note = _heights([point.elevation for point in points])
     columns = {"time": _times(points)} if keep_times else {}
+    heights, note = _heights([point.elevation for point in points], columns.get("time"))
     columns |= {
         "latitude": np.array([point.latitude for point in points], float),
         "longitude": np.array([point.longitude for point in points], float),
@@ -105,8 +105,11 @@ def _times(points: Sequence[Any]) -> np.ndarray:
     return np.array(naive, "M8[us]")
 
 
-def _heights(elevations: list[float | None]) -> tuple[np.ndarray | None, str]:
-    """Return the elevations, interpolated where single ones are missing, or None if most are missing; and a note."""
+def _heights(elevations: list[float | None], times: np.ndarray | None) -> tuple[np.ndarray | None, str]:
+    """Return the elevations, or None if most are missing, and a note.
+
+    Single missing ones are interpolated over time, or over the points if there are no times or the clock jumps back.
+    """
     known = np.array([value is not None for value in elevations])
     if not known.any():
         return None, "no elevations"
@@ -117,6 +120,7 @@ def _heights(elevations: list[float | None]) -> tuple[np.ndarray | None, str]:
         return values, "all elevations are 0"
     if known.all():
         return values, ""
-    places = np.arange(len(known))
+    seconds = np.arange(len(known)) if times is None else times.astype(np.int64)
+    places = seconds if (np.diff(seconds) >= 0).all() else np.arange(len(known))
     heights = np.interp(places, places[known], values[known])
     return heights, f"{(~known).sum()} missing elevations interpolated"

@@ -45,6 +45,24 @@ class Lines(Sequence[tuple[int, str]]):
             else:
                 yield from (self._content[a:b].decode() for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
 
+    def count(self, letter: str) -> np.ndarray:
+        """Return how often an ASCII letter occurs in each line."""
+        counts = np.zeros(len(self), np.int32)
+        for k in range(0, len(self), BLOCK):
+            starts, ends = self._starts[k : k + BLOCK], self._ends[k : k + BLOCK]
+            letters = np.frombuffer(self._content, np.uint8, ends[-1] - starts[0], starts[0])
+            places = np.flatnonzero(letters == ord(letter)) + starts[0]
+            counts[k : k + BLOCK] = np.searchsorted(places, ends) - np.searchsorted(places, starts)
+        return counts
+
+    def total(self, letter: str) -> int:
+        """Return how often an ASCII letter occurs from the first to the last line, comments between them included."""
+        return self._content.count(letter.encode(), int(self._starts[0]), int(self._ends[-1])) if len(self) else 0
+
+    def contains(self, letter: str) -> bool:
+        """Return whether the file contains an ASCII letter."""
+        return letter.encode() in self._content
+
 
 def split_lines(text: str) -> tuple[Lines, Lines]:
     """Return the comments and the other lines of a text, both without blank lines."""

@@ -65,6 +65,9 @@ def not_found(part: str, header: list[str]) -> str:
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
     omit = f' To omit the {part}, write {part} = [] in the scenario, or {{"{part}": None}} in Python.'
     without = "" if part in REQUIRED else omit
+    if part == "position" and len(present) == 2 and missing == [best[2]]:
+        omit = f' If all heights are 0, name two columns: position = ["{present[0]}", "{present[1]}"].'
+        without = omit
     return (
         f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'

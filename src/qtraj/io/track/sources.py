@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from qtraj.foundation.untrusted import decoded, read_bytes
 from qtraj.io.track import frames, gpx, nmea
+from qtraj.io.track.column_names import HEIGHTS, NOT_HEIGHTS, plain
 from qtraj.io.track.delimited import Content, are_numbers, content, find_table, header_in_comment, is_number
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
 from qtraj.io.track.reading import Reading
@@ -61,7 +62,7 @@ def _text_source(path: Path, found: Content, reading: Reading) -> Source:
     if not reading.columns and is_kitti(found):
         columns = {"position": POSITION, "attitude": ROTATION}
         return Source(path, TextTable(KITTI_COLUMNS, found.lines, " "), columns, "kitti")
-    if _is_tum(path, found) and not are_numbers(reading.named):
+    if _is_tum(path, found, reading.named) and not are_numbers(reading.named):
         if reading.columns or reading.angles is not None or reading.plane is not None:
             raise ValueError(
                 f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory, which has "
@@ -76,10 +77,18 @@ def _text_source(path: Path, found: Content, reading: Reading) -> Source:
         raise ValueError(f"{path}: the table cannot be read ({error})") from error
 
 
-def _is_tum(path: Path, found: Content) -> bool:
+def _is_tum(path: Path, found: Content, named: Sequence[str]) -> bool:
     """Return whether the file is a TUM trajectory: numbers between spaces, and no header with other names."""
     cells = found.lines[0][1].split()
     if not all(map(is_number, cells)) or not (len(cells) == 8 or path.suffix.lower() == ".tum"):
         return False
-    header = header_in_comment(found)
-    return header is None or header == list(TUM_COLUMNS)
+    header = header_in_comment(found, named)
+    if header is not None:
+        return header == list(TUM_COLUMNS)
+    return not any(_names_other_columns(line) for _, line in found.comments)
+
+
+def _names_other_columns(comment: str) -> bool:
+    """Return whether a comment has eight words of which three or more are names of columns."""
+    words = comment.split()
+    return len(words) == 8 and sum(bool(set(plain([word])) & (NOT_HEIGHTS | HEIGHTS)) for word in words) >= 3

@@ -68,12 +68,37 @@ class TextTable:
         places = [self.header.index(name) for name in names]
         lines = self.lines.texts()
         lines = (self.number(line) for line in lines) if self.decimal_comma else lines
-        delimiter = None if self.delimiter == " " else self.delimiter
+        spaces = self.delimiter == " "  # then a missing cell moves the others, so all cells are read
+        delimiter, chosen = (None, None) if spaces else (self.delimiter, places)
         try:
-            found = np.loadtxt(lines, dtype, comments=None, delimiter=delimiter, usecols=places, ndmin=2, quotechar='"')
+            found = np.loadtxt(lines, dtype, comments=None, delimiter=delimiter, usecols=chosen, ndmin=2, quotechar='"')
         except (ValueError, OverflowError):
             return None
-        return found if len(found) == self.count else None
+        if len(found) != self.count or (spaces and found.shape[1] != len(self.header)):
+            return None
+        return found[:, places] if spaces else found
+
+    def require_columns(self, path: Path | str) -> None:
+        """Raise a ValueError for a row with more cells than columns, as with decimal commas between commas.
+
+        One empty cell at the end is allowed. Between spaces, a row must have as many cells as columns.
+        """
+        width, spaces = len(self.header), self.delimiter == " "
+        if spaces or self.lines.contains('"'):
+            counts = np.array([len(row) for row in split(self.lines, self.delimiter)])
+        elif self.lines.total(self.delimiter) == (width - 1) * self.count:
+            return  # a row with more cells would need another row with fewer
+        else:
+            counts = self.lines.count(self.delimiter) + 1
+        wrong = np.flatnonzero((counts != width) if spaces else (counts > width))
+        for k in wrong.tolist():
+            row = self.row(k)
+            if spaces or len(row) > width + 1 or row[-1].strip():
+                raise ValueError(
+                    f"{path}, {self.place(k)}: the row has {len(row)} cells, but there are {width} columns "
+                    f"({', '.join(self.header[:8])}{', …' if width > 8 else ''}): correct the row, or delete it; "
+                    "numbers with decimal commas need another delimiter than the comma"
+                )
 
     def _slow(self, names: Sequence[str]) -> np.ndarray | None:
         places = [self.header.index(name) for name in names]

@@ -16,6 +16,7 @@ from qtraj.io.track.column_names import (
     HEIGHTS,
     MATRICES,
     MORE,
+    NOT_HEIGHTS,
     UNORDERED,
     find,
     plain,
@@ -92,8 +93,8 @@ def choose(
         _require_count(part, names, wanted)
         if absent := [name for name in names if name not in header]:
             raise ValueError(
-                f"{path}: there is no column {absent[0]!r}. The columns are {', '.join(header)}."
-                f"{first_values(header, first)}"
+                f"{path}: there is no column {absent[0]!r}: name other columns with columns=. The columns are "
+                f"{', '.join(header)}.{first_values(header, first)}"
             )
         _require_order(path, part, names, wanted)
         if part == "attitude" and part in columns and wanted.quaternion == "xyzw" and len(names) == 4:
@@ -123,13 +124,23 @@ def _recognised(
         return find(GLOBAL, header)
     if (names := find((*COMMON[part], *MORE[part]), header)) is not None:
         return names
-    if part == "position" and not set(plain(header)) & HEIGHTS:
-        return find(FLAT, header)
+    if part == "position":
+        return _flat(header)
     if part == "velocity" and flat:
         return find(FLAT_VELOCITY, header)
     if part == "attitude":
         return find(MATRICES, header) or _ordered(header, wanted.quaternion)
     return None
+
+
+def _flat(header: list[str]) -> tuple[str, ...] | None:
+    """Return the columns of a horizontal position if no other column can be its height."""
+    names = find(FLAT, header)
+    if names is None:
+        return None
+    others = {form for form, name in plain([n for n in header if n not in names]).items()}
+    unknown = [n for n in header if n not in names and not set(plain([n])) & NOT_HEIGHTS]
+    return None if unknown or others & HEIGHTS else names
 
 
 def _date_and_clock(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:

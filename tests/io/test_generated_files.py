@@ -1,0 +1,96 @@
+"""Generated files: none is read wrongly, and every refusal names its remedy."""
+
+import re
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.io import generated_formats, generated_tables
+
+from qtraj.io.track.recording import is_recording
+from qtraj.io.track.track_file import read_track
+
+REMEDY = re.compile(
+    r"columns=|units=|units\[|axes=|rate=|times=|duplicates=|segment=|quaternion=|angles=|delete|drop|complete|correct|"
+    r"insert|export|write|sort|omit|fill|needs at least|switch"
+)
+ATTITUDE = 1e-5
+
+
+def read(source, options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return read_track(source, **options)
+
+
+def check(case, source, what):
+    """The track of a source is that of the case, or the refusal is one line with the expected remedy."""
+    try:
+        track = read(source, case.options)
+    except ValueError as error:
+        text = str(error)
+        assert case.words, f"{what}: refused: {text}"
+        assert re.search(case.words, text), f"{what}: expected {case.words!r}: {text}"
+        assert REMEDY.search(text), f"{what}: no remedy: {text}"
+        assert "\n" not in text
+        return False
+    assert not case.words, f"{what}: read, although {case.words!r} was expected"
+    times, positions = np.asarray(track.times), np.asarray(track.positions)
+    np.testing.assert_allclose(times - times[0], case.times - case.times[0], atol=case.time_tolerance, err_msg=what)
+    moved, expected = positions - positions[0], case.positions - case.positions[0]
+    np.testing.assert_allclose(moved, expected, atol=case.tolerance, err_msg=what)
+    if case.velocities is not None and track.velocities is not None:
+        np.testing.assert_allclose(track.velocities, case.velocities, atol=0.01, err_msg=what)
+    if case.attitudes is not None:
+        assert track.attitudes is not None, what
+        same = np.abs(np.sum(np.asarray(track.attitudes) * case.attitudes, axis=1))
+        np.testing.assert_allclose(same, 1, atol=ATTITUDE, err_msg=what)
+    return True
+
+
+def generated(tmp_path, make, seeds):
+    """Check the files of these seeds; return the number of those that were read."""
+    count = 0
+    for seed in seeds:
+        case = make(np.random.default_rng(seed))
+        file = tmp_path / case.name
+        file.write_bytes(case.data)
+        what = f"seed {seed}: {case.options}\n{case.data[:600].decode(errors='replace')}"
+        assert is_recording(file, case.data) or case.words, what
+        count += check(case, file, what)
+    return count
+
+
+@pytest.mark.parametrize("first", [0, pytest.param(1000, marks=pytest.mark.slow)])
+def test_tables(tmp_path, first):
+    assert generated(tmp_path, generated_tables.table, range(first, first + (3000 if first else 500))) > 250
+
+
+def test_tables_as_data_frames():
+    for seed in range(200):
+        case = generated_tables.table(np.random.default_rng(seed))
+        frame = pd.DataFrame({c.name: typed(c.cells) for c in case.columns})
+        frame.columns = [f"{c.name} [{c.unit}]" if c.unit and "[" not in c.name else c.name for c in case.columns]
+        if len(set(frame.columns)) == len(frame.columns) and "columns" not in case.options:
+            options = {name: value for name, value in case.options.items() if name != "units"}
+            check(case._replace(options=options), frame, f"seed {seed}: {options} {list(frame.columns)}")
+
+
+def typed(cells):
+    try:
+        return [int(cell) for cell in cells]
+    except ValueError:
+        pass
+    try:
+        return [float(cell) if cell else None for cell in cells]
+    except ValueError:
+        return [cell or None for cell in cells]
+
+
+@pytest.mark.parametrize("kind", generated_formats.KINDS)
+@pytest.mark.parametrize("first", [0, pytest.param(1000, marks=pytest.mark.slow)])
+def test_formats(tmp_path, kind, first):
+    """The formats of the issue, each in twenty variations."""
+    make = generated_formats.KINDS[kind]
+    assert generated(tmp_path, make, range(first, first + (200 if first else 20))) > 5
