@@ -87,7 +87,9 @@ def test_the_order_of_quaternions(qtraj, tmp_path):
     attitude = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)
     file = save(tmp_path, "t,x,y,z,q0,q1,q2,q3", [SECONDS, POSITIONS, attitude])
     without = qtraj("route", file, "--out", tmp_path / "out")
-    assert "Note: the columns q0, q1, q2, q3 are a quaternion" in without.stdout
+    shown = " ".join(without.stdout.split())
+    assert "Note: the columns q0, q1, q2, q3 are a quaternion" in shown
+    assert "pass --quaternion wxyz (scalar first)" in shown
     result = qtraj("route", file, "--quaternion", "xyzw", "--json", "--out", tmp_path / "out")
     assert json.loads(result.stdout)["fit"]["attitude_rms"] < 0.01
 
@@ -141,3 +143,26 @@ def test_options_need_a_recording(qtraj, tmp_path):
         result = qtraj(command, scenario, "--axes", "ned")
         assert result.exit_code == 2
         assert "--axes applies to recordings, but this file has no table [track]" in result.stderr
+
+
+def test_odd_units_and_limits_are_named(qtraj, tmp_path):
+    """Velocities in km/h, and the radius of a curve instead of its curvature."""
+    velocities = 36 * np.stack([np.cos(0.2 * SECONDS), np.sin(0.2 * SECONDS), 0 * SECONDS], axis=1)
+    save(tmp_path, "t,x,y,z,vx,vy,vz", [SECONDS, POSITIONS, velocities])
+    scenario = tmp_path / "s.toml"
+    scenario.write_text("[track]\nfile = 'log.csv'\n[limits]\ncurvature = 21.5\n")
+    for command in ("route", "retime"):
+        more = ("--limit", "speed=20") if command == "retime" else ()
+        shown = " ".join(qtraj(command, scenario, *more, "--out", tmp_path / "out").stdout.split())
+        assert "velocities are 3.6 times the velocities of the positions" in shown
+        assert "pass --units velocity=km/h" in shown
+        assert "curvature = 21.5 is a radius of 46.51 mm: if 21.5 is a radius in m, write curvature = 0.04651" in shown
+    corrected = qtraj("route", scenario, "--units", "velocity=km/h", "--json", "--out", tmp_path / "out")
+    assert len(json.loads(corrected.stdout)["recording"]["notes"]) == 1
+
+
+def test_a_fit_that_fails_says_what_is_odd(qtraj, tmp_path):
+    file = save(tmp_path, "t,x,y,z", [1000 * SECONDS, POSITIONS])
+    result = qtraj("route", file, "--out", tmp_path / "out")
+    assert "if the times are in ms, pass --units time=ms" in " ".join(result.output.split())
+    assert "Traceback" not in result.output

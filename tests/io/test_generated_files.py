@@ -64,7 +64,7 @@ def generated(tmp_path, make, seeds):
 
 @pytest.mark.parametrize("first", [0, pytest.param(1000, marks=pytest.mark.slow)])
 def test_tables(tmp_path, first):
-    assert generated(tmp_path, generated_tables.table, range(first, first + (3000 if first else 500))) > 250
+    assert generated(tmp_path, generated_tables.table, range(first, first + (1500 if first else 500))) > 250
 
 
 def test_tables_as_data_frames():

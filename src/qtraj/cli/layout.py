@@ -12,6 +12,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from qtraj.cli.track_options import as_options
 from qtraj.foundation.number_text import decimals, digits
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def recording(read: "ReadTrack | None") -> list[Part]:
     """Return what was read from a recording and what is odd in it; return an empty list for None."""
     if read is None:
         return []
-    return [heading("Recording"), *read.facts, *(styled(f"Note: {note}", NOTE) for note in read.notes)]
+    return [heading("Recording"), *read.facts, *(styled(f"Note: {as_options(note)}", NOTE) for note in read.notes)]
 
 
 def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:

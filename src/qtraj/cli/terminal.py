@@ -15,7 +15,7 @@ from rich.console import Console
 
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED, layout
-from qtraj.cli.track_options import collected, track_parameters
+from qtraj.cli.track_options import as_options, collected, track_parameters
 from qtraj.foundation.folder import Writer, check_folder, write_all
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress_bar import watching
@@ -190,5 +190,5 @@ def guarded() -> Iterator[None]:
 
 
 def _fail(message: str) -> None:
-    stderr().print(f"error: {message}", markup=False, soft_wrap=True)
+    stderr().print(f"error: {as_options(message)}", markup=False, soft_wrap=True)
     raise typer.Exit(BAD_INPUT) from None

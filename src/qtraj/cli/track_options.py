@@ -1,6 +1,7 @@
 """Define the options of commands that read a recording; they replace keys of the table [track] of a scenario."""
 
 import inspect
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,12 @@ def collected(options: dict[str, Any]) -> dict[str, Any]:
     if "times" in given:
         given["times"] = str(given["times"].absolute())
     return given
+
+
+def as_options(text: str) -> str:
+    """Return a text for users of Python with its arguments as options of the command line."""
+    text = re.sub(r"""units=\{"(\w+)": "?([^"}]+)"?\}""", r"--units \1=\2", text)
+    return re.sub(r"\b(axes|quaternion|duplicates)='(\w+)'", r"--\1 \2", text)
 
 
 def _pairs(option: str, form: str, texts: Sequence[str]) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
 from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
-from qtraj.design.fitting.waypoints import FEW, waypoint_settings
+from qtraj.design.fitting.waypoints import knots_and_smoothing
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -57,7 +57,7 @@ def fit_route(
     held-out intervals of at least 1.5 s, or of the predicted positions if no velocities are recorded. With a
     `tolerance` [m], the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
 
-    Fewer than eight samples are waypoints: by default, the route passes through them with minimum jerk.
+    Fewer than eight samples are waypoints: the route passes through them with minimum jerk.
 
     A stop is an interval of at least one second in which the vehicle stays within 0.1 m of its mean position and is not
     faster than 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are exactly zero.
@@ -75,17 +75,14 @@ def fit_route(
     equal weights, and their variance is estimated from the residuals of a fit to the positions.
 
     **Raises:** ValueError for invalid knots, a tolerance, smoothing or standard deviation that is not positive, a
-    tolerance that is too small, both a tolerance and a smoothing, fewer than eight samples with one of them, standard
+    tolerance that is too small, both a tolerance and a smoothing, one of them with fewer than eight samples, standard
     deviations of the wrong shape, or a `velocity_sigma` without recorded velocities. RuntimeError with `throw` if the
     result is not finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing)
-    if len(track.times) < FEW and knots is None and tolerance is None and smoothing is None:
-        knots, smoothing = waypoint_settings(track)
     require_track(track)
-    recording, spacing, user_knots = without_outliers(
-        _recording(track, position_sigma, velocity_sigma, knots, smoothing), knots
-    )
+    knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
+    recording, spacing, user_knots = without_outliers(_recording(track, position_sigma, velocity_sigma), knots)
     stops = _stops(recording)
     problem, best, stretch_error = _chosen(recording, stops, spacing, user_knots, tolerance, smoothing)
     solution = _solution(recording, problem, best)
@@ -129,19 +126,8 @@ class _Solution(NamedTuple):
     matrix: np.ndarray
 
 
-def _recording(
-    track: Track,
-    position_sigma: ArrayInput | None,
-    velocity_sigma: ArrayInput | None,
-    knots: ArrayInput | None,
-    smoothing: float | None,
-) -> Recording:
+def _recording(track: Track, position_sigma: ArrayInput | None, velocity_sigma: ArrayInput | None) -> Recording:
     times, positions = to_float64(track.times), to_float64(track.positions)
-    if len(times) < FEW and (knots is None or smoothing is None):
-        raise ValueError(
-            f"a route needs at least {FEW} samples, but the track has {len(times)}: omit knots, tolerance and "
-            "smoothing for a route through these waypoints"
-        )
     velocities = None if track.velocities is None else to_float64(track.velocities)
     if velocities is None and velocity_sigma is not None:
         raise ValueError("velocity_sigma was given, but the track has no velocities: omit velocity_sigma")

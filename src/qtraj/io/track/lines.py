@@ -45,7 +45,7 @@ class Lines(Sequence[tuple[int, str]]):
             else:
                 yield from (self._content[a:b].decode() for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
 
-    def count(self, letter: str) -> np.ndarray:
+    def counts(self, letter: str) -> np.ndarray:
         """Return how often an ASCII letter occurs in each line."""
         counts = np.zeros(len(self), np.int32)
         for k in range(0, len(self), BLOCK):

@@ -70,7 +70,8 @@ def not_found(part: str, header: list[str]) -> str:
         without = omit
     return (
         f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
-        f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
+        f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}, '
+        f"on the command line with --columns {part}={'...' if part == 'time' else 'a,b,c'}."
         f"{without}{_without_times(header) if part == 'time' else ''}{_on_the_globe(part, header)}"
     )
 

@@ -89,7 +89,7 @@ class TextTable:
         elif self.lines.total(self.delimiter) == (width - 1) * self.count:
             return  # a row with more cells would need another row with fewer
         else:
-            counts = self.lines.count(self.delimiter) + 1
+            counts = self.lines.counts(self.delimiter) + 1
         wrong = np.flatnonzero((counts != width) if spaces else (counts > width))
         for k in wrong.tolist():
             row = self.row(k)
