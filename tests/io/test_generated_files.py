@@ -94,3 +94,43 @@ def test_formats(tmp_path, kind, first):
     """The formats of the issue, each in twenty variations."""
     make = generated_formats.KINDS[kind]
     assert generated(tmp_path, make, range(first, first + (200 if first else 20))) > 5
+
+
+BYTES = list(b",;\t .-+eE0123nZ:\"'#<>/\n\r\x00\xff")
+
+
+def damaged(rng, data):
+    """The bytes of a file with up to five random changes."""
+    data = bytearray(data)
+    for _ in range(int(rng.integers(1, 6))):
+        k, length = int(rng.integers(len(data) + 1)), int(rng.integers(1, 60))
+        kind = int(rng.integers(3))
+        if kind == 0:
+            del data[k : k + length]
+        elif kind == 1:
+            data[k:k] = bytes(rng.choice(BYTES, int(rng.integers(1, 6))).tolist())
+        else:
+            data[k:k] = data[:length]
+    return bytes(data)
+
+
+def refusal(file, options):
+    """The message of the refusal, or an empty text."""
+    try:
+        read(file, options)
+    except ValueError as error:
+        return str(error) if type(error) is ValueError else f"{type(error)}\n"
+    return ""
+
+
+@pytest.mark.parametrize("count", [400, pytest.param(3000, marks=pytest.mark.slow)])
+def test_damaged_files(tmp_path, count):
+    """They are read, or refused in one line."""
+    makes = [generated_tables.table, *generated_formats.KINDS.values()]
+    for seed in range(count):
+        rng = np.random.default_rng([9, seed])
+        case = makes[seed % len(makes)](rng)
+        file = tmp_path / case.name
+        file.write_bytes(damaged(rng, case.data))
+        text = refusal(file, case.options)
+        assert "\n" not in text, seed

@@ -72,7 +72,7 @@ def _parsed(path: Path, data: bytes) -> Any:
         text = data.decode(encoding)
         return gpxpy.parse(re.sub(r"^\s*<\?xml[^>]*\?>", "", text.lstrip("\ufeff")))
     except (gpxpy.gpx.GPXException, ValueError, TypeError, LookupError, OverflowError) as error:
-        text = str(error).removeprefix("Error parsing XML: ")
+        text = " ".join(str(error).removeprefix("Error parsing XML: ").split())
         raise ValueError(f"{path}: the GPX file cannot be read ({text}): correct or export it again") from None
 
 

@@ -9,7 +9,7 @@ from qtraj.algebra import rotation
 from qtraj.io.track.delimited import Content, is_number
 from qtraj.io.track.given_times import NO_TIMES
 
-COLUMNS = [f"{name}{k}" for k in (1, 2, 3) for name in ("r1", "r2", "r3", "t")]
+COLUMNS = [name for k in (1, 2, 3) for name in (f"r{k}1", f"r{k}2", f"r{k}3", f"t{k}")]
 """Names of the columns: a row of the rotation matrix and a coordinate, three times."""
 
 POSITION = ("t1", "t2", "t3")

@@ -25,6 +25,11 @@ HOUR, DAY = 3600 * 10**9, 86400 * 10**9
 
 _NUMERIC_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4})(.*)")
 _TWELVE_HOURS = re.compile(r"(.*?)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)\s*([AaPp])\.?[Mm]\.?")
+_PLAIN_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?(Z|\+00:00)?")
+_DIGITS = re.compile(r"[\d:.T -]*")
+SHORTEST = 19
+"""Number of characters of a date and a time with seconds."""
+
 _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)")
 
 
@@ -123,7 +128,25 @@ def _exact(index: int, cell: str) -> int | Decimal:
     return int(value) if value == value.to_integral_value() else value
 
 
+def _quick_dates(cells: list[str]) -> np.ndarray | None:
+    """Return dates of one form, such as 2026-05-06T09:00:00.5Z, in nanoseconds since 1970, or None for other forms."""
+    if not _PLAIN_DATE.fullmatch(cells[0]):
+        return None
+    end = next((end for end in ("Z", "+00:00") if cells[0].endswith(end)), "")
+    plain = [cell.removesuffix(end) for cell in cells]
+    joined = "".join(plain)
+    if min(map(len, plain)) < SHORTEST or joined.count("-") != 2 * len(plain) or not _DIGITS.fullmatch(joined):
+        return None
+    try:
+        return np.array(plain, "M8[ns]").astype(np.int64)
+    except ValueError:
+        return None
+
+
 def _dates(cells: list[str]) -> Times:
+    quick = _quick_dates(cells)
+    if quick is not None:
+        return Times((quick - quick[0]) / 10**9, "date and time", cells[0])
     clock = CLOCK.fullmatch(cells[0]) is not None
     month_first, note = (False, "") if clock else _date_order(cells)
     nanoseconds = []

@@ -94,8 +94,9 @@ class TextTable:
         for k in wrong.tolist():
             row = self.row(k)
             if spaces or len(row) > width + 1 or row[-1].strip():
+                cells = f"{len(row)} cell{'s' if len(row) > 1 else ''}"
                 raise ValueError(
-                    f"{path}, {self.place(k)}: the row has {len(row)} cells, but there are {width} columns "
+                    f"{path}, {self.place(k)}: the row has {cells}, but there are {width} columns "
                     f"({', '.join(self.header[:8])}{', …' if width > 8 else ''}): correct the row, or delete it; "
                     "numbers with decimal commas need another delimiter than the comma"
                 )
