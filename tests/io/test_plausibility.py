@@ -93,3 +93,19 @@ def test_usual_limits_are_not_odd():
     limits = {"curvature": 0.05, "slope": 0.08, "speed": 13.9, "yaw_rate": 0.5, "lateral_acceleration": 2.0}
     assert odd_limits(limits, qt.Track(TIMES, POSITIONS)) == ()
     assert odd_limits({"curvature": 2.0}, qt.Track(TIMES, 0.01 * POSITIONS)) == ()
+
+
+def test_rates_in_degrees(tmp_path):
+    rates = np.stack([0 * TIMES, 0 * TIMES, 20 * np.cos(TIMES / 9)], axis=1)
+    [note] = read(tmp_path, "t,x,y,z,wx,wy,wz", TIMES, POSITIONS, rates).notes
+    assert 'pass units={"rate": "deg/s"}' in note
+    assert read(tmp_path, "t,x,y,z,wx,wy,wz", TIMES, POSITIONS, rates, units={"rate": "deg/s"}).notes == ()
+
+
+def test_scaled_geographic_coordinates(tmp_path):
+    columns = [TIMES, 481000000 + 90 * POSITIONS[:, 1], 115000000 + 130 * POSITIONS[:, 0], 520e3 + 0 * TIMES]
+    with pytest.raises(ValueError, match=r'if they are in 1e-7 degrees, pass units=\{"position": "1e-7 deg"\}'):
+        read(tmp_path, "t,lat,lon,alt", *columns)
+    [note] = read(tmp_path, "t,lat,lon,alt", *columns, units={"position": "1e-7 deg"}).notes
+    assert "a height of 520 km: if the height is in mm" in note
+    assert read(tmp_path, "t,lat,lon,alt_mm", *columns, units={"position": "1e-7 deg"}).notes == ()

@@ -64,10 +64,10 @@ def assemble(source: Source, reading: Reading) -> Recording:
     return Recording(track, facts(columns, times, given, track, rows, merged.note, source.notes), notes)
 
 
-def _origin(columns: Columns, row: np.ndarray) -> tuple[float, float]:
-    """Return the latitude and the longitude [°] in the first two numbers of a row."""
+def _origin(columns: Columns, row: np.ndarray) -> tuple[float, ...]:
+    """Return the latitude and the longitude [°], and perhaps the height [m], in the first numbers of a row."""
     factors = [1.0 if unit is None else float(unit.factor) for unit in columns.units["position"]]
-    return float(row[0]) * factors[0], float(row[1]) * factors[1]
+    return tuple(float(x) * factor for x, factor in zip(row, factors, strict=False))
 
 
 def _with_times(source: Source, reading: Reading) -> Source:

@@ -78,6 +78,11 @@ MORE = {
         "microseconds",
         "nanoseconds",
         "base_date_time",
+        "tow",
+        "time_of_week",
+        "gps_tow",
+        "sow",
+        "itow",
         "date",
     ],
     "position": (*ENU_POSITION, *NED_POSITION, "p_rs_r_x,p_rs_r_y,p_rs_r_z", "x_pos,y_pos,z_pos"),
@@ -86,6 +91,8 @@ MORE = {
         "q_rs_w,q_rs_x,q_rs_y,q_rs_z",
         "quat_w,quat_x,quat_y,quat_z",
         "orientation_w,orientation_x,orientation_y,orientation_z",
+        "rotation_w,rotation_x,rotation_y,rotation_z",
+        "rot_w,rot_x,rot_y,rot_z",
     ),
     "rate": ("angular_velocity_x,angular_velocity_y,angular_velocity_z",),
 }
@@ -141,11 +148,23 @@ DATE_AND_CLOCK = tuple(
 )
 
 _OTHERS = (
-    "s,n,ds,distance,arc_length,station,ax,ay,a,acceleration,accel,ax_mps2,steering,delta,throttle,brake,yaw_rate,"
+    "s,n,ds,v,vel,distance,arc_length,station,ax,ay,a,acceleration,accel,ax_mps2,steering,delta,throttle,brake,yaw_rate,"
     "omega,w_tr_right,w_tr_left,width,width_left,width_right,battery,voltage,current,temperature,status,mode,fix,"
     "quality,sats,satellites,hdop,vdop,pdop,count,seq,index,frame,frame_id,name,id,type,label,note,comment,rssi,hr,"
     "std_x,std_y,sigma_x,sigma_y"
 )
+
+WHOLE_AND_NANOSECONDS = (
+    "sec,nsec",
+    "secs,nsecs",
+    "sec,nanosec",
+    "stamp_sec,stamp_nanosec",
+    "stamp_secs,stamp_nsecs",
+    "stamp_sec,stamp_nsec",
+    "seconds,nanoseconds",
+    "time_sec,time_nsec",
+)
+"""Names of two columns with whole seconds and nanoseconds."""
 
 OBJECTS = ["mmsi", "imo", "track_id", "vehicle_id", "vessel_id", "object_id", "trip_id", "device_id", "agent_id", "id"]
 """Columns that tell which of several vehicles a row belongs to."""
@@ -165,16 +184,19 @@ NOT_HEIGHTS = {
 } | {re.sub(r"[\s_.]+", "", name) for name in (*SPEED, *HEADING, *CURVATURE, *OBJECTS, *_OTHERS.split(","))}
 """Names of columns that are certainly not the height of a position, without separators."""
 
-PREFIXES = {"field", "pose", "msg", "header", "gps", "gnss"}
+PREFIXES = {
+    *("field", "pose", "msg", "header", "data", "gps", "gnss", "utm", "local", "global", "world", "map", "odom"),
+    *("vehicle", "transform", "rigidbody", "timestep", "sim", "ros", "ground", "truth", "gt"),
+}
 """Words at the start of column names that do not change the meaning."""
 
-IMPLIED = {"timems": "ms", "timeus": "us", "timens": "ns"} | {
+IMPLIED = {"itow": "ms", "timems": "ms", "timeus": "us", "timens": "ns"} | {
     name: name for name in ("milliseconds", "microseconds", "nanoseconds")
 }
 """Units of columns whose names consist of a time and a unit without a separator, or of a unit alone."""
 
 _BRACKET = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
-_SEPARATOR = re.compile(r"[\s_.\-\[\]]+")
+_SEPARATOR = re.compile(r"[\s_./\-\[\]]+")
 
 
 def squeezed(name: str) -> str:
@@ -197,7 +219,7 @@ def unit_in(name: str) -> tuple[str, Unit] | None:
 
 def plain(header: Sequence[str]) -> dict[str, str]:
     """Map names without units and separators, in lower case, to the column names; the first of equal names counts."""
-    forms = (squeezed, _without_unit, _without_prefix)
+    forms = (squeezed, _without_unit, _without_prefix, _with_unit)
     result: dict[str, str] = {}
     for form in forms:
         for name in header:
@@ -211,7 +233,18 @@ def find(choices: Sequence[str], header: Sequence[str]) -> tuple[str, ...] | Non
     for choice in choices:
         names = [squeezed(name) for name in choice.split(",")]
         if all(name in known for name in names):
-            return tuple(known[name] for name in names)
+            return _alike(names, header) or tuple(known[name] for name in names)
+    return None
+
+
+def _alike(names: Sequence[str], header: Sequence[str]) -> tuple[str, ...] | None:
+    """Return columns with these names that have the same prefix, such as `local` of `local_x` and `local_y`."""
+    by_prefix: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in header:
+        by_prefix.setdefault(_prefix(name), {}).update(plain([name]))
+    for same in by_prefix.values():
+        if all(name in same for name in names):
+            return tuple(same[name] for name in names)
     return None
 
 
@@ -253,7 +286,18 @@ def _without_unit(name: str) -> str:
 
 def _without_prefix(name: str) -> str:
     words, count = _words(name)
+    return "".join(words[len(_prefix(name)) : len(words) - count])
+
+
+def _with_unit(name: str) -> str:
+    """Return a name without its prefix, but with its unit, such as `stampsecs` for `header.stamp.secs`."""
+    words, _ = _words(name)
+    return "".join(words[len(_prefix(name)) :])
+
+
+def _prefix(name: str) -> tuple[str, ...]:
+    """Return the words at the start of a name that do not change its meaning."""
+    words, count = _words(name)
     rest = words[: len(words) - count]
-    while len(rest) > 1 and rest[0] in PREFIXES:
-        rest = rest[1:]
-    return "".join(rest)
+    length = next((k for k, word in enumerate(rest[:-1]) if word not in PREFIXES), max(len(rest) - 1, 0))
+    return tuple(rest[:length])

@@ -1,6 +1,6 @@
 """Find units and axes of a recording that are probably wrong, and say what to write instead."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,21 +28,29 @@ FAST = 350.0
 SLOW, LONG_STEP, LEAST = 0.05, 5.0, 20
 """Median speed [m/s], median time step [s] and number of samples at which times are probably in ms, µs or ns."""
 
+HIGH = 5e4
+"""Height [m] above which the height is probably in another unit."""
+
+SPINNING = 10.0
+"""Angular rate [rad/s] above which rates are probably in degrees per second."""
+
 POLAR = 75.0
 """Latitude [°] beyond which latitude and longitude are probably exchanged."""
 
 
 def oddities(
-    track: Track, columns: Columns, origin: tuple[float, float] | None = None, unordered: tuple[str, ...] | None = None
+    track: Track, columns: Columns, origin: Sequence[float] | None = None, unordered: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
     """Return a text about each odd property of a recording.
 
-    `origin`: latitude and longitude [°] of the first sample. `unordered`: columns of a quaternion that were left out.
+    `origin`: latitude and longitude [°], and perhaps the height [m], of the first sample. `unordered`: columns of a
+    quaternion that were left out.
     """
     times, positions = np.asarray(track.times), np.asarray(track.positions)
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / np.diff(times)
     speed = float(np.median(speeds))
-    found = [*_of_speed(track, speed), *_of_velocities(track), *_of_origin(origin), *_of_axes(columns, positions)]
+    found = [*_of_speed(track, speed), *_of_velocities(track), *_of_rates(track)]
+    found += [*_of_origin(origin), *_of_axes(columns, positions)]
     if unordered:
         found.append(
             f"the columns {', '.join(unordered)} are a quaternion whose order their names do not tell, so the attitude "
@@ -90,7 +98,20 @@ def _of_velocities(track: Track) -> Iterator[str]:
     )
 
 
-def _of_origin(origin: tuple[float, float] | None) -> Iterator[str]:
+def _of_rates(track: Track) -> Iterator[str]:
+    if track.rates is not None and (size := float(np.quantile(np.abs(np.asarray(track.rates)), 0.99))) > SPINNING:
+        yield (
+            f"the recorded angular rates reach {size:.3g} rad/s: if they are in degrees per second, pass "
+            'units={"rate": "deg/s"}'
+        )
+
+
+def _of_origin(origin: Sequence[float] | None) -> Iterator[str]:
+    if origin is not None and len(origin) > 2 and abs(origin[2]) > HIGH:
+        yield (
+            f"the recording starts at a height of {length_text(origin[2])}: if the height is in mm, add the unit to "
+            "the name of its column, such as alt_mm"
+        )
     if origin is not None and abs(origin[0]) > POLAR and abs(origin[1]) <= 90:
         latitude = f"{abs(origin[0]):.2f}° {'N' if origin[0] > 0 else 'S'}"
         longitude = f"{abs(origin[1]):.2f}° {'E' if origin[1] > 0 else 'W'}"

@@ -58,7 +58,7 @@ def is_time(cell: str) -> bool:
 
 def in_24_hours(cell: str) -> str:
     """Return a time of day or a date with AM or PM at its end in the 24-hour form; other cells unchanged."""
-    match = _TWELVE_HOURS.fullmatch(cell)
+    match = _TWELVE_HOURS.fullmatch(cell) if cell.endswith(("M", "m", ".")) else None
     if not match or not 1 <= int(match[2]) <= 12:
         return cell
     hour = int(match[2]) % 12 + (12 if match[4].lower() == "p" else 0)

@@ -23,7 +23,7 @@ Table = TextTable | ColumnTable
 
 
 def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit | None) -> Times:
-    """Return the times in the column `names[0]`, or in the columns of the dates and of the times of day.
+    """Return the times in one column, or in two: dates and times of day, or whole seconds and nanoseconds.
 
     **Raises:** ValueError with file, line and column for a cell that is not a time.
     """
@@ -31,6 +31,8 @@ def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit
         quick = _of_datetimes(table, names[0]) or _of_numbers(table, names[0], unit)
         if quick is not None:
             return quick
+    elif (whole := table.quick(names, int)) is not None:
+        return from_integers(whole[:, 0] * 10**9 + whole[:, 1], SPELLINGS["ns"])
     cells = [table.texts(path, name) for name in names]
     joined = (
         cells[0] if len(cells) == 1 else [f"{day.strip()} {clock.strip()}" for day, clock in zip(*cells, strict=True)]

@@ -18,6 +18,7 @@ from qtraj.io.track.column_names import (
     MORE,
     NOT_HEIGHTS,
     UNORDERED,
+    WHOLE_AND_NANOSECONDS,
     find,
     plain,
 )
@@ -116,7 +117,7 @@ def unordered_attitude(header: list[str]) -> tuple[str, ...] | None:
 def _recognised(
     part: str, header: list[str], wanted: Wanted, first: Sequence[str], flat: bool
 ) -> tuple[str, ...] | None:
-    if part == "time" and (names := _date_and_clock(header, first)) is not None:
+    if part == "time" and (names := _date_and_clock(header, first) or find(WHOLE_AND_NANOSECONDS, header)) is not None:
         return names
     if part == "attitude" and wanted.angles is not None:
         return find(ANGLED, header)
