@@ -388,7 +388,7 @@ def test_a_process_computes_in_float64():
 
 
 def test_a_process_keeps_its_compilations(tmp_path):
-    done = process(["-m", "qtraj", "simulate", str(SIMULATION), "--json"], XDG_CACHE_HOME=str(tmp_path))
+    done = process(["-m", "qtraj", "simulate", str(SIMULATION), "--json", "--quiet"], XDG_CACHE_HOME=str(tmp_path))
     assert (done.returncode, done.stderr) == (0, "")
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 

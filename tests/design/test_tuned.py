@@ -82,7 +82,7 @@ def test_a_standstill_gives_a_warning_if_a_limit_divides_by_the_speed():
         qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]),
         qt.BoundaryState([0.0, 12.0, 1.5], [0.0, 0.0, 0.0]),
     )
-    best = qt.tune(start, end, qt.Limits(curvature=0.01), motion="hermite", duration=4.0, starts=1)
+    best = qt.tune(start, end, qt.Limits(curvature=0.001), motion="hermite", duration=4.0, starts=1)
     assert not best.converged
     assert "The velocity at the end is zero: curvature may grow without bound there, or limits may " in best.result
     assert "max_steps" not in best.result

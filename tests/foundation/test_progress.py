@@ -1,9 +1,13 @@
 """Progress reports: text, fraction, and their rate."""
 
+import time
+
 import numpy as np
 import pytest
 
+from qtraj.foundation import progress_bar
 from qtraj.foundation.progress import Progress, throttled
+from qtraj.foundation.reporting import reporting
 
 
 @pytest.mark.parametrize(
@@ -35,3 +39,17 @@ def test_the_first_report_is_immediate_and_later_ones_are_limited(step):
 
 def test_without_a_receiver_nothing_happens():
     throttled(None)(Progress("searches", 1, 2))
+
+
+@pytest.mark.parametrize("progress", [None, False])
+def test_no_progress_is_reported_unless_wished(progress):
+    with reporting(progress) as report:
+        assert report is None
+
+
+def test_progress_is_displayed_in_a_log(monkeypatch, capsys):
+    monkeypatch.setattr(progress_bar, "EVERY", 0.1)
+    with reporting(True) as report:
+        report(Progress("searches", 1, 2))
+        time.sleep(0.25)
+    assert "tuning: 1 of 2 searches" in capsys.readouterr().err

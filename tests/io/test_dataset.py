@@ -7,7 +7,8 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.io.dataset import path_dataset, write_netcdf
+from qtraj.io.dataset import path_dataset
+from qtraj.io.netcdf import write_netcdf
 from qtraj.path.quantity import QUANTITIES
 
 R, RATE, CLIMB, DURATION = 10.0, 0.4, 0.5, 20.0

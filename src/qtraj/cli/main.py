@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED
+from qtraj.cli.interrupts import keep_interrupts
 
 if TYPE_CHECKING:
     import typer
@@ -58,11 +59,15 @@ def main() -> None:
             "Install them with: pip install 'qtraj[all]'\n"
         )
         sys.exit(BAD_INPUT)
+    from qtraj.cli.console import printing  # imported here, because it needs rich
+
     gc.set_threshold(*GC_THRESHOLDS)
     atexit.register(gc.freeze)  # no garbage collection at the end of the process
+    keep_interrupts()
     try:
         prepare()
-        application()(prog_name="qtraj")  # after the settings, because the imports of commands may run computations
+        with printing():
+            application()(prog_name="qtraj")  # after the settings, because the imports of commands may run computations
     except KeyboardInterrupt:  # before a command starts; commands handle interrupts themselves
         sys.stderr.write("interrupted\n")
         _leave()
@@ -105,11 +110,12 @@ def application() -> "typer.Typer":
 
 def _renamed(command: Callable[..., None], old: str) -> Callable[..., None]:
     """Return the command with a warning about its `old` name."""
-    from qtraj.cli.terminal import UNTIL, warn
+    from qtraj.cli.console import message
+    from qtraj.cli.terminal import UNTIL
 
     @functools.wraps(command)
     def renamed(*args: object, **options: object) -> None:
-        warn(f"`qtraj {old}` is now `qtraj {command.__name__}`; {UNTIL}")
+        message("warning", f"`qtraj {old}` is now `qtraj {command.__name__}`; {UNTIL}")
         command(*args, **options)
 
     return renamed

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED, layout
+from qtraj.cli.console import message, stderr, stdout
 from qtraj.cli.track_options import as_options, collected, track_parameters
 from qtraj.foundation.folder import Writer, check_folder, write_all
 from qtraj.foundation.plain import finite
@@ -85,9 +86,12 @@ OUT = typer.Option(Path("qtraj-out"), metavar="DIR", help="Folder for the result
 JSON = typer.Option(False, "--json", help="Print the results as JSON instead of text.")
 """The option `--json`."""
 
+QUIET = typer.Option(False, "--quiet", help="Do not show progress.")
+"""The option `--quiet`."""
+
 
 def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
-    """Return a decorator that converts a function to a command with these examples and the options `out` and `--json`.
+    """Return a decorator that converts a function to a command with these examples and the options of all commands.
 
     The command writes the files of the function's outcome, prints the outcome and exits. The parameters of the function
     are a `Watch`, the argument of the command, and its other options. A parameter `track` receives the options of
@@ -97,8 +101,8 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
 
     def decorate(run: Callable[..., Outcome]) -> Callable[..., None]:
         @functools.wraps(run)
-        def command(*, out: Path | None, as_json: bool, **options: Any) -> None:
-            with guarded(), watching() as watch:
+        def command(*, out: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
+            with guarded(), watching(quiet) as watch:
                 if out is not None:
                     check_folder(out)
                 recorded = {TRACK: collected(options)} if TRACK in inspect.signature(run).parameters else {}
@@ -106,7 +110,7 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
                 watch.say("writing")
                 content, text = _write(run.__name__, outcome, out or outcome.folder, as_json)
             for warning in outcome.loaded.warnings if outcome.loaded else ():
-                warn(f"{warning}; {UNTIL}")
+                message("warning", f"{warning}; {UNTIL}")
             if as_json:
                 typer.echo(text)
             else:
@@ -119,6 +123,7 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
         common = [
             inspect.Parameter("out", kind, default=out, annotation=Path | None),
             inspect.Parameter("as_json", kind, default=JSON, annotation=bool),
+            inspect.Parameter("quiet", kind, default=QUIET, annotation=bool),
         ]
         recorded = track_parameters() if TRACK in signature.parameters else []
         parameters = [argument, *common, *options, *recorded]
@@ -156,21 +161,6 @@ def _show(console: Console, outcome: Outcome, content: dict[str, Any]) -> None:
     layout.show(console, [outcome.hint])
 
 
-def stdout() -> Console:
-    """Return the console for results."""
-    return Console(highlight=False)
-
-
-def stderr() -> Console:
-    """Return the console for progress, warnings and errors."""
-    return Console(stderr=True, highlight=False)
-
-
-def warn(text: str) -> None:
-    """Print a warning."""
-    stderr().print(f"warning: {text}", markup=False, soft_wrap=True)
-
-
 @contextmanager
 def guarded() -> Iterator[None]:
     """Convert invalid input to one message and exit code 2, and an interrupt to exit code 130."""
@@ -189,6 +179,6 @@ def guarded() -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from None
 
 
-def _fail(message: str) -> None:
-    stderr().print(f"error: {as_options(message)}", markup=False, soft_wrap=True)
+def _fail(text: str) -> None:
+    message("error", as_options(text))
     raise typer.Exit(BAD_INPUT) from None

@@ -113,9 +113,14 @@ def load(file: str | os.PathLike[str]) -> Any:
             stacklevel=2,
         )
     try:
-        return _decode(data)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        found = _decode(data)
+        with np.errstate(all="ignore"):
+            for text in (repr, str):  # they use the values, so that a value of a wrong type is found here
+                text(found)
+    except Exception as error:  # a class may raise any error for values of a wrong type
+        reason = str(error) if isinstance(error, TypeError | ValueError) else f"a value has a wrong type ({error})"
+        raise ValueError(f"{path}: {reason}") from error
+    return found
 
 
 def _to_json(data: dict[str, Any]) -> str:

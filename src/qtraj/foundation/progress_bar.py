@@ -1,5 +1,7 @@
-"""Show progress on a terminal (extra `cli`), for the command line and for scripts."""
+"""Show progress on a terminal, or as lines of a log (extra `cli`), for the command line and for scripts."""
 
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,36 +11,81 @@ from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn
 
 from qtraj.foundation.progress import Progress
 
+EVERY = 5.0
+"""Time [s] between two lines of a log."""
+
 
 class Watch:
-    """A progress display on a terminal; it prints nothing if there is no terminal."""
-
-    def __init__(self, shown: Bars | None):
-        self._shown = shown
-        self._task: Any = None if shown is None else shown.add_task("", total=None)
+    """A display of the current activity and its progress; the base class displays nothing."""
 
     def say(self, text: str) -> None:
         """Show the current activity."""
-        if self._shown is not None:
-            self._shown.update(self._task, description=text, completed=0, total=None)
 
     def tuning(self, progress: Progress) -> None:
         """Show the progress of `tune`."""
-        if self._shown is not None:
-            numbers = {"completed": progress.done, "total": progress.total}
-            self._shown.update(self._task, description=f"tuning: {progress}", **numbers)
+
+
+class BarWatch(Watch):
+    """A progress bar on a terminal."""
+
+    def __init__(self, shown: Bars):
+        self._shown = shown
+        self._task: Any = shown.add_task("", total=None)
+
+    def say(self, text: str) -> None:
+        """Show the current activity."""
+        self._shown.update(self._task, description=text, completed=0, total=None)
+
+    def tuning(self, progress: Progress) -> None:
+        """Show the progress of `tune`."""
+        numbers = {"completed": progress.done, "total": progress.total}
+        self._shown.update(self._task, description=f"tuning: {progress}", **numbers)
+
+
+class LogWatch(Watch):
+    """Lines on stderr, one every few seconds; a short computation prints none."""
+
+    def __init__(self) -> None:
+        self._text, self._seconds = "", 0.0
+        self._ended = threading.Event()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def say(self, text: str) -> None:
+        """Show the current activity."""
+        self._text = text
+
+    def tuning(self, progress: Progress) -> None:
+        """Show the progress of `tune`."""
+        self._text = f"tuning: {progress}"
+
+    def end(self) -> None:
+        """Print no more lines."""
+        self._ended.set()
+
+    def _run(self) -> None:
+        while not self._ended.wait(EVERY):
+            self._seconds += EVERY
+            sys.stderr.write(f"{self._text or 'working'} ({self._seconds:.0f} s)\n")
+            sys.stderr.flush()
 
 
 @contextmanager
-def watching() -> Iterator[Watch]:
-    """Display progress on stderr with a `Watch`, and erase the display at the end.
+def watching(quiet: bool = False) -> Iterator[Watch]:
+    """Display progress on stderr: a bar on a terminal, which is erased at the end, and otherwise lines of a log.
 
-    If stderr is not a terminal, nothing is printed.
+    If `quiet` is true, nothing is printed.
     """
+    if quiet:
+        yield Watch()
+        return
     console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        yield Watch(None)
+    if not (console.is_terminal or console.is_jupyter):
+        log = LogWatch()
+        try:
+            yield log
+        finally:
+            log.end()
         return
     text = TextColumn("{task.description}", markup=False)
     with Bars(SpinnerColumn(), text, BarColumn(20), TimeElapsedColumn(), console=console, transient=True) as shown:
-        yield Watch(shown)
+        yield BarWatch(shown)

@@ -2,7 +2,9 @@
 
 import gzip
 import json
+import os
 import re
+import stat
 import tomllib
 import zlib
 from collections.abc import Callable
@@ -31,8 +33,9 @@ def read_bytes(path: Path) -> bytes:
     """Read the content of a file, and decompress the content if the name of the file ends with .gz.
 
     **Raises:** OSError if the file cannot be read; ValueError with the name of the file if the content is larger than
-    `MAX_SIZE`, or if the name ends with .gz but the file is not a complete gzip file.
+    `MAX_SIZE`, or if the name ends with .gz but the file is not a complete gzip file; also for pipes and devices.
     """
+    require_regular(path)
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
             content = stream.read(MAX_SIZE + 1)
@@ -41,6 +44,16 @@ def read_bytes(path: Path) -> bytes:
     if len(content) > MAX_SIZE:
         raise ValueError(f"{path}: the file is larger than the maximum of {MAX_SIZE / 2**30:.3g} GiB")
     return content
+
+
+def require_regular(path: Path) -> None:
+    """Raise a ValueError if `path` is a pipe or a device, which may never end.
+
+    **Raises:** OSError if the file does not exist.
+    """
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise ValueError(f"{path}: this is a pipe or a device; write its content into a file first")
 
 
 def read_text(path: Path) -> str:

@@ -6,7 +6,6 @@ Paths of different durations share the dimension `path`. Their samples share the
 progress.
 """
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -175,12 +174,6 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
             {"long_name": f"status of the limit {about}"},
         )
     return variables
-
-
-def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
-    """Write a dataset as netCDF-4 without loss of precision; `xarray.open_dataset` reads it."""
-    exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
-    dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
 
 
 def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from qtraj.foundation.extras import require_package
 from qtraj.foundation.files import move, staging, sweep
+from qtraj.foundation.untrusted import require_regular
+from qtraj.io.damaged import reading
 
 if TYPE_CHECKING:
     import xarray
@@ -61,26 +63,22 @@ def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
         sweep(path.absolute().parent)  # restores a store if a process was killed while replacing it
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
+    require_regular(path)
     return read(path)
 
 
 def _write_netcdf(dataset: "xarray.Dataset", file: Path) -> None:
     require_package("h5netcdf", "saving netCDF")
-    from qtraj.io.dataset import write_netcdf
+    from qtraj.io.netcdf import write_netcdf
 
     write_netcdf(dataset, file)
 
 
 def _read_netcdf(file: Path) -> "xarray.Dataset":
     require_package("h5netcdf", "loading netCDF")
-    import xarray
+    from qtraj.io.netcdf import read_netcdf
 
-    try:
-        return xarray.load_dataset(file, engine="h5netcdf")
-    except PermissionError:
-        raise
-    except (OSError, ValueError) as error:  # h5py raises OSError if the file is not HDF5
-        raise ValueError(f"{file}: not a netCDF-4 file ({error})") from error
+    return read_netcdf(file)
 
 
 def _write_zarr(dataset: "xarray.Dataset", file: Path) -> None:
@@ -128,10 +126,8 @@ def _read_csv(file: Path) -> "xarray.Dataset":
 def _unfolded(flat: Any, file: Path) -> "xarray.Dataset":
     from qtraj.io.flat import unflatten
 
-    try:
+    with reading(file, "a dataset: header and table do not match"):
         return unflatten(flat)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{file}: header and table do not match ({error})") from error
 
 
 def _is_store(folder: Path) -> bool:

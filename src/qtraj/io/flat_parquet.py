@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from qtraj.foundation.untrusted import parse_json
+from qtraj.io.damaged import reading
 from qtraj.io.flat import FORMAT, Flat, require_header
 
 KEY = b"qtraj"
@@ -36,23 +37,17 @@ def read_parquet(file: Path) -> Flat:
 
     **Raises:** ValueError with the name of the file if the file is not Parquet or has no header.
     """
-    try:
+    with reading(file, "a Parquet file"):
         table = pq.read_table(file)
-    except pa.ArrowInvalid as error:
-        raise ValueError(f"{file}: not a Parquet file ({error})") from error
-    try:
+    with reading(file, "a Parquet file with a readable header"):
         header = parse_json((table.schema.metadata or {}).get(KEY, b"{}"))
-    except ValueError as error:
-        raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(
             f"{file}: this Parquet file does not contain a qtraj dataset; pandas.read_parquet reads its columns"
         )
-    try:
+    with reading(file, "a dataset"):
         require_header(header)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
-    return Flat({name: _values(table.column(name)) for name in table.column_names}, header)
+        return Flat({name: _values(table.column(name)) for name in table.column_names}, header)
 
 
 def _values(column: pa.ChunkedArray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 import xarray
 
 from qtraj.foundation.untrusted import parse_json, read_text
+from qtraj.io.damaged import reading
 
 METADATA = (".zarray", ".zmetadata", "zarr.json")
 
@@ -29,10 +30,8 @@ def read_zarr(folder: Path) -> xarray.Dataset:
         raise ValueError(
             f"{folder}: this store contains pickled objects, which could run arbitrary code when they are read"
         )
-    try:
+    with reading(folder, "a Zarr store with a dataset"):
         return xarray.load_dataset(folder, engine="zarr", chunks=None)
-    except (OSError, KeyError, ValueError) as error:
-        raise ValueError(f"{folder}: not a Zarr store with a dataset ({error})") from error
 
 
 def _metadata(folder: Path) -> list[Any]:

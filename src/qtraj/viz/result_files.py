@@ -30,7 +30,7 @@ def documents(objects: Mapping[str, Any]) -> dict[str, Writer]:
 
 def netcdf(name: str, dataset: xarray.Dataset) -> dict[str, Writer]:
     """Return the writer of a dataset as netCDF."""
-    from qtraj.io.dataset import write_netcdf
+    from qtraj.io.netcdf import write_netcdf
 
     return {name: partial(write_netcdf, dataset)}
 

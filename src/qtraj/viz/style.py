@@ -7,6 +7,7 @@ import matplotlib as mpl
 import xarray
 from matplotlib.figure import Figure
 
+from qtraj.foundation.printable import printable
 from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
 
 # The colours of Okabe and Ito can be distinguished with all common forms of colour blindness. The line styles can be
@@ -55,7 +56,7 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
 
 def title(dataset: xarray.Dataset) -> str:
     """Return the name of the scenario, or the name of its file if the scenario has no name."""
-    return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
+    return printable(dataset.attrs.get("title") or dataset.attrs.get("scenario_file", ""))
 
 
 def body_axes(dataset: xarray.Dataset) -> FrameAxes:

@@ -155,7 +155,7 @@ def judge_corridor(path: Coefficients, reference: Coefficients, widths: np.ndarr
         return CORRIDOR.numerator(offset(at, turns))
 
     grid = np.repeat(GRID[:, None], len(widths), axis=1)
-    at, square = find_maxima(squared_distance, GRID, squared_distance(grid), inside.at)
+    at, square = find_maxima(squared_distance, GRID, squared_distance(grid), inside.at[None])
     codes = np.where(inside.proved & same_sign, PROVED, np.where(inside.refuted, BROKEN, UNDECIDED))
     return codes.astype(np.int32), at * path.duration, np.sqrt(np.maximum(square, 0.0))
 

@@ -26,7 +26,7 @@ from qtraj.design.proof.limit_claims import (
     Formulas,
     sizes,
 )
-from qtraj.design.proof.maxima import find_maxima
+from qtraj.design.proof.maxima import find_maxima, local_maxima
 from qtraj.design.proof.sources import Source
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
@@ -39,6 +39,9 @@ GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for interva
 The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
 one. The last grid is for quantities that are only sampled.
 """
+
+SHARP = 1e-3
+"""If a squared divisor is somewhere below this fraction of its largest value, narrow peaks are sought at its minima."""
 
 
 class Limit(NamedTuple):
@@ -78,6 +81,7 @@ class _Task:
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
         self._divisors: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._minima: dict[str, np.ndarray | None] = {}
         self._grids: dict[int, Invariants] = {}
 
     def finding(self, limit: Limit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -136,7 +140,9 @@ class _Task:
     def _zero(self, name: str, provable: np.ndarray, found: Decided) -> tuple[np.ndarray, np.ndarray]:
         """Return the result of `_divisor` for divisors of which some are not proved positive."""
         grid, function = self._grid(provable), lambda u: -self._sizes(name, u)
-        at, negative_size = find_maxima(function, grid, function(grid), found.at if np.any(found.refuted) else None)
+        at, negative_size = find_maxima(
+            function, grid, function(grid), found.at[None] if np.any(found.refuted) else None
+        )
         zero = found.refuted | (xp.sqrt(xp.maximum(-negative_size, 0.0)) < MIN_RELATIVE_DIVISOR)
         rest = np.where(provable, UNDECIDED, PROVED)
         return xp.where(found.proved, PROVED, xp.where(zero, UNDEFINED, rest)), at
@@ -185,9 +191,21 @@ class _Task:
             with np.errstate(all="ignore"):
                 return xp.broadcast_to(entry.value(self._at(u)), (len(u), source.count))
 
-        at, values = find_maxima(function, grid, function(grid), hints)
+        known = [x for x in (None if hints is None else hints[None], self._small(entry.divisor, grid)) if x is not None]
+        at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
             return at, limit.factors * values * source.length**entry.length / source.duration**entry.per_time
+
+    def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
+        """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""
+        if divisor is None:
+            return None
+        if divisor not in self._minima:
+            sizes = self._sizes(divisor, grid)
+            sharp = np.min(sizes, axis=0) < SHARP * np.max(sizes, axis=0)
+            minima = local_maxima(lambda u: -self._sizes(divisor, u), grid, -sizes) if np.any(sharp) else None
+            self._minima[divisor] = minima
+        return self._minima[divisor]
 
     def _grid(self, provable: np.ndarray) -> np.ndarray:
         return self.grid if np.all(provable) else FINEST_GRID

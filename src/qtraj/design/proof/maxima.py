@@ -32,7 +32,7 @@ def find_maxima(
     function: Function,
     grid: Float[np.ndarray, " k"],
     samples: Float[np.ndarray, "k n"],
-    hints: Float[np.ndarray, " n"] | None = None,
+    hints: Float[np.ndarray, "hints n"] | None = None,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return the instants and the values of the maxima of n functions, whose `samples` on the `grid` are given.
 
@@ -44,11 +44,9 @@ def find_maxima(
         best_at, best = _highest(np.broadcast_to(grid[:, None], samples.shape), samples)
         centres = _peaks(samples, grid)
         if hints is not None:
-            centres = xp.concatenate([centres, hints[None]])
+            centres = xp.concatenate([centres, hints])
         for width in (*WIDE, *NARROW):
-            u = xp.clip(centres[:, None] + (spacing * width) * OFFSETS[None, :, None], 0.0, 1.0)
-            values = function(u.reshape(-1, count)).reshape(u.shape)
-            values = xp.where(xp.isnan(values), np.inf, values)
+            u, values = _windows(function, centres, spacing * width)
             at, highest = _highest(u.reshape(-1, count), values.reshape(-1, count))
             best_at, best = xp.where(highest > best, at, best_at), xp.maximum(highest, best)
             centres = _vertices(u, values)
@@ -59,6 +57,25 @@ def find_maxima(
         # Among equal values, prefer the vertex of a parabola: it is the best estimate of the instant of the maximum.
         chosen = highest >= best - 4 * np.finfo(float).eps * abs(best)
     return xp.where(chosen, at, best_at), xp.where(chosen, xp.fmax(highest, best), best)
+
+
+def local_maxima(
+    function: Function, grid: Float[np.ndarray, " k"], samples: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "peaks n"]:
+    """Return the instants of the highest local maxima of n functions; unused rows contain other instants."""
+    centres = _peaks(samples, grid)
+    for width in (*WIDE, *NARROW):
+        centres = _vertices(*_windows(function, centres, width / (len(grid) - 1)))
+    return centres
+
+
+def _windows(
+    function: Function, centres: Float[np.ndarray, "p n"], half_width: float
+) -> tuple[Float[np.ndarray, "p 7 n"], Float[np.ndarray, "p 7 n"]]:
+    """Return the instants and the values of windows about the given instants; NaN counts as infinite."""
+    u = xp.clip(centres[:, None] + half_width * OFFSETS[None, :, None], 0.0, 1.0)
+    values = function(u.reshape(-1, u.shape[2])).reshape(u.shape)
+    return u, xp.where(xp.isnan(values), np.inf, values)
 
 
 def _highest(u: Float[np.ndarray, "k n"], values: Float[np.ndarray, "k n"]) -> tuple[np.ndarray, np.ndarray]:

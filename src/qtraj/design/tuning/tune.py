@@ -30,7 +30,8 @@ from qtraj.design.tuning.targets import search_limits
 from qtraj.design.tuning.task import Task, one
 from qtraj.foundation.arrays import as_array, as_float, constants, is_traced
 from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.progress import Report, throttled
+from qtraj.foundation.progress import Report
+from qtraj.foundation.reporting import reporting
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -56,7 +57,7 @@ def tune(
     method: Method | None = None,
     max_steps: int = 300,
     inner_steps: int = 200,
-    progress: Report | None = None,
+    progress: Report | bool | None = None,
     throw: bool = False,
 ) -> Tuned:
     """Tune the boundary velocities between two positions so that the path satisfies `limits` everywhere.
@@ -84,7 +85,7 @@ def tune(
 
     `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If no
     path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
-    is called with a `Progress` a few times per second.
+    is called with a `Progress` a few times per second; `progress=True` displays the progress (extra `cli`).
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
     by far the fastest, and the default for a named objective. An `optax.GradientTransformation` such as
@@ -151,18 +152,18 @@ def tune(
         result = traced.solve(method, constant, starts, max_steps)
         outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
-    report = None if progress is None else throttled(progress)
-    searches = searches_of(constant.problem, constant.limits, constant.low, constant.high)
-    result = multistart.solve(method, searches, starts, max_steps, report)
-    outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
-    if is_traced(tasks, turn, limits, corridor):
-        return outcome.check() if throw else outcome
-    advisor = Advisor(searches, result, starts, max_steps, bounds, limits.vehicle)
-    if batch:
-        place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
-        outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
-    else:
-        outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), report))
+    with reporting(progress) as report:
+        searches = searches_of(constant.problem, constant.limits, constant.low, constant.high)
+        result = multistart.solve(method, searches, starts, max_steps, report)
+        outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
+        if is_traced(tasks, turn, limits, corridor):
+            return outcome.check() if throw else outcome
+        advisor = Advisor(searches, result, starts, max_steps, bounds, limits.vehicle)
+        if batch:
+            place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
+            outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
+        else:
+            outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), report))
     return outcome.check() if throw else outcome
 
 

@@ -1,0 +1,16 @@
+"""Replace the control characters of texts from the input, which would control a terminal or have no glyph."""
+
+import re
+
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, except tab and line feed, and characters that change the direction of text."""
+
+
+def has_control(text: str) -> bool:
+    """Return whether a text contains control characters."""
+    return _CONTROL.search(text) is not None
+
+
+def printable(text: str) -> str:
+    """Replace control characters by escape sequences of Python."""
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
