@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from qtraj.foundation.untrusted import read_text
-from qtraj.io.track.column_names import COMMON, MORE, find
+from qtraj.io.track.column_names import find
 from qtraj.io.track.delimited import content
+from qtraj.io.track.known_names import COMMON, MORE
 from qtraj.io.track.recorded_times import NotATimeError, Times, read_times
 from qtraj.io.track.time_column import Table
 

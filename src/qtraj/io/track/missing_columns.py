@@ -4,8 +4,9 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 
-from qtraj.io.track.column_names import COMMON, plain, squeezed
+from qtraj.io.track.column_names import plain, squeezed
 from qtraj.io.track.given_times import NO_TIMES
+from qtraj.io.track.known_names import COMMON
 from qtraj.io.track.tangent_plane import OPTIONS as PROJECTIONS
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}

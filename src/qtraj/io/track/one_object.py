@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from qtraj.io.track.column_names import OBJECTS, squeezed
+from qtraj.io.track.column_names import squeezed
+from qtraj.io.track.known_names import OBJECTS
 from qtraj.io.track.time_column import Table
 
 

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.io.track.column_names import COMMON, FLAT, MORE, find
+from qtraj.io.track.column_names import find
 from qtraj.io.track.column_scales import Units, scales
+from qtraj.io.track.known_names import COMMON, FLAT, MORE
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.time_column import Table
 

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 from qtraj.foundation.untrusted import decoded, read_bytes
 from qtraj.io.track import frames, gpx, nmea
-from qtraj.io.track.column_names import HEIGHTS, NOT_HEIGHTS, plain
+from qtraj.io.track.column_names import plain
 from qtraj.io.track.delimited import Content, are_numbers, content, find_table, header_in_comment, is_number
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
+from qtraj.io.track.known_names import HEIGHTS, NOT_HEIGHTS
 from qtraj.io.track.reading import Reading
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.text_table import TextTable

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from qtraj.io.track.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
-from qtraj.io.track.column_names import (
+from qtraj.io.track.column_names import find, plain
+from qtraj.io.track.known_names import (
     ANGLED,
     COMMON,
     DATE_AND_CLOCK,
@@ -19,8 +20,6 @@ from qtraj.io.track.column_names import (
     NOT_HEIGHTS,
     UNORDERED,
     WHOLE_AND_NANOSECONDS,
-    find,
-    plain,
 )
 from qtraj.io.track.missing_columns import GEOGRAPHIC, REQUIRED, begun, first_values, no_angles, no_globe, not_found
 from qtraj.io.track.recorded_times import CLOCK, in_24_hours

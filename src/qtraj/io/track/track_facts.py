@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from qtraj.io.track.column_names import CURVATURE, HEADING, SPEED, find
+from qtraj.io.track.column_names import find
 from qtraj.io.track.column_units import Unit
+from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
 from qtraj.io.track.recorded_axes import MEANING
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.row_facts import row_text
