@@ -59,3 +59,29 @@ def test_a_centre_line_is_a_shape(qtraj, tmp_path):
     assert result.exit_code == 2
     assert "is a shape, not a track" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.kml", b'<?xml version="1.0"?><kml><Document/></kml>'),
+        ("a.xlsx", b"PK\x03\x04\xff\xfe"),
+        ("a.parquet", b"PAR1\x00\x01"),
+        ("a.json", b'[{"t": 1, "x": 2}]'),
+        ("a.csv", "t,x,y,z,H\u00f6he\n1,2,3,4,5".encode("latin-1")),
+    ],
+)
+def test_other_files_are_refused_with_advice(qtraj, tmp_path, name, data):
+    (tmp_path / name).write_bytes(data)
+    result = qtraj("route", tmp_path / name)
+    assert result.exit_code == 2
+    assert "export" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stderr.count(name) == 1
+
+
+def test_utf_16_is_read(qtraj, tmp_path):
+    rows = "\n".join(f"{t}\t{8 * t}\t{0.1 * t * t}\t0" for t in range(20))
+    (tmp_path / "a.txt").write_text(f"t\tx\ty\tz\n{rows}\n", encoding="utf-16")
+    (tmp_path / "a.csv").write_bytes((tmp_path / "a.txt").read_bytes())
+    assert qtraj("route", tmp_path / "a.csv", "--out", tmp_path / "out").exit_code == 0

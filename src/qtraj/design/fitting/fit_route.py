@@ -21,7 +21,7 @@ from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
 from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
-from qtraj.design.fitting.waypoints import knots_and_smoothing
+from qtraj.design.fitting.waypoints import FEW, keep_all, knots_and_smoothing
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -82,7 +82,9 @@ def fit_route(
     _require(tolerance=tolerance, smoothing=smoothing)
     require_track(track)
     knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
-    recording, spacing, user_knots = without_outliers(_recording(track, position_sigma, velocity_sigma), knots)
+    few = len(track.times) < FEW
+    find = keep_all if few else without_outliers
+    recording, spacing, user_knots = find(_recording(track, position_sigma, velocity_sigma), knots)
     stops = _stops(recording)
     problem, best, stretch_error = _chosen(recording, stops, spacing, user_knots, tolerance, smoothing)
     solution = _solution(recording, problem, best)
@@ -98,7 +100,7 @@ def fit_route(
     fitted = FittedRoute(
         path,
         compare(path, _part(track, inliers)),
-        _prediction_error(recording, problem, best),
+        float("nan") if few else _prediction_error(recording, problem, best),
         stretch_error,
         best,
         np.flatnonzero(~inliers),

@@ -50,8 +50,9 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
         ("segments", f"{numbers['segments']}, {duration_text(duration / numbers['segments'], 3)} each on average"),
         ("stops", f"{len(fitted.stops)}, {duration_text(numbers['time_standing'])} in total"),
         ("distance", f"{_length(residual.distance_rms)} RMS, {_length(residual.maximum)} maximum"),
-        ("prediction error", f"{_length(fitted.prediction_error)} RMS at held-out samples"),
     ]
+    if np.isfinite(float(fitted.prediction_error)):
+        rows.append(("prediction error", f"{_length(fitted.prediction_error)} RMS at held-out samples"))
     if residual.velocity_rms is not None:
         rows.append(("velocity", f"differs by {float(residual.velocity_rms):.3g} m/s RMS"))
     if len(fitted.outliers):

@@ -1,5 +1,6 @@
 """Find out by its content what a recording is, and return its table."""
 
+import codecs
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.text_table import TextTable
 from qtraj.io.track.time_column import Table
 
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TUM_UNORDERED = (*TUM_COLUMNS[:4], "q1", "q2", "q3", "q4")
 
@@ -56,7 +58,17 @@ def find_source(file: Any, reading: Reading) -> Source:
     if nmea.is_nmea(data):
         table, notes = nmea.read_nmea(path, data)
         return Source(path, table, kind="nmea", notes=notes)
-    return _text_source(path, content(path, decoded(path, data)), reading)
+    return _text_source(path, content(path, _decoded(path, data)), reading)
+
+
+def _decoded(path: Path, data: bytes) -> str:
+    """Return a text in UTF-8, or in UTF-16 if it begins with a byte order mark."""
+    try:
+        return data.decode("utf-16") if data.startswith(UTF16) else decoded(path, data)
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text in UTF-16, although it begins so: export it in UTF-8") from None
+    except ValueError as error:
+        raise ValueError(f"{error}: export the recording as a text file in UTF-8, such as CSV") from None
 
 
 def _text_source(path: Path, found: Content, reading: Reading) -> Source:
