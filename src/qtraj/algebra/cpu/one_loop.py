@@ -61,8 +61,12 @@ def _batched(arrays: Sequence[Array], axes: Sequence[Any], joined: str) -> tuple
     return _identity.bind(*front, joined=joined), [0] * len(front)
 
 
-def _without_unused(used: list[bool], equation: Any) -> tuple[list[bool], Any]:
-    """Remove unused arrays, because no compiler can remove them from the joined loop."""
+def _without_unused(used: list[bool], *others: Any) -> tuple[list[bool], Any]:
+    """Remove unused arrays, because no compiler can remove them from the joined loop.
+
+    The last argument is the equation; JAX 0.12 passes which inputs are live before it.
+    """
+    equation = others[-1]
     if not any(used):
         return used, None
     kept = lambda variables: [v for v, is_used in zip(variables, used, strict=True) if is_used]  # noqa: E731

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from qtraj.design.fitting import route_choice as choice
 from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.design.fitting.noise_free import without_smoothing
 from qtraj.design.fitting.route_choice import Problem, Recording
 from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
@@ -66,7 +67,8 @@ def fit_route(
     method `covariance` of the result returns the covariances of the states at the knots. The fit does not use recorded
     attitudes and angular rates. The fields `attitude` and `rates` of the result compare them with the upright frame of
     the route (see `compare_attitude` and `compare_rates`). For geographic coordinates use `read_track(...,
-    projection=...)`. Use float64. The fit is not differentiable; the route is differentiable like any other path.
+    projection=...)`. A recording without noise, such as samples of a formula, is fitted without smoothing. Use float64.
+    The fit is not differentiable; the route is differentiable like any other path.
 
     `position_sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recorded positions and
     velocities: a number, an array (n,) with a value for each sample, or an array (n, 3) with a value for each
@@ -81,10 +83,14 @@ def fit_route(
     """
     _require(tolerance=tolerance, smoothing=smoothing)
     require_track(track)
+    recording, few = _recording(track, position_sigma, velocity_sigma), len(track.times) < FEW
     knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
-    few = len(track.times) < FEW
-    find = keep_all if few else without_outliers
-    recording, spacing, user_knots = find(_recording(track, position_sigma, velocity_sigma), knots)
+    free = knots is None and tolerance is None and smoothing is None
+    exact = without_smoothing(recording) if free and not _stops(recording) else None
+    if exact is None:
+        recording, spacing, user_knots = (keep_all if few else without_outliers)(recording, knots)
+    else:
+        (user_knots, smoothing), spacing = exact, float(exact[0][1])
     stops = _stops(recording)
     problem, best, stretch_error = _chosen(recording, stops, spacing, user_knots, tolerance, smoothing)
     solution = _solution(recording, problem, best)
