@@ -40,12 +40,12 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.foundation.outcome import ResultCode as ResultCode
     from qtraj.foundation.progress import Progress as Progress
     from qtraj.io import exchange as exchange
-    from qtraj.io.attitude_angles import AttitudeAngles as AttitudeAngles
     from qtraj.io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
     from qtraj.io.label import label as label
     from qtraj.io.stored import load as load
-    from qtraj.io.tangent_plane import TangentPlane as TangentPlane
-    from qtraj.io.track_file import read_track as read_track
+    from qtraj.io.track.attitude_angles import AttitudeAngles as AttitudeAngles
+    from qtraj.io.track.tangent_plane import TangentPlane as TangentPlane
+    from qtraj.io.track.track_file import read_track as read_track
     from qtraj.motion import control as control, dynamics as dynamics
     from qtraj.motion.attitude import AbstractProgram as AbstractProgram, Attitude as Attitude
     from qtraj.motion.attitude_residual import (
@@ -158,12 +158,12 @@ _HOMES = {
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
     "qtraj.foundation.outcome": ("ResultCode",),
     "qtraj.foundation.progress": ("Progress",),
-    "qtraj.io.attitude_angles": ("AttitudeAngles",),
+    "qtraj.io.track.attitude_angles": ("AttitudeAngles",),
     "qtraj.io.dataset_file": ("load_dataset", "save_dataset"),
     "qtraj.io.label": ("label",),
     "qtraj.io.stored": ("load",),
-    "qtraj.io.tangent_plane": ("TangentPlane",),
-    "qtraj.io.track_file": ("read_track",),
+    "qtraj.io.track.tangent_plane": ("TangentPlane",),
+    "qtraj.io.track.track_file": ("read_track",),
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
     "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),

@@ -1,6 +1,7 @@
 """Recordings with attitudes or on the globe, as scenarios name them."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -62,3 +63,22 @@ def test_a_scenario_reads_latitudes_and_longitudes(qtraj, tmp_path):
     assert by_names["radius_max"] == fit["radius_max"]
     (tmp_path / "s.toml").write_text(text.replace("projection = 'tangent-plane'", "origin = [1, 2, 3]"))
     assert "is valid only with projection" in qtraj("evaluate", tmp_path / "s.toml").stderr
+
+
+def test_the_mounting_of_a_recorder_is_named(qtraj, tmp_path):
+    """A camera that looks to the left and slightly up, on an S-shaped drive, with noise of 2° about each axis."""
+    t = np.linspace(0, 20, 401)
+    positions = np.stack([8 * t, 20 * np.sin(0.3 * t), 0 * t], axis=1)
+    heading = np.arctan2(6 * np.cos(0.3 * t), 8)
+    noise = Rotation.from_rotvec(np.radians(2) * np.random.default_rng(1).normal(size=(401, 3)))
+    mounted = Rotation.from_euler("Z", heading[:, None]) * Rotation.from_euler("ZYX", [92.1, -3, 0], degrees=True)
+    rows = np.column_stack([t, positions, (mounted * noise).as_quat(scalar_first=True)])
+    table(tmp_path, "t,x,y,z,qw,qx,qy,qz", rows)
+    result = qtraj("route", tmp_path / "track.csv", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    found = re.search(
+        r"mounted at yaw ([\d.]+)°, pitch ([-\d.]+)° \(nose up\), roll ([-\d.]+)°; beyond that ([\d.]+)° RMS", text
+    )
+    assert found is not None, text
+    np.testing.assert_allclose([float(x) for x in found.groups()], [92.1, -3, 0, 2 * np.sqrt(3)], atol=0.4)

@@ -21,6 +21,7 @@ from scipy.interpolate import CubicSpline
 import qtraj as qt
 from qtraj.cli import layout
 from qtraj.foundation.plain import plain
+from qtraj.foundation.size_text import length_text
 from qtraj.io.saved import saved_path
 from qtraj.scenario.path import lay
 from qtraj.scenario.path_parts import TunePart
@@ -261,10 +262,10 @@ def test_the_terminal_shows_it_all_within_80_columns(qtraj, default_run, tmp_pat
         "Right-angle turn for a city bus",
         "Source: Boreas dataset (Burnett et al.",
         "CC BY 4.0",
-        f"{numbers['horizontal_rms']:.3f} m RMS",
-        f"{numbers['vertical_rms']:.3f} m RMS",
+        f"{length_text(numbers['horizontal_rms'], 3)} RMS",
+        f"{length_text(numbers['vertical_rms'], 3)} RMS",
         f"{np.degrees(numbers['direction_rms']):.2f}° RMS",
-        f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
+        f"{length_text(numbers['radius_min'])} to {length_text(numbers['radius_max'])}",
         "V_φ at B",
         f"deviates from the original path by at most {default_run.content['change']['deviation']:.3g} m",
         "The direction of travel changes by 7.1° to the left at A and",

@@ -14,7 +14,7 @@ from qtraj.algebra.rotation import to_dcm
 from qtraj.design.fitting.fit import fit
 from qtraj.foundation import document
 from qtraj.foundation.outcome import ResultCode
-from qtraj.io.track_file import read_track
+from qtraj.io.track.track_file import read_track
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track

@@ -245,10 +245,23 @@ def test_invalid_arguments(arguments, words):
         qt.fit_route(recorded(20.0), **arguments)
 
 
+@pytest.mark.parametrize("seconds", [0.5, 10.0, 60.0])
+@pytest.mark.parametrize("metres", [1e-3, 1.0, 1e6])
+def test_few_samples_are_waypoints(seconds, metres):
+    """The route passes through them; its length is between the polygon's and a smooth curve's."""
+    points = metres * np.array([[0, 0, 0], [80, 20, 0], [150, 60, 1], [200, 120, 2], [210, 190, 2.0]])
+    times = seconds * np.arange(5.0)
+    fitted = qt.fit_route(qt.Track(times, points))
+    assert bool(fitted.successful)
+    np.testing.assert_allclose([fitted.path.position(t) for t in times], points, atol=1e-6 * metres)
+    polygon = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert polygon < float(fitted.path.length()) < 1.01 * polygon
+
+
 def test_few_samples_and_times_that_do_not_increase():
     few = recorded(0.6)
-    with pytest.raises(ValueError, match="at least 8 samples"):
-        qt.fit_route(few)
+    with pytest.raises(ValueError, match=r"at least 8 samples.*omit knots"):
+        qt.fit_route(few, tolerance=0.1)
     with pytest.raises(ValueError, match="must increase strictly"):
         qt.Track([0.0, 1.0, 1.0, 2.0], np.zeros((4, 3)))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from qtraj.foundation import document
-from qtraj.io.track_file import read_track
+from qtraj.io.track.track_file import read_track
 from qtraj.path.bends import bends
 from qtraj.path.track import Track
 

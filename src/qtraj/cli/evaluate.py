@@ -18,6 +18,7 @@ from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
+    from qtraj.io.track.reading import Recording
     from qtraj.path.spiral_helix import SpiralHelix
     from qtraj.path.vehicle import Vehicle
     from qtraj.scenario.reader import ScenarioFile
@@ -43,6 +44,7 @@ def evaluate(
         [], metavar="NAME", help="Additional output of qtraj.evaluate, such as yaw_rate. May be repeated."
     ),
     frame: FrameName | None = terminal.frame_option(),
+    track: dict[str, Any] | None = None,
 ) -> Outcome:
     """Tabulate time, position, speed, curvature, torsion, attitude and rate of a path.
 
@@ -58,12 +60,13 @@ def evaluate(
     from qtraj.foundation.plain import tabular
     from qtraj.io.dataset import table_dataset
     from qtraj.io.instants_csv import path_headers
+    from qtraj.io.track.reading import recorded
     from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.path.channel import CHANNELS, vehicle_outputs
     from qtraj.scenario.path import require_vehicle
     from qtraj.viz import result_files
 
-    loaded, path, fitted, vehicle = _path(scenario)
+    loaded, path, recording, fitted, vehicle = _path(scenario, track or {})
     for name in also:
         require_vehicle(vehicle, CHANNELS[name].needs if name in CHANNELS else "", f"--also {name}")
     also = [*also, *vehicle_outputs(vehicle)]
@@ -71,6 +74,7 @@ def evaluate(
     watch.say("evaluating")
     table = evaluated(path, times, (*OUTPUTS, *also), frame_named(frame or UPRIGHT), continuous=True, vehicle=vehicle)
     content = {
+        "recording": recorded(recording),
         "fit": facts_of(fitted),
         "frame": table.frame,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
@@ -79,7 +83,9 @@ def evaluate(
     }
     dataset = table_dataset(table, fitted, loaded.provenance())
     writers = result_files.table(dataset, headers=path_headers(dataset, also))
-    return Outcome(content, _text(content, fitted), loaded, not (fitted is None or bool(fitted.successful)), writers)
+    return Outcome(
+        content, _text(content, recording, fitted), loaded, not (fitted is None or bool(fitted.successful)), writers
+    )
 
 
 def _times(duration: float, samples: int | None, step: float | None) -> np.ndarray:
@@ -90,24 +96,26 @@ def _times(duration: float, samples: int | None, step: float | None) -> np.ndarr
         return sample_times(duration, samples, step)
 
 
-def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
-    """Return the scenario in a file, the path, the fit of the path, and the vehicle; missing values are None.
+def _path(
+    file: Path, track: dict[str, Any]
+) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Recording | None", "Fitted | None", "Vehicle | None"]:
+    """Return the scenario in a file, the path, the recording, its fit, and the vehicle; missing values are None.
 
-    For a saved path, there is no scenario, fit or vehicle.
+    `track` replaces keys of the table [track]. For a saved path, there is no scenario, recording, fit or vehicle.
     """
-    from qtraj.io.input_file import read_input
+    from qtraj.io.input_file import read_input, with_track
     from qtraj.io.saved import saved_path
     from qtraj.scenario.reader import ScenarioFile, scenario_in
 
-    given = read_input(file)
+    given = with_track(read_input(file), track)
     if given.is_saved:
-        return ScenarioFile(file, None, given.hash), saved_path(file), None, None
+        return ScenarioFile(file, None, given.hash), saved_path(file), None, None, None
     loaded = scenario_in(given, "path")
     task = KINDS["path"].build(loaded)
-    return loaded, task.path, task.fitted, task.limits.vehicle
+    return loaded, task.path, task.recording, task.fitted, task.limits.vehicle
 
 
-def _text(content: dict[str, Any], fitted: "Fitted | None") -> Iterator[layout.Part]:
+def _text(content: dict[str, Any], recording: "Recording | None", fitted: "Fitted | None") -> Iterator[layout.Part]:
     """Yield the path, and two or more tables, because one table would be wider than 80 columns."""
     from qtraj.io.printed_headers import path_tables
     from qtraj.path.existence import MISSING
@@ -115,6 +123,7 @@ def _text(content: dict[str, Any], fitted: "Fitted | None") -> Iterator[layout.P
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
     yield f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"
+    yield from layout.recording(recording)
     yield from layout.fit(fitted)
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
     defined = columns["defined"].astype(bool)

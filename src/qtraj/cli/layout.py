@@ -12,11 +12,13 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from qtraj.cli.track_options import as_options
 from qtraj.foundation.number_text import decimals, digits
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.design.fitting.fitted_route import FittedRoute
+    from qtraj.io.track.reading import Recording as ReadTrack
 
 Part = RenderableType | None
 """A part of the output; strings do not contain markup, and None and empty strings are omitted."""
@@ -73,6 +75,13 @@ def facts(title: str, rows: Iterable[tuple[str, str]]) -> Group:
     for row in rows:
         table.add_row(*map(Text, row))
     return Group(heading(title), table)
+
+
+def recording(read: "ReadTrack | None") -> list[Part]:
+    """Return what was read from a recording and what is odd in it; return an empty list for None."""
+    if read is None:
+        return []
+    return [heading("Recording"), *read.facts, *(styled(f"Note: {as_options(note)}", NOTE) for note in read.notes)]
 
 
 def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:

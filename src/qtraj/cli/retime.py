@@ -30,7 +30,7 @@ def retime(
     scenario: Path | None = typer.Argument(
         None,
         metavar="SCENARIO",
-        help="A scenario (TOML) of a path or a recorded drive, a recording (CSV or TUM), or a saved path (default: the "
+        help="A scenario (TOML) of a path or a recorded drive, a recording, or a saved path (default: the "
         "built-in scenario).",
     ),
     limit: list[str] | None = typer.Option(
@@ -47,6 +47,7 @@ def retime(
         metavar="N",
         help="Minimum number of timing cells between two stops, a power of two. Overrides the scenario.",
     ),
+    track: dict[str, Any] | None = None,
 ) -> Outcome:
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
@@ -61,7 +62,7 @@ def retime(
     from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic
 
     limits = _limits(limit or [])
-    loaded = read_retiming(scenario, limits)
+    loaded = read_retiming(scenario, limits, track or {})
     options = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
     options = {name: value for name, value in options.items() if value is not None}
     result = _retimed(loaded, limits, options, watch)
@@ -124,9 +125,11 @@ def _content(loaded: "ScenarioFile[Any]", result: Result) -> dict[str, Any]:
     """Return the result as JSON types."""
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.foundation.plain import plain
+    from qtraj.io.track.reading import recorded
 
     task, tuned, timed, certificate, profile = result
     return {
+        "recording": recorded(task.recording),
         "fit": facts_of(task.fitted),
         "purpose": getattr(loaded.scenario, "purpose", {}),
         "tuned": None if tuned is None else plain(tuned.record()),
@@ -153,6 +156,7 @@ def _text(loaded: "ScenarioFile[Any]", result: Result) -> list[layout.Part]:
     task, tuned, timed, certificate, profile = result
     limits = retimed_limit_rows(certificate, profile)
     return [
+        *layout.recording(task.recording),
         *layout.fit(task.fitted),
         *([] if tuned is None else [layout.heading("Tuning"), tuned.result]),
         layout.limits("Limits on the retimed path, and where they bound the speed", limits, "reached on"),

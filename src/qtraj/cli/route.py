@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @terminal.command(
     "qtraj route  (the built-in scenario)",
     "qtraj route drive.csv --out drive",
+    "qtraj route log.csv --axes ned --units velocity=km/h",
     "qtraj route bus.toml --out results",
 )
 def route(
@@ -27,8 +28,10 @@ def route(
     recording: Path | None = typer.Argument(
         None,
         metavar="RECORDING",
-        help="A recording (CSV or TUM), or a scenario (TOML) with a recording (default: the built-in scenario).",
+        help="A recording (a table, TUM, KITTI, GPX or NMEA), or a scenario (TOML) with a recording (default: the "
+        "built-in scenario).",
     ),
+    track: dict[str, Any] | None = None,
 ) -> Outcome:
     """Fit a route to a whole recorded drive or flight, check limits, and tune the route so that they are satisfied.
 
@@ -45,15 +48,17 @@ def route(
     from qtraj.design.fitting.route_facts import route_facts
     from qtraj.foundation.plain import plain
     from qtraj.io.route_dataset import route_dataset
+    from qtraj.io.track.reading import recorded
     from qtraj.scenario.route import read_route
 
-    loaded = read_route(recording)
+    loaded = read_route(recording, track or {})
     task, certificate, tuned = _tuned(loaded, watch)
     watch.say("sampling")
     from qtraj.viz.command_files import route_files  # imported after the computation, because matplotlib is slow
 
     dataset = route_dataset(task.fitted, task.limits, certificate, tuned, task.track, loaded.provenance())
     content = {
+        "recording": recorded(task.recording),
         "fit": route_facts(task.fitted),
         "frame": dataset.attrs["frame"],
         "purpose": loaded.scenario.purpose,
@@ -63,6 +68,7 @@ def route(
     checked = certificate if tuned is None else tuned
     failed = not bool(task.fitted.successful) or (checked is not None and not bool(checked.successful))
     text = [
+        *layout.recording(task.recording),
         *layout.fit(task.fitted),
         *_limits("Limits on the whole route", certificate),
         *([] if tuned is None else [*_limits("Limits on the tuned route", tuned.certificate), tuned.result]),

@@ -16,6 +16,7 @@ from rich.console import Console
 from qtraj._version import __version__
 from qtraj.cli import BAD_INPUT, INTERRUPTED, layout
 from qtraj.cli.console import message, stderr, stdout
+from qtraj.cli.track_options import as_options, collected, track_parameters
 from qtraj.foundation.folder import Writer, check_folder, write_all
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress_bar import watching
@@ -28,6 +29,9 @@ if TYPE_CHECKING:  # type checkers cannot read names from a registry
     FrameName = StrEnum
 else:  # an enumeration, for shell completion
     FrameName = StrEnum("FrameName", {name: name for name in FRAMES})
+
+TRACK = "track"
+"""The parameter of a command that receives the options of recordings."""
 
 FAILED = 1
 """Exit code of a run with a violated limit or an unsuccessful computation."""
@@ -90,7 +94,8 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
     """Return a decorator that converts a function to a command with these examples and the options of all commands.
 
     The command writes the files of the function's outcome, prints the outcome and exits. The parameters of the function
-    are a `Watch`, the argument of the command, and its other options. If the function raises an OSError or a ValueError
+    are a `Watch`, the argument of the command, and its other options. A parameter `track` receives the options of
+    recordings as keys of [track]. If the function raises an OSError or a ValueError
     for bad input, the command prints one message and exits with code 2.
     """
 
@@ -100,7 +105,8 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
             with guarded(), watching(quiet) as watch:
                 if out is not None:
                     check_folder(out)
-                outcome = run(watch, **options)
+                recorded = {TRACK: collected(options)} if TRACK in inspect.signature(run).parameters else {}
+                outcome = run(watch, **options, **recorded)
                 watch.say("writing")
                 content, text = _write(run.__name__, outcome, out or outcome.folder, as_json)
             for warning in outcome.loaded.warnings if outcome.loaded else ():
@@ -112,14 +118,15 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
             raise typer.Exit(FAILED if outcome.failed else 0)
 
         signature = inspect.signature(run)
-        _, argument, *options = signature.parameters.values()
+        _, argument, *options = (p for p in signature.parameters.values() if p.name != TRACK)
         kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
         common = [
             inspect.Parameter("out", kind, default=out, annotation=Path | None),
             inspect.Parameter("as_json", kind, default=JSON, annotation=bool),
             inspect.Parameter("quiet", kind, default=QUIET, annotation=bool),
         ]
-        parameters = [argument, *common, *options]
+        recorded = track_parameters() if TRACK in signature.parameters else []
+        parameters = [argument, *common, *options, *recorded]
         vars(command).update(__signature__=signature.replace(parameters=parameters), examples=examples)
         return command
 
@@ -173,5 +180,5 @@ def guarded() -> Iterator[None]:
 
 
 def _fail(text: str) -> None:
-    message("error", text)
+    message("error", as_options(text))
     raise typer.Exit(BAD_INPUT) from None

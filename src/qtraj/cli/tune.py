@@ -55,6 +55,7 @@ def tune(
         help="Number of starting points: the specified states and perturbed states. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
+    track: dict[str, Any] | None = None,
 ) -> Outcome:
     """Tune the boundary velocities of a path so that the path satisfies its limits.
 
@@ -67,12 +68,14 @@ def tune(
     from qtraj.design.fitting.route_facts import facts_of
     from qtraj.design.tuning.box import bounds_text
     from qtraj.foundation.plain import plain
+    from qtraj.io.track.reading import recorded
     from qtraj.scenario.reader import read_scenario
 
-    loaded = read_scenario(scenario, "path")
+    loaded = read_scenario(scenario, "path", track or {})
     result = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
     task, before, best, change = result
     content = {
+        "recording": recorded(task.recording),
         "fit": facts_of(task.fitted),
         "frame": str(frame or UPRIGHT),
         "purpose": loaded.scenario.purpose,
@@ -159,6 +162,7 @@ def _text(content: dict[str, Any], restrictions: dict[str, str], result: Result)
     columns = ("value", "limit", "margin", "at [s]")
     velocities = "Boundary velocities before and after"
     return [
+        *layout.recording(task.recording),
         *layout.fit(task.fitted),
         layout.grouped_table("Limits before and after", limits, "limit", "path", right=columns),
         *(f"{name}: {text}" for name, text in content["purpose"].items()),

@@ -7,6 +7,7 @@ from qtraj.design.proof.limit_rows import limit_rows
 from qtraj.design.speed_profile import SpeedProfile
 from qtraj.design.timing.outcome import Retimed
 from qtraj.foundation.number_text import intervals
+from qtraj.foundation.size_text import duration_text, length_text
 
 
 def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, str]]:
@@ -14,8 +15,8 @@ def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, 
     length, (before, after) = float(profile.distance[-1]), np.asarray(profile.durations).tolist()
     start, end = np.asarray(timed.speeds).tolist()
     rows = [
-        ("duration", f"{after:.4f} s instead of {before:.4f} s"),
-        ("length", f"{length:.2f} m, at {length / after:.2f} m/s on average"),
+        ("duration", f"{duration_text(after, 6)} instead of {duration_text(before, 6)}"),
+        ("length", f"{length_text(length)}, at {length / after:.4g} m/s on average"),
         ("speed", f"{start:.3f} m/s at the start, {end:.3f} m/s at the end"),
     ]
     stops = [(a, b) for a, b in np.asarray(profile.stops).tolist() if b > a]

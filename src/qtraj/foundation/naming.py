@@ -6,8 +6,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Prepend `where`, such as the name of a file or a key, to the message of a ValueError from the `with` block."""
+    """Prepend `where`, such as the name of a file or a key, to the message of a ValueError from the `with` block.
+
+    A message that already begins with `where` is unchanged.
+    """
     try:
         yield
     except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
+        raise ValueError(str(error) if str(error).startswith(where) else f"{where}{error}") from error

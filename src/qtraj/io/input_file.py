@@ -2,15 +2,19 @@
 
 import hashlib
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from qtraj.foundation.toml_fault import syntax_fault
 from qtraj.foundation.untrusted import decoded, parse_json, parse_toml, read_bytes
-from qtraj.io.recording import is_recording
+from qtraj.io.track.recording import is_recording
 
 HASH_DIGITS = 16
+OTHER = ". If the file is a recording, export it as a table (CSV) or as GPX"
+"""The last sentence of the message about a file that is neither a scenario nor a recording."""
+
 RECORDING_START = 2**16
 """Number of bytes at the start of a file by which a recording is recognised."""
 
@@ -40,10 +44,32 @@ def read_input(file: Path) -> InputFile:
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, for a syntax error.
     """
     content = read_bytes(file)
-    start = content[:RECORDING_START].decode(errors="replace")
-    recording = is_recording(file, start)
-    data = {"track": {"file": file.name}} if recording else _parsed(file, decoded(file, content))
+    recording = is_recording(file, content[:RECORDING_START])
+    data = {"track": {"file": file.name}} if recording else _parsed(file, _text(file, content))
     return InputFile(file, hashlib.sha256(content).hexdigest()[:HASH_DIGITS], data, recording)
+
+
+def with_track(given: InputFile, track: Mapping[str, Any]) -> InputFile:
+    """Return the input with these keys in its table [track].
+
+    **Raises:** ValueError if there are keys, but the input has no recording.
+    """
+    if not track:
+        return given
+    own = given.data.get("track")
+    if given.is_saved or not isinstance(own, dict):
+        raise ValueError(
+            f"{given.file}: --{next(iter(track))} applies to recordings, but this file has no table [track]: omit the "
+            "option"
+        )
+    return replace(given, data=given.data | {"track": own | dict(track)})
+
+
+def _text(file: Path, content: bytes) -> str:
+    try:
+        return decoded(file, content)
+    except ValueError as error:
+        raise ValueError(f"{error}{OTHER}") from None
 
 
 def _parsed(file: Path, text: str) -> dict[str, Any]:
@@ -51,11 +77,12 @@ def _parsed(file: Path, text: str) -> dict[str, Any]:
     try:
         data = parse_json(text) if is_json else parse_toml(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{file}: not valid TOML: {syntax_fault(text, error)}") from None
+        other = "" if file.suffix == ".toml" else OTHER
+        raise ValueError(f"{file}: not valid TOML: {syntax_fault(text, error)}{other}") from None
     except ValueError as error:
         raise ValueError(f"{file}: not {'valid JSON' if is_json else 'a scenario'}: {error}") from None
     if is_json and not (isinstance(data, dict) and "format" in data):
         raise ValueError(
-            f"{file}: not a saved object, because the key 'format' is missing; a scenario must be a TOML file"
+            f"{file}: not a saved object, because the key 'format' is missing; a scenario must be a TOML file{OTHER}"
         )
     return data

@@ -187,6 +187,16 @@ def require_covered(program: AbstractProgram, duration: float) -> None:
         )
 
 
+def mounting_text(residual: AttitudeResidual) -> str:
+    """Return the mounting and the remaining difference, such as "mounted at yaw 92.1°, ...; beyond that 4.20° RMS"."""
+    yaw, pitch, roll = np.degrees(mounting_angles(residual)) + 0.0
+    nose = "down" if pitch > 0 else "up"
+    return (
+        f"mounted at yaw {yaw:.1f}°, pitch {pitch:.1f}° (nose {nose}), roll {roll:.1f}°; beyond that "
+        f"{np.degrees(float(residual.rms)):.2f}° RMS"
+    )
+
+
 def mounting_angles(residual: AttitudeResidual) -> np.ndarray:
     """Return yaw, pitch and roll (3,) [rad] of the mounting, for rotations about z, y and x in this order (Z-Y-X)."""
     return np.asarray(rotation.to_euler(residual.mounting, "ZYX"))

@@ -1,6 +1,7 @@
 """Define the scenario keys of a path, and build the path and the tuning problem."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -8,11 +9,13 @@ from pydantic import Field, create_model
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
+from qtraj.design.odd_limits import odd_limits
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
+from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL
@@ -199,8 +202,13 @@ class PathTask:
     part: TunePart
     turns: int = 0
     turn: float | None = None
-    track: Track | None = None
+    recording: Recording | None = None
     fitted: Fitted | None = None
+
+    @property
+    def track(self) -> Track | None:
+        """The recorded track to which the path was fitted."""
+        return None if self.recording is None else self.recording.track
 
     def tuning(self) -> dict[str, Any]:
         """Return the arguments of `qtraj.tune`."""
@@ -238,12 +246,29 @@ def lay(
     with naming(f"{loaded.file}: "):
         chosen["limits"] = scenario.all_limits()
         if scenario.track is not None:
-            track = scenario.track.read(loaded.beside)
-            fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
-            return _along(fitted.path, track=track, fitted=fitted, **chosen)
+            recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
+            with with_notes(recording):
+                fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
+            return _along(fitted.path, recording=recording, fitted=fitted, **chosen)
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
+
+
+def with_odd_limits(recording: Recording, limits: Mapping[str, float]) -> Recording:
+    """Return the recording with notes about limits that are odd for it."""
+    return recording._replace(notes=(*recording.notes, *odd_limits(limits, recording.track)))
+
+
+@contextmanager
+def with_notes(recording: Recording) -> Iterator[None]:
+    """Append what is odd in a recording to the message of a fit that fails."""
+    try:
+        yield
+    except ValueError as error:
+        if not recording.notes:
+            raise
+        raise ValueError(f"{error}. Note: {'; '.join(recording.notes)}") from error
 
 
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:

@@ -12,9 +12,10 @@ from qtraj.design.timing.parts import SLOW, STOP_DISTANCE, STOP_SPEED
 from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.design.tuning.methods import LEARNING_RATE, adam
-from qtraj.io.attitude_angles import AttitudeAngles
-from qtraj.io.tangent_plane import TangentPlane
-from qtraj.io.track_file import read_track
+from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.reading import Recording
+from qtraj.io.track.tangent_plane import TangentPlane
+from qtraj.io.track.track_file import read_recording
 from qtraj.path.track import Track
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, checked_by, key, one_of, with_hyphens
@@ -47,7 +48,8 @@ class TrackPart(Part):
     """A window of a recording to which a path is fitted."""
 
     file: keys.Text = key(
-        "the recording: a table with column names, or TUM", values="the name of a text file, relative to the scenario"
+        "the recording: a table with column names, TUM, KITTI, GPX or NMEA",
+        values="the name of a file, relative to the scenario",
     )
     window: keys.Pair | None = key(
         "time interval of the recording to use; default: the whole recording",
@@ -77,6 +79,14 @@ class TrackPart(Part):
     duplicates: Literal["first", "last", "mean"] | None = key(
         "which of several rows at one time counts; default: equal rows once, and the mean of similar rows", None
     )
+    quaternion: Literal["wxyz", "xyzw"] | None = key(
+        "the order of a quaternion whose column names do not tell it; default: such columns are left out, and columns "
+        "in `columns` have the scalar first",
+        None,
+    )
+    segment: keys.Counts | None = key(
+        "the segment of a recording whose clock jumps back, or of a GPX file; default: all segments", None
+    )
     angles: AnglesPart | None = key(
         "the convention of recorded roll, pitch and heading", None, values="a table [track.angles]"
     )
@@ -102,18 +112,17 @@ class TrackPart(Part):
         if self.origin is not None and self.projection is None:
             yield "the key 'origin' is valid only with projection = 'tangent-plane'"
 
-    def read(self, beside: Callable[[str], Path]) -> Track:
-        """Read the window of the recording; `beside` maps the name of the file to a path."""
+    def read(self, beside: Callable[[str], Path]) -> Recording:
+        """Read the recording, its window as track; `beside` maps the name of the file to a path."""
         columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
         projection = None if self.projection is None else TangentPlane(origin)
         times = None if self.times is None else beside(self.times)
         units = {str(part): unit for part, unit in (self.units or {}).items()}
-        track = read_track(
-            beside(self.file), columns, angles, projection, units, self.axes, self.rate, times, self.duplicates
-        )
-        return track if self.window is None else track.window(*self.window)
+        file, options = beside(self.file), (self.axes, self.rate, times, self.duplicates, self.quaternion, self.segment)
+        recording = read_recording(file, columns, angles, projection, units, *options)
+        return recording if self.window is None else recording._replace(track=recording.track.window(*self.window))
 
 
 class FitPart(Part):

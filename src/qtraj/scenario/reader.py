@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from qtraj.foundation.model_fault import explain, unknown_keys
-from qtraj.io.input_file import InputFile, read_input
+from qtraj.io.input_file import InputFile, read_input, with_track
 from qtraj.scenario import KINDS
 
 S = TypeVar("S", bound=BaseModel | None)
@@ -45,12 +45,16 @@ class ScenarioFile(Generic[S]):
         return {name: text for name, text in facts.items() if text} | {"scenario_file": self.file.name}
 
 
-def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
+def read_scenario(
+    file: Path | str | None, kind: str, track: Mapping[str, Any] = MappingProxyType({})
+) -> ScenarioFile[Any]:
     """Read the scenario in a file, or the built-in scenario of its kind if `file` is None.
+
+    `track` replaces keys of the table [track], or adds them.
 
     **Raises:** The errors of `read_input` and `scenario_in`.
     """
-    return scenario_in(read_input(KINDS[kind].embedded if file is None else Path(file)), kind)
+    return scenario_in(with_track(read_input(KINDS[kind].embedded if file is None else Path(file)), track), kind)
 
 
 def scenario_in(

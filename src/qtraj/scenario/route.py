@@ -6,6 +6,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from qtraj.design.fitting.fit_route import fit_route
@@ -14,15 +15,16 @@ from qtraj.design.tuning_route.tune_route import require_suitable, tune_route
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
-from qtraj.io.input_file import read_input
+from qtraj.io.input_file import read_input, with_track
 from qtraj.io.saved import saved_hodograph
+from qtraj.io.track.reading import Recording
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
 from qtraj.path.track import Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
-from qtraj.scenario.path import LimitedScenario, lay
+from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 
@@ -88,24 +90,32 @@ class RouteScenario(LimitedScenario):
 class RouteTask(NamedTuple):
     """A path and its limits, the recording to which the path was fitted, and a function that tunes the path.
 
-    `track` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; the argument of this
+    `recording` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; the argument of this
     function reports the progress.
     """
 
     path: AbstractHodograph
     limits: Limits
-    track: Track | None = None
+    recording: Recording | None = None
     fitted: Any = None
     tuning: Callable[[Report], Any] | None = None
 
+    @property
+    def track(self) -> Track | None:
+        """The recorded track to which the path was fitted."""
+        return None if self.recording is None else self.recording.track
 
-def read_route(file: Path | None) -> ScenarioFile[Any]:
+
+def read_route(file: Path | None, track: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
+
+    `track` replaces keys of the table [track], or adds them.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not a valid
     scenario or recording.
     """
-    return scenario_in(read_input(KINDS["route"].embedded if file is None else file), "route", recording=True)
+    given = read_input(KINDS["route"].embedded if file is None else file)
+    return scenario_in(with_track(given, track), "route", recording=True)
 
 
 def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
@@ -116,10 +126,11 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
         limits = scenario.all_limits()  # checked first, because the fit takes longer
-        track = scenario.track.read(loaded.beside)
-        fitted = fit_route(track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
+        recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
+        with with_notes(recording):
+            fitted = fit_route(recording.track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
         tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
-        return RouteTask(fitted.path, limits, track, fitted, tuning)
+        return RouteTask(fitted.path, limits, recording, fitted, tuning)
 
 
 def _tuned(path: Route, limits: Limits, part: RouteTunePart, progress: Report) -> TunedRoute:
@@ -127,15 +138,17 @@ def _tuned(path: Route, limits: Limits, part: RouteTunePart, progress: Report) -
     return tune_route(path, limits, part.tube, part.objective, max_steps=part.max_steps)
 
 
-def read_retiming(file: Path | None, limits: Mapping[str, float]) -> ScenarioFile[Any]:
+def read_retiming(
+    file: Path | None, limits: Mapping[str, float], track: Mapping[str, Any] = MappingProxyType({})
+) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
 
-    `limits` replace limits of the scenario, or are added to them. For a saved path, the field `scenario` of the result
-    is None.
+    `limits` and `track` replace limits and keys of [track] in the scenario, or are added to them. For a saved path, the
+    field `scenario` of the result is None.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not valid.
     """
-    given = read_input(EMBEDDED if file is None else file)
+    given = with_track(read_input(EMBEDDED if file is None else file), track)
     if given.is_saved:
         return ScenarioFile(given.file, None, given.hash)
     part = given.data.get("retime")
@@ -158,7 +171,7 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RouteTas
         return fit_recording(loaded)
     task = lay(loaded)
     tuning = task.tuned if "tune" in loaded.scenario.model_fields_set else None
-    return RouteTask(task.path, task.limits, task.track, task.fitted, tuning)
+    return RouteTask(task.path, task.limits, task.recording, task.fitted, tuning)
 
 
 def _without_vehicle(limits: Mapping[str, float], name: str) -> Limits:

@@ -9,6 +9,7 @@ import numpy as np
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.record import Quantity
+from qtraj.foundation.size_text import duration_text, length_text
 from qtraj.motion.attitude_residual import mounting_angles
 from qtraj.path.placement import Placement
 from qtraj.path.residual import MEANINGS
@@ -90,14 +91,17 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
     degrees = math.degrees
     x, y = fit["axis"]
     rows = [
-        ("horizontal distance", f"{fit['horizontal_rms']:.3f} m RMS, {_percent(fit['relative_rms'])} of the radius"),
-        ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
-        ("largest distance", f"{fit['maximum']:.3f} m"),
+        (
+            "horizontal distance",
+            f"{length_text(fit['horizontal_rms'], 3)} RMS, {_percent(fit['relative_rms'])} of the radius",
+        ),
+        ("vertical distance", f"{length_text(fit['vertical_rms'], 3)} RMS"),
+        ("largest distance", length_text(fit["maximum"], 3)),
         ("speed", f"differs from the recorded speed by at most {_percent(fit['relative_speed'])}"),
-        ("samples", f"{fit['samples']:.0f} in {fit['duration']:.2f} s"),
+        ("samples", f"{fit['samples']:.0f} in {duration_text(fit['duration'])}"),
         ("direction of travel", f"turns by {degrees(fit['recorded_turn']):.2f}°"),
         ("angle about the axis", f"{degrees(fit['turn']):.2f}°"),
-        ("distance from the axis", f"{fit['radius_min']:.2f} to {fit['radius_max']:.2f} m"),
+        ("distance from the axis", f"{length_text(fit['radius_min'])} to {length_text(fit['radius_max'])}"),
         ("axis", f"vertical through ({x:.2f}, {y:.2f}) m"),
     ]
     if fit["direction_rms"] is not None:

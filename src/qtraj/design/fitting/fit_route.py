@@ -22,6 +22,7 @@ from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
 from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
+from qtraj.design.fitting.waypoints import FEW, keep_all, knots_and_smoothing
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -57,6 +58,8 @@ def fit_route(
     held-out intervals of at least 1.5 s, or of the predicted positions if no velocities are recorded. With a
     `tolerance` [m], the fit uses the largest smoothing for which the RMS distance does not exceed the tolerance.
 
+    Fewer than eight samples are waypoints: the route passes through them with minimum jerk.
+
     A stop is an interval of at least one second in which the vehicle stays within 0.1 m of its mean position and is not
     faster than 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are exactly zero.
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
@@ -74,17 +77,18 @@ def fit_route(
     equal weights, and their variance is estimated from the residuals of a fit to the positions.
 
     **Raises:** ValueError for invalid knots, a tolerance, smoothing or standard deviation that is not positive, a
-    tolerance that is too small, both a tolerance and a smoothing, fewer than eight samples, standard deviations of
-    the wrong shape, or a `velocity_sigma` without recorded velocities. RuntimeError with `throw` if the result is not
-    finite.
+    tolerance that is too small, both a tolerance and a smoothing, one of them with fewer than eight samples, standard
+    deviations of the wrong shape, or a `velocity_sigma` without recorded velocities. RuntimeError with `throw` if the
+    result is not finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing)
     require_track(track)
-    recording = _recording(track, position_sigma, velocity_sigma)
+    recording, few = _recording(track, position_sigma, velocity_sigma), len(track.times) < FEW
+    knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
     free = knots is None and tolerance is None and smoothing is None
     exact = without_smoothing(recording) if free and not _stops(recording) else None
     if exact is None:
-        recording, spacing, user_knots = without_outliers(recording, knots)
+        recording, spacing, user_knots = (keep_all if few else without_outliers)(recording, knots)
     else:
         (user_knots, smoothing), spacing = exact, float(exact[0][1])
     stops = _stops(recording)
@@ -102,7 +106,7 @@ def fit_route(
     fitted = FittedRoute(
         path,
         compare(path, _part(track, inliers)),
-        _prediction_error(recording, problem, best),
+        float("nan") if few else _prediction_error(recording, problem, best),
         stretch_error,
         best,
         np.flatnonzero(~inliers),
@@ -132,8 +136,6 @@ class _Solution(NamedTuple):
 
 def _recording(track: Track, position_sigma: ArrayInput | None, velocity_sigma: ArrayInput | None) -> Recording:
     times, positions = to_float64(track.times), to_float64(track.positions)
-    if len(times) < 8:
-        raise ValueError(f"a route needs at least 8 samples, but the track has {len(times)}")
     velocities = None if track.velocities is None else to_float64(track.velocities)
     if velocities is None and velocity_sigma is not None:
         raise ValueError("velocity_sigma was given, but the track has no velocities: omit velocity_sigma")

@@ -107,10 +107,9 @@ class FittedRoute(AbstractOutcome):
         if code != ResultCode.successful:
             return code.text
         rms, prediction = float(self.residual.distance_rms), float(self.prediction_error)
-        texts = [
-            f"{self.path.segments} segments fit the recording with an RMS distance of {rms:.3g} m; the RMS distance of "
-            f"held-out samples (cross-validation) is {prediction:.3g} m."
-        ]
+        held_out = f"; the RMS distance of held-out samples (cross-validation) is {prediction:.3g} m"
+        known = held_out if np.isfinite(prediction) else ", which consists of waypoints"
+        texts = [f"{self.path.segments} segments fit the recording with an RMS distance of {rms:.3g} m{known}."]
         if len(self.outliers):
             texts.append(f"Outliers excluded from the fit: {len(self.outliers)}.")
         if len(self.gaps):

@@ -9,6 +9,8 @@ from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.plain import plain
+from qtraj.foundation.size_text import duration_text, length_text
+from qtraj.motion.attitude_residual import mounting_text
 
 TITLE = "Route against the recording"
 
@@ -44,12 +46,13 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
     """Return the facts as pairs of a name and a text."""
     numbers, residual, duration = route_facts(fitted), fitted.residual, float(fitted.path.duration)
     rows = [
-        ("length", f"{numbers['length'] / 1000:.3f} km in {duration:.2f} s"),
-        ("segments", f"{numbers['segments']}, {duration / numbers['segments']:.3g} s each on average"),
-        ("stops", f"{len(fitted.stops)}, {numbers['time_standing']:.1f} s in total"),
-        ("distance", f"{_millimetres(residual.distance_rms)} RMS, {_millimetres(residual.maximum)} maximum"),
-        ("prediction error", f"{_millimetres(fitted.prediction_error)} RMS at held-out samples"),
+        ("length", f"{length_text(numbers['length'])} in {duration_text(duration)}"),
+        ("segments", f"{numbers['segments']}, {duration_text(duration / numbers['segments'], 3)} each on average"),
+        ("stops", f"{len(fitted.stops)}, {duration_text(numbers['time_standing'])} in total"),
+        ("distance", f"{_length(residual.distance_rms)} RMS, {_length(residual.maximum)} maximum"),
     ]
+    if np.isfinite(float(fitted.prediction_error)):
+        rows.append(("prediction error", f"{_length(fitted.prediction_error)} RMS at held-out samples"))
     if residual.velocity_rms is not None:
         rows.append(("velocity", f"differs by {float(residual.velocity_rms):.3g} m/s RMS"))
     if len(fitted.outliers):
@@ -57,7 +60,7 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
     if len(fitted.gaps):
         rows.append(("gaps", f"{len(fitted.gaps)}, bridged with minimum jerk"))
     if fitted.attitude is not None:
-        rows.append(("recorded attitude", f"differs by {np.degrees(float(fitted.attitude.rms)):.2f}° RMS"))
+        rows.append(("recorded attitude", mounting_text(fitted.attitude)))
     if fitted.rates is not None:
         values = zip(np.atleast_1d(fitted.rates.rms), np.atleast_1d(fitted.rates.correlation), strict=True)
         texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
@@ -66,5 +69,5 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
     return rows
 
 
-def _millimetres(length: Any) -> str:
-    return f"{1000 * float(length):.3g} mm" if float(length) < 1 else f"{float(length):.3g} m"
+def _length(length: Any) -> str:
+    return length_text(float(length), 3)

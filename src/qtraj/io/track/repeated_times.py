@@ -64,10 +64,15 @@ def _same_sign(quaternions: np.ndarray, starts: np.ndarray, groups: np.ndarray) 
 
 
 def _require_close(positions: np.ndarray, starts: np.ndarray, groups: np.ndarray) -> None:
-    """Raise a DifferentSamplesError if a position is not closer to the first of its time than a neighbour is."""
+    """Raise a DifferentSamplesError if a position is not closer to the first of its time than a neighbour is.
+
+    The distance to a neighbouring time is the smallest between the first and last positions of both times, so that one
+    outlier does not increase it.
+    """
     distance = np.linalg.norm(positions - positions[starts][groups], axis=1)
     ends = np.append(starts[1:], len(positions)) - 1
-    jumps = np.linalg.norm(positions[starts[1:]] - positions[ends[:-1]], axis=1) if len(starts) > 1 else np.zeros(0)
+    pairs = [(starts[1:], ends[:-1]), (ends[1:], ends[:-1]), (starts[1:], starts[:-1]), (ends[1:], starts[:-1])]
+    jumps = np.min([np.linalg.norm(positions[a] - positions[b], axis=1) for a, b in pairs], axis=0)
     steps = np.maximum(np.append(jumps, 0.0), np.insert(jumps, 0, 0.0))[groups]
     far = np.flatnonzero((distance > 0) & (distance >= steps))
     if far.size:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.io.column_units import SPELLINGS, Unit
+from qtraj.io.track.column_units import SPELLINGS, Unit
 
 SECONDS = SPELLINGS["s"]
 UNIX = (10**9, 5 * 10**9)
@@ -24,17 +24,22 @@ HOUR, DAY = 3600 * 10**9, 86400 * 10**9
 """[ns]"""
 
 _NUMERIC_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4})(.*)")
+_TWELVE_HOURS = re.compile(r"(.*?)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)\s*([AaPp])\.?[Mm]\.?")
+_PLAIN_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?(Z|\+00:00)?")
+_DIGITS = re.compile(r"[\d:.T -]*")
+SHORTEST = 19
+"""Number of characters of a date and a time with seconds."""
+
 _FRACTION = re.compile(r"(.*:\d\d)[.,](\d+)(.*)")
 
 
 class Times(NamedTuple):
-    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, a note, the cells."""
+    """Times (n,) [s], and what they were read as: `unit`, the subtracted first time as written, and a note."""
 
     seconds: np.ndarray
     unit: str
     origin: str | None = None
     note: str = ""
-    cells: Sequence[str] = ()
 
 
 class NotATimeError(ValueError):
@@ -47,8 +52,18 @@ class NotATimeError(ValueError):
 
 def is_time(cell: str) -> bool:
     """Return whether a cell is a date or a time of day."""
-    cell = cell.strip()
+    cell = in_24_hours(cell.strip())
     return bool(CLOCK.fullmatch(cell) or _NUMERIC_DATE.fullmatch(cell) or _iso(cell) is not None)
+
+
+def in_24_hours(cell: str) -> str:
+    """Return a time of day or a date with AM or PM at its end in the 24-hour form; other cells unchanged."""
+    match = _TWELVE_HOURS.fullmatch(cell) if cell.endswith(("M", "m", ".")) else None
+    if not match or not 1 <= int(match[2]) <= 12:
+        return cell
+    hour = int(match[2]) % 12 + (12 if match[4].lower() == "p" else 0)
+    seconds = "" if match[3].count(":") > 1 else ":00"
+    return f"{match[1]}{hour:02d}{match[3]}{seconds}"
 
 
 def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
@@ -60,8 +75,8 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     **Raises:** NotATimeError for a cell that is not a time.
     """
     if is_time(cells[0]):
-        return _dates([cell.strip() for cell in cells])
-    unit = unit or _unit_by_size(cells[0])
+        return _dates([in_24_hours(cell.strip()) for cell in cells])
+    unit = unit or unit_by_size(cells[0])
     if unit == SECONDS:
         return Times(np.array([_float(k, cell) for k, cell in enumerate(cells)]), "s")
     exact = [_exact(k, cell) for k, cell in enumerate(cells)]
@@ -72,28 +87,16 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     return Times(scaled, unit.symbol, f"{cells[0].strip()} {unit.symbol}" if unix else None)
 
 
-def by_speeds(times: Times, positions: np.ndarray, velocities: np.ndarray, globe: bool) -> Times:
-    """Return the times in ms, µs or ns if whole numbers without a unit agree with the speeds only in this unit.
-
-    The unit is the median ratio of the distances between positions (n, 3) to the distances at the recorded speeds. It
-    is accepted within a factor of 2. Geographic positions (`globe`) are not compared.
-    """
-    if globe or times.unit != "s" or not all(cell.strip().lstrip("+-").isdecimal() for cell in times.cells):
-        return times
-    speeds = np.linalg.norm(velocities, axis=1)
-    travelled = np.diff(times.seconds) * (speeds[1:] + speeds[:-1]) / 2
-    moving = travelled > 0
-    if not moving.any():
-        return times
-    ratio = float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1)[moving] / travelled[moving]))
-    for spelling in ("ms", "us", "ns"):
-        if 0.5 < ratio / float(SPELLINGS[spelling].factor) < 2:
-            note = "by the recorded speeds"
-            return read_times(times.cells, SPELLINGS[spelling])._replace(note=note, cells=times.cells)
-    return times
+def from_integers(values: np.ndarray, unit: Unit) -> Times:
+    """Return times of whole numbers (n,) in `unit`; a Unix time is subtracted before the conversion to floats."""
+    factor = Fraction(unit.factor)
+    unix = UNIX[0] <= abs(int(values[0])) * factor.numerator / factor.denominator
+    rest = values - values[0] if unix else values
+    seconds = rest * factor.numerator / factor.denominator
+    return Times(seconds, unit.symbol, f"{values[0]} {unit.symbol}" if unix else None)
 
 
-def _unit_by_size(cell: str) -> Unit:
+def unit_by_size(cell: str) -> Unit:
     """Return the unit in which a number is a Unix time, otherwise seconds."""
     try:
         size = abs(float(cell))
@@ -125,7 +128,25 @@ def _exact(index: int, cell: str) -> int | Decimal:
     return int(value) if value == value.to_integral_value() else value
 
 
+def _quick_dates(cells: list[str]) -> np.ndarray | None:
+    """Return dates of one form, such as 2026-05-06T09:00:00.5Z, in nanoseconds since 1970, or None for other forms."""
+    if not _PLAIN_DATE.fullmatch(cells[0]):
+        return None
+    end = next((end for end in ("Z", "+00:00") if cells[0].endswith(end)), "")
+    plain = [cell.removesuffix(end) for cell in cells]
+    joined = "".join(plain)
+    if min(map(len, plain)) < SHORTEST or joined.count("-") != 2 * len(plain) or not _DIGITS.fullmatch(joined):
+        return None
+    try:
+        return np.array(plain, "M8[ns]").astype(np.int64)
+    except ValueError:
+        return None
+
+
 def _dates(cells: list[str]) -> Times:
+    quick = _quick_dates(cells)
+    if quick is not None:
+        return Times((quick - quick[0]) / 10**9, "date and time", cells[0])
     clock = CLOCK.fullmatch(cells[0]) is not None
     month_first, note = (False, "") if clock else _date_order(cells)
     nanoseconds = []

@@ -45,12 +45,12 @@ _TABLE = {
     "angle": {
         ("deg", 1.0): "deg ° degree degrees",
         ("rad", 180 / math.pi): "rad radian radians",
-        ("1e-7 deg", 1e-7): "e7 1e7 dege7",
+        ("1e-7 deg", 1e-7): "e7 1e7 dege7 1e-7deg deg1e-7",
     },
     "angular rate": {
         ("rad/s", 1.0): "rad/s radps rad_s",
         ("mrad/s", 0.001): "mrad/s",
-        ("deg/s", math.pi / 180): "deg/s °/s dps degps deg_s",
+        ("deg/s", math.pi / 180): "deg/s °/s dps degps deg_s °_s",
         ("rpm", math.pi / 30): "rpm",
     },
 }

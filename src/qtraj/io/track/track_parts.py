@@ -6,9 +6,31 @@ from typing import Any
 import numpy as np
 
 from qtraj.algebra import hamilton, rotation
-from qtraj.io.recorded_axes import vectors_up
-from qtraj.io.tangent_plane import TangentPlane
-from qtraj.io.track_facts import Columns
+from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.kitti_poses import attitudes
+from qtraj.io.track.recorded_axes import attitudes_up, rates_up, vectors_up
+from qtraj.io.track.tangent_plane import TangentPlane
+from qtraj.io.track.track_facts import Columns
+
+
+def quantities(
+    path: Path | str, columns: Columns, numbers: np.ndarray, plane: TangentPlane | None, angles: AttitudeAngles | None
+) -> dict[str, np.ndarray]:
+    """Return the quantities of a track from the columns `numbers` (rows, columns) of all quantities except the time."""
+    parts = parts_of(columns, numbers)
+    attitude = parts.get("attitude")
+    if attitude is not None and attitude.shape[1] == 9:
+        attitude = attitudes(path, attitude)
+    if attitude is not None:
+        converted = angles is not None
+        parts["attitude"] = (
+            angles.quaternions(attitude) if converted else attitudes_up(attitude, columns.axes["attitude"])
+        )
+    if plane is not None:
+        parts |= projected(path, plane, parts["position"], parts.get("velocity"), parts.get("attitude"))
+    if "rate" in parts:
+        parts["rate"] = rates_up(parts["rate"], columns.axes["rate"])
+    return parts
 
 
 def parts_of(columns: Columns, numbers: np.ndarray) -> dict[str, np.ndarray]:
@@ -22,7 +44,7 @@ def parts_of(columns: Columns, numbers: np.ndarray) -> dict[str, np.ndarray]:
         start += len(names)
         if part != "attitude":
             values = values * [1.0 if unit is None else float(unit.factor) for unit in columns.units[part]]
-        if part == "position" and len(names) == 2:
+        if part in ("position", "velocity") and len(names) == 2:
             values = np.column_stack([values, np.zeros(len(values))])
         if part in ("position", "velocity"):
             values = vectors_up(values, columns.axes[part])
@@ -31,7 +53,11 @@ def parts_of(columns: Columns, numbers: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def projected(
-    path: Path, plane: TangentPlane, geodetic: np.ndarray, velocity: np.ndarray | None, attitude: np.ndarray | None
+    path: Path | str,
+    plane: TangentPlane,
+    geodetic: np.ndarray,
+    velocity: np.ndarray | None,
+    attitude: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
     """Return positions in the tangent plane, and velocities and attitudes rotated to its axes.
 

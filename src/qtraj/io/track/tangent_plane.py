@@ -14,6 +14,9 @@ SEMI_MAJOR_AXIS = 6378137.0
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 
+SCALED = 1e4
+"""Size of a latitude above which it is probably in another unit than degrees."""
+
 OPTIONS = (
     "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): east, north and up coordinates in metres "
     "relative to the first sample, with the tangent plane of WGS 84 at this sample as the horizontal plane; or "
@@ -87,8 +90,13 @@ def _require_angles(geodetic: np.ndarray, what: str) -> None:
     bad = np.flatnonzero((np.abs(geodetic[:, 0]) > 90) | (np.abs(geodetic[:, 1]) > 360))
     if bad.size:
         latitude, longitude = geodetic[bad[0], :2].tolist()
+        scaled = (
+            ' Otherwise, if they are in 1e-7 degrees, pass units={"position": "1e-7 deg"}.'
+            if abs(latitude) > SCALED
+            else ""
+        )
         raise ValueError(
             f"{what} has latitude {latitude:.9g}° and longitude {longitude:.9g}° (sample {bad[0]}), but a latitude "
             "must be within ±90° and a longitude within ±360°. Name the columns in the order latitude, longitude, "
-            "height."
+            f"height.{scaled}"
         )

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from qtraj.algebra import rotation
-from qtraj.io.delimited import Content, is_number
-from qtraj.io.given_times import NO_TIMES
+from qtraj.io.track.delimited import Content, is_number
+from qtraj.io.track.given_times import NO_TIMES
 
-COLUMNS = [f"{name}{k}" for k in (1, 2, 3) for name in ("r1", "r2", "r3", "t")]
+COLUMNS = [name for k in (1, 2, 3) for name in (f"r{k}1", f"r{k}2", f"r{k}3", f"t{k}")]
 """Names of the columns: a row of the rotation matrix and a coordinate, three times."""
 
 POSITION = ("t1", "t2", "t3")
@@ -27,13 +27,13 @@ def is_kitti(found: Content) -> bool:
     return bool(np.abs(matrix @ matrix.T - np.eye(3)).max() < TOLERANCE and np.linalg.det(matrix) > 0)
 
 
-def require_times(path: Path, timed: bool) -> None:
+def require_times(path: Path | str, timed: bool) -> None:
     """Raise a ValueError if no times are given."""
     if not timed:
         raise ValueError(f"{path}: the file contains poses of twelve numbers (KITTI), and no times.{NO_TIMES}")
 
 
-def pose_axes(path: Path, positions: np.ndarray, axes: str | None) -> str:
+def pose_axes(path: Path | str, positions: np.ndarray, axes: str | None) -> str:
     """Return `axes`, or "camera" if the positions (n, 3) change least along y, as a camera moves over the ground.
 
     **Raises:** ValueError without `axes` if the positions change least along another axis.
@@ -49,7 +49,7 @@ def pose_axes(path: Path, positions: np.ndarray, axes: str | None) -> str:
     )
 
 
-def attitudes(path: Path, matrices: np.ndarray) -> np.ndarray:
+def attitudes(path: Path | str, matrices: np.ndarray) -> np.ndarray:
     """Return the quaternions (n, 4), scalar first, nearest to the `matrices` (n, 9).
 
     **Raises:** ValueError for a matrix that is not a rotation, with its number.

@@ -3,10 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from qtraj.io.column_names import HEADING, SPEED, find
-from qtraj.io.column_units import Unit
-from qtraj.io.recorded_axes import MEANING
-from qtraj.io.recorded_times import Times
+from qtraj.io.track.column_names import find
+from qtraj.io.track.column_units import Unit
+from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
+from qtraj.io.track.recorded_axes import MEANING
+from qtraj.io.track.recorded_times import Times
+from qtraj.io.track.row_facts import row_text
+from qtraj.io.track.segments import Segment
+from qtraj.io.track.utm import look_like_utm
+from qtraj.path.track import Track
 
 UNITS = {"position": "m", "velocity": "m/s", "attitude": "scalar first", "rate": "rad/s"}
 MAX_LEFT_OUT = 8
@@ -22,39 +27,52 @@ class Columns(NamedTuple):
     angles: bool = False
 
 
-def facts(columns: Columns, times: Times, given_times: str = "") -> tuple[str, str, str, str]:
-    """Return four lines of text: the time, the position, the other quantities, and the columns left out.
+def facts(
+    columns: Columns,
+    times: Times,
+    given_times: str,
+    track: Track,
+    rows: Segment,
+    merged: str,
+    notes: Sequence[str] = (),
+) -> tuple[str, str, str, str]:
+    """Return four lines of text: the time, the position, the other quantities, and the rows with what was left out.
 
-    `given_times` describes the source of times that are not in the file.
+    `given_times` describes the source of times that are not in the file, and `merged` the rows that were combined.
     """
     others = [part for part in ("velocity", "attitude", "rate") if part in columns.chosen]
     used = {name for names in columns.chosen.values() for name in names}
     left = [name for name in columns.header if name not in used]
     return (
         _time(columns, times, given_times),
-        _quantity(columns, "position"),
+        _quantity(columns, "position")
+        + (", UTM by their size" if columns.axes["position"] != "geographic" and look_like_utm(track) else ""),
         "; ".join(_quantity(columns, part) for part in others) or "velocity, attitude and rate: none",
-        _left_out(left),
+        "; ".join(filter(None, (row_text(track, rows), merged, *notes, _left_out(left)))),
     )
 
 
 def _time(columns: Columns, times: Times, given: str) -> str:
-    name = columns.chosen["time"][0]
+    names = columns.chosen["time"]
     origin = f", in seconds after {times.origin}" if times.origin else ""
     note = f", {times.note}" if times.note else ""
-    column = f"column {list(columns.header).index(name) + 1} {name!r}"
-    return f"time: {given or column}, {times.unit}{note}{origin}"
+    places = [] if given else [f"column {list(columns.header).index(name) + 1} {name!r}" for name in names]
+    return f"time: {given or ' and '.join(places)}, {times.unit}{note}{origin}"
 
 
 def _quantity(columns: Columns, part: str) -> str:
     names, axes = columns.chosen[part], columns.axes[part]
     if part == "attitude" and columns.angles:
         return f"attitude: {', '.join(names)}, as roll, pitch, heading"
+    if part == "attitude" and len(names) == 9:
+        return f"attitude: {', '.join(names)}, as a matrix from body to world axes, row by row"
     symbols = list(dict.fromkeys(UNITS[part] if unit is None else unit.symbol for unit in columns.units[part]))
     if axes == "geographic":
         units = columns.units[part]
         symbols = ["deg" if units[0] is None else units[0].symbol]
         symbols += ["m" if units[2] is None else units[2].symbol] if len(names) == 3 else ["height 0 m"]
+    elif part == "position" and len(names) == 2:
+        symbols.append("height 0 m")
     body = {"ned": ", body axes forward, right, down", "camera": ", body axes right, down, forward"}
     meaning = body.get(axes, "") if part in ("attitude", "rate") else f", as {_meaning(axes, part)}"
     return f"{part}: {', '.join(names)}, {', '.join(symbols)}{meaning}"
@@ -67,7 +85,7 @@ def _meaning(axes: str, part: str) -> str:
 def _left_out(left: list[str]) -> str:
     known = [
         f"{word} {found[0]!r}"
-        for word, names in (("speed", SPEED), ("heading", HEADING))
+        for word, names in (("speed", SPEED), ("heading", HEADING), ("curvature", CURVATURE))
         if (found := find(names, left))
     ]
     more = ", …" if len(left) > MAX_LEFT_OUT else ""

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from qtraj.algebra import hamilton
-from qtraj.io.column_names import ENU_POSITION, ENU_VELOCITY, NED_POSITION, NED_VELOCITY, is_one_of
+from qtraj.io.track.column_names import is_one_of
+from qtraj.io.track.known_names import ENU_POSITION, ENU_VELOCITY, NED_POSITION, NED_VELOCITY
 
 AXES = ("enu", "ned", "camera")
 MEANING = {

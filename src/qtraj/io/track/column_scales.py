@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from qtraj.io.attitude_angles import AttitudeAngles
-from qtraj.io.column_names import unit_in
-from qtraj.io.column_units import SPELLINGS, Unit, unit_of
+from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.column_names import unit_in
+from qtraj.io.track.column_units import SPELLINGS, Unit, unit_of
 
 KINDS = {"time": "time", "position": "length", "velocity": "speed", "rate": "angular rate"}
 DEFAULTS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": "a quaternion", "rate": "rad/s"}
@@ -25,7 +25,7 @@ def scales(
     """
     kinds = _kinds(part, len(names), globe, angles is not None)
     if part in units:
-        return _by_user(part, units[part], kinds)
+        return _by_user(part, units[part], kinds, [_found(name, rows) for name in names])
     found = [_found(name, rows) for name in names]
     for k, (name, item) in enumerate(zip(names, found, strict=True)):
         if item is not None and item[1].kind != kinds[k] and _is_wrong(name, item[0]):
@@ -58,11 +58,15 @@ def _kinds(part: str, count: int, globe: bool, angled: bool) -> list[str]:
     return ["angle" if angled and part == "attitude" else KINDS.get(part, "none")] * count
 
 
-def _by_user(part: str, text: str, kinds: list[str]) -> list[Unit | None]:
+def _by_user(part: str, text: str, kinds: list[str], found: Sequence[tuple[str, Unit] | None]) -> list[Unit | None]:
+    """Return the unit of the user for the columns of its kind; the others, such as a height, have their own."""
     unit = unit_of(text)
     if unit is None or unit.kind not in kinds:
         raise ValueError(f"units[{part!r}] must be {_known(kinds[0])}, but {text!r} was given")
-    return [unit if kind == unit.kind else None for kind in kinds]
+    own = [
+        item[1] if item is not None and item[1].kind == kind else None for item, kind in zip(found, kinds, strict=True)
+    ]
+    return [unit if kind == unit.kind else other for kind, other in zip(kinds, own, strict=True)]
 
 
 def _found(name: str, rows: Mapping[str, str]) -> tuple[str, Unit] | None:

@@ -2,18 +2,16 @@
 
 import csv
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from qtraj.foundation.untrusted import read_text
-from qtraj.io.column_names import names_columns
-from qtraj.io.column_units import unit_of
-from qtraj.io.recorded_times import is_time
+from qtraj.io.track.column_names import names_columns
+from qtraj.io.track.column_units import unit_of
+from qtraj.io.track.lines import Lines, split_lines
+from qtraj.io.track.recorded_times import is_time
+from qtraj.io.track.text_table import TextTable, split
 
-Lines = list[tuple[int, str]]
-
-COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t "
 HEADER_LINES = 100
 """Number of lines at the start of a file among which the header is sought."""
@@ -22,53 +20,24 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_APART = re.compile(r"\s+(?=[\[(])")
 
 
-class Table(NamedTuple):
-    """Rows of a table: the column names, the lines with their numbers in the file, and how a line is split."""
-
-    header: list[str]
-    lines: Lines
-    delimiter: str
-    decimal_comma: bool = False
-    units: list[str] | None = None
-
-    def rows(self, lines: Lines) -> Iterator[list[str]]:
-        """Return the cells of each of these lines."""
-        return split(lines, self.delimiter)
-
-    def number(self, cell: str) -> str:
-        """Return a cell with a decimal point."""
-        return cell.replace(",", ".") if self.decimal_comma else cell
-
-
 class Content(NamedTuple):
     """The lines of a file that are not blank: comments without their mark, and all others."""
 
-    comments: Lines
+    comments: list[tuple[int, str]]
     lines: Lines
 
 
-def content(path: Path) -> Content:
-    """Return the lines of a file with their line numbers.
+def content(path: Path | str, text: str) -> Content:
+    """Return the lines of a text with their numbers; `path` is the name of the file for messages.
 
-    **Raises:** FileNotFoundError for a missing file; ValueError for a file that is empty or not a text.
+    **Raises:** ValueError for a text without rows.
     """
-    try:
-        text = read_text(path)
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: there is no such file, so no track can be read") from None
-    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
-    lines = [item for item in numbered if not item[1].lstrip().startswith(COMMENTS)]
+    comments, lines = split_lines(text)
     if not lines:
         raise ValueError(f"{path}: the file is empty, but a track needs rows of times and positions")
-    first = lines[0][0]
-    comments = [(k, line.lstrip().lstrip("#%/").strip()) for k, line in numbered if k < first and k <= HEADER_LINES]
-    return Content([item for item in comments if item[1]], lines)
-
-
-def split(lines: Lines, delimiter: str) -> Iterator[list[str]]:
-    """Return the cells of each line; any number of spaces separates cells if the delimiter is a space."""
-    texts = (" ".join(line.split()) if delimiter == " " else line for _, line in lines)
-    return csv.reader(texts, delimiter=delimiter, skipinitialspace=True)
+    first = min(lines[0][0], HEADER_LINES + 1)
+    heads = [(k, line.lstrip().lstrip("#%/").strip()) for k, line in comments[:HEADER_LINES] if k < first]
+    return Content([item for item in heads if item[1]], lines)
 
 
 def is_number(cell: str, decimal_comma: bool = False) -> bool:
@@ -85,7 +54,7 @@ def are_numbers(named: Sequence[str]) -> bool:
     return len(named) > 0 and all(name.isdecimal() for name in named)
 
 
-def find_table(path: Path, found: Content, named: Sequence[str] = ()) -> Table:
+def find_table(path: Path | str, found: Content, named: Sequence[str] = ()) -> TextTable:
     """Return the table of a file.
 
     The header is the first line that names columns of a time and a position, or all columns in `named`: a line of its
@@ -107,48 +76,53 @@ def find_table(path: Path, found: Content, named: Sequence[str] = ()) -> Table:
     )
 
 
-def header_in_comment(found: Content) -> list[str] | None:
-    """Return the names in a comment that names columns and has as many cells as the first row, otherwise None."""
-    table = _header_in_comment(found, names_columns)
+def header_in_comment(found: Content, named: Sequence[str] = ()) -> list[str] | None:
+    """Return the names in a comment that has as many cells as the first row, otherwise None.
+
+    The comment must name columns of a time and a position, or all columns in `named`.
+    """
+    table = _header_in_comment(
+        found, lambda cells: names_columns(cells) or (len(named) > 0 and set(named) <= set(cells))
+    )
     return None if table is None else table.header
 
 
-def _header_line(lines: Lines, is_header: Callable[[list[str]], bool]) -> Table | None:
+def _header_line(lines: Lines, is_header: Callable[[list[str]], bool]) -> TextTable | None:
     for k, (_, line) in enumerate(lines[:HEADER_LINES]):
         for delimiter in _delimiters(line):
-            cells = _names(line, delimiter)
+            cells = names_of(line, delimiter)
             if is_header(cells) and not all(map(is_number, cells)):
                 return _table(cells, lines[k + 1 :], delimiter)
     return None
 
 
-def _header_in_comment(found: Content, is_header: Callable[[list[str]], bool]) -> Table | None:
+def _header_in_comment(found: Content, is_header: Callable[[list[str]], bool]) -> TextTable | None:
     if not _is_data(found.lines[0][1]):
         return None
     delimiter = row_delimiter(found.lines[0][1])
     count = len(next(split(found.lines[:1], delimiter)))
     for _, line in found.comments:
         for other in [delimiter, *DELIMITERS.replace(delimiter, "")]:
-            cells = _names(line, other)
+            cells = names_of(line, other)
             if len(cells) == count > 2 and is_header(cells) and not any(map(is_number, cells)):
                 return _table(cells, found.lines, delimiter)
     return None
 
 
-def _last_words(lines: Lines) -> Table | None:
+def _last_words(lines: Lines) -> TextTable | None:
     """Return the table whose header is the last line before the numbers, or the first line if there are no numbers."""
     if _is_data(lines[0][1]):
         return None
     data = next((k for k, (_, line) in enumerate(lines[:HEADER_LINES]) if _is_data(line)), 1)
     place = data - 1
     delimiter = _delimiters(lines[place][1])[0]
-    names = _names(lines[place][1], delimiter)
+    names = names_of(lines[place][1], delimiter)
     if place and _are_units(names):
-        place, names = place - 1, _names(lines[place - 1][1], delimiter)
+        place, names = place - 1, names_of(lines[place - 1][1], delimiter)
     return _table(names, lines[place + 1 :], delimiter)
 
 
-def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
+def _by_numbers(path: Path | str, lines: Lines, named: Sequence[str]) -> TextTable:
     number, line = lines[0]
     delimiter = row_delimiter(line)
     row = next(split(lines[:1], delimiter))
@@ -161,14 +135,14 @@ def _by_numbers(path: Path, lines: Lines, named: Sequence[str]) -> Table:
     )
 
 
-def _table(header: list[str], lines: Lines, delimiter: str) -> Table:
+def _table(header: list[str], lines: Lines, delimiter: str) -> TextTable:
     """Return a table, without a row of units below the header; find out whether its numbers have a decimal comma."""
     units = None
     if lines and len(row := next(split(lines[:1], delimiter))) == len(header) and _are_units(row):
         units, lines = [cell.strip(" []()") for cell in row], lines[1:]
     first = next(split(lines[:1], delimiter)) if lines else []
     comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell.strip()) for cell in first)
-    return Table(header, lines, delimiter, comma, units)
+    return TextTable(header, lines, delimiter, comma, units)
 
 
 def _are_units(row: list[str]) -> bool:
@@ -180,7 +154,8 @@ def _are_units(row: list[str]) -> bool:
     )
 
 
-def _names(line: str, delimiter: str) -> list[str]:
+def names_of(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, without spaces around them; a unit in brackets stays with its name."""
     text = _UNIT_APART.sub("", line) if delimiter == " " else line
     try:
         return [cell.strip() for cell in next(split([(0, text)], delimiter), [])]
@@ -198,7 +173,9 @@ def row_delimiter(line: str) -> str:
     """Return the delimiter of a row of numbers; a comma is decimal if another delimiter separates numbers with it."""
     best, most = ",", 1
     for delimiter in ",;\t ":
-        cells = _names(line, delimiter)
+        if delimiter == " " and best in ";\t":  # spaces within cells, as in dates with times of day
+            break
+        cells = names_of(line, delimiter)
         understood = [is_number(cell, delimiter != ",") or is_time(cell) for cell in cells]
         if len(cells) > 1 and sum(understood) > most:
             best, most = delimiter, sum(understood)
@@ -207,6 +184,6 @@ def row_delimiter(line: str) -> str:
 
 def _is_data(line: str) -> bool:
     """Return whether a line is a row of numbers or times, and not of names."""
-    cells = _names(line, row_delimiter(line))
+    cells = names_of(line, row_delimiter(line))
     numbers = [is_number(cell, True) or is_time(cell) for cell in cells]
     return len(cells) > 1 and sum(numbers) >= (2 if numbers[0] else 3)

@@ -1,0 +1,134 @@
+"""Read the sentences of NMEA receivers with pynmeagps: positions of GGA, or of RMC if there are none."""
+
+import io
+import re
+from datetime import date, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qtraj.foundation.extras import require_package
+from qtraj.io.track.column_table import ColumnTable
+
+HEAD = 20
+"""Number of lines at the start of a file by which its format is recognised."""
+
+EPOCH = date(1970, 1, 1)
+HALF_DAY = timedelta(hours=12)
+
+_SENTENCE = re.compile(rb"\s*[$!][A-Z]{2}[A-Z0-9]{3},")
+
+
+def is_nmea(data: bytes) -> bool:
+    """Return whether half of the first lines, or more, are sentences."""
+    lines = [line for line in data[:4096].splitlines()[:HEAD] if line.strip()]
+    return bool(lines) and 2 * sum(_SENTENCE.match(line) is not None for line in lines) >= len(lines)
+
+
+def read_nmea(path: Path, data: bytes) -> tuple[ColumnTable, tuple[str, ...]]:
+    """Return the positions of a file, and notes about what was left out.
+
+    A height is the altitude above the geoid plus the separation of the geoid from the ellipsoid. Times are dates if a
+    sentence contains the date, otherwise seconds of the day.
+
+    **Raises:** ValueError for a file without positions; ModuleNotFoundError without pynmeagps.
+    """
+    messages, faulty = _messages(path, data)
+    fixes = [m for m in messages if m.msgID == "GGA"] or [m for m in messages if m.msgID == "RMC"]
+    valid = [m for m in fixes if _is_valid(m)]
+    if not valid:
+        raise ValueError(
+            f"{path}: the NMEA file contains no valid position in sentences GGA or RMC: switch them on in the receiver"
+        )
+    dates = _dates(messages)
+    days = [dates[id(m)] for m in valid]
+    elapsed = [
+        (day or timedelta())
+        + timedelta(hours=m.time.hour, minutes=m.time.minute, seconds=m.time.second)
+        + timedelta(microseconds=m.time.microsecond)
+        for day, m in zip(days, valid, strict=True)
+    ]
+    whole = np.array([int(t / timedelta(microseconds=1)) for t in elapsed], "M8[us]")
+    times = whole if dates["dated"] else whole.astype(np.int64) / 1e6
+    columns = {
+        "time": times,
+        "latitude": np.array([m.lat for m in valid], float),
+        "longitude": np.array([m.lon for m in valid], float),
+    }
+    if valid[0].msgID == "GGA":
+        columns["height"] = np.array([_height(m) for m in valid], float)
+    notes = [
+        f"{count} {what}"
+        for count, what in (
+            (len(fixes) - len(valid), "sentences without a valid position left out"),
+            (faulty, "faulty sentences left out"),
+        )
+        if count
+    ]
+    return ColumnTable(columns, "position"), tuple(notes)
+
+
+def _messages(path: Path, data: bytes) -> tuple[list[Any], int]:
+    require_package("pynmeagps", f"{path}: reading NMEA files", "exchange")
+    from pynmeagps import ERR_LOG, NMEAReader
+
+    errors: list[Any] = []
+    lines = b"\r\n".join(line.strip() for line in data.splitlines() if _SENTENCE.match(line)) + b"\r\n"
+    reader = NMEAReader(io.BytesIO(lines), quitonerror=ERR_LOG, errorhandler=errors.append)
+    messages = [message for _, message in reader if message is not None and not isinstance(message, str)]
+    return [m for m in messages if m.msgID in ("GGA", "RMC", "ZDA")], len(errors)
+
+
+def _is_valid(message: Any) -> bool:
+    placed = isinstance(message.lat, float) and isinstance(message.lon, float) and hasattr(message.time, "hour")
+    return placed and (message.quality > 0 if message.msgID == "GGA" else message.status == "A")
+
+
+def _height(message: Any) -> float:
+    parts = (message.alt, message.sep)
+    return sum(float(part) for part in parts if isinstance(part, int | float))
+
+
+def _dates(messages: list[Any]) -> dict[Any, Any]:
+    """Return the days since 1970 of each message, by its identity; "dated" tells whether any message has a date.
+
+    Messages with the same time of day belong together. A date counts for its own and the following messages; without a
+    date, a day starts where the time of day falls by more than twelve hours.
+    """
+    found: dict[Any, Any] = {"dated": False}
+    known = [_day(m) for m in messages]
+    first = next((day for day in known if day is not None), None)
+    found["dated"] = first is not None
+    day, last = first or timedelta(), None
+    k = 0
+    while k < len(messages):
+        group = [m for m in messages[k : k + 8] if m.time == messages[k].time]
+        group = messages[k : k + len(group)]
+        own = next((d for d in (_day(m) for m in group) if d is not None), None)
+        now = _clock(group[0])
+        if own is not None:
+            day = own
+        elif last is not None and now is not None and last - now > HALF_DAY:
+            day += timedelta(days=1)
+        last = now if now is not None else last
+        found |= {id(m): day for m in group}
+        k += len(group)
+    return found
+
+
+def _day(message: Any) -> timedelta | None:
+    if message.msgID == "ZDA":
+        try:
+            return date(int(message.year), int(message.month), int(message.day)) - EPOCH
+        except (TypeError, ValueError, AttributeError):
+            return None
+    day = getattr(message, "date", None)
+    return day - EPOCH if isinstance(day, date) and not isinstance(day, datetime) else None
+
+
+def _clock(message: Any) -> timedelta | None:
+    t = message.time
+    if not hasattr(t, "hour"):
+        return None
+    return timedelta(hours=t.hour, minutes=t.minute, seconds=t.second, microseconds=t.microsecond)

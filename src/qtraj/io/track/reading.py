@@ -1,0 +1,83 @@
+"""The options of `read_track`, checked, and what it returns."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.column_scales import Units, require_units
+from qtraj.io.track.given_times import require_rate
+from qtraj.io.track.repeated_times import CHOICES
+from qtraj.io.track.tangent_plane import TangentPlane
+from qtraj.path.track import Track
+
+ORDERS = ("wxyz", "xyzw")
+"""Orders of the components of a quaternion."""
+
+
+class Recording(NamedTuple):
+    """A track, four lines of text that state what was read and as what, and texts about what is odd in it."""
+
+    track: Track
+    facts: tuple[str, str, str, str]
+    notes: tuple[str, ...] = ()
+
+
+def recorded(recording: Recording | None) -> dict[str, Any] | None:
+    """Return what was read, and what is odd in it, as JSON types; None for None."""
+    return None if recording is None else {"facts": list(recording.facts), "notes": list(recording.notes)}
+
+
+class Reading(NamedTuple):
+    """The options of `read_track`."""
+
+    columns: Mapping[str, str | Sequence[str] | None]
+    angles: AttitudeAngles | None
+    plane: TangentPlane | None
+    units: Units
+    axes: str | None
+    rate: float | None
+    times: str | os.PathLike[str] | None
+    duplicates: str | None
+    quaternion: str | None
+    segment: int | None
+
+    @property
+    def timed(self) -> bool:
+        """Whether the user gives the times."""
+        return self.rate is not None or self.times is not None
+
+    @property
+    def named(self) -> list[str]:
+        """The column names that the user gives."""
+        entries = [[names] if isinstance(names, str) else names for names in self.columns.values() if names]
+        return [name for names in entries for name in names]
+
+
+def checked(columns: Any, angles: Any, projection: Any, units: Any, **options: Any) -> Reading:
+    """Return the options of `read_track`.
+
+    **Raises:** ValueError for an option with another value than expected.
+    """
+    if angles is not None and not isinstance(angles, AttitudeAngles):
+        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
+    require_units(units or {})
+    require_rate(options["rate"], options["times"])
+    for name, choices in (("duplicates", CHOICES), ("quaternion", ORDERS)):
+        if options[name] not in (None, *choices):
+            raise ValueError(
+                f"{name}= must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, but {options[name]!r} was "
+                "given"
+            )
+    segment = options["segment"]
+    if segment is not None and (not isinstance(segment, int) or segment < 1):
+        raise ValueError(f"segment= must be the number of a segment, 1 or more, but {segment!r} was given")
+    return Reading(columns or {}, angles, _plane(projection), units or {}, **options)
+
+
+def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
+    if projection is None or isinstance(projection, TangentPlane):
+        return projection
+    if projection != "tangent-plane":
+        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but {projection!r} was given")
+    return TangentPlane()

@@ -1,0 +1,124 @@
+"""Read the column of the times of a table, or its two columns of dates and times of day."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qtraj.io.track.column_table import ColumnTable
+from qtraj.io.track.column_units import SPELLINGS, Unit
+from qtraj.io.track.recorded_times import (
+    SECONDS,
+    NotATimeError,
+    Times,
+    from_integers,
+    is_time,
+    read_times,
+    unit_by_size,
+)
+from qtraj.io.track.text_table import TextTable
+
+Table = TextTable | ColumnTable
+
+
+def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit | None) -> Times:
+    """Return the times in one column, or in two: dates and times of day, or whole seconds and nanoseconds.
+
+    **Raises:** ValueError with file, line and column for a cell that is not a time.
+    """
+    if len(names) == 1:
+        quick = _of_datetimes(table, names[0]) or _of_numbers(table, names[0], unit)
+        if quick is not None:
+            return quick
+    elif (whole := table.quick(names, int)) is not None:
+        return from_integers(whole[:, 0] * 10**9 + whole[:, 1], SPELLINGS["ns"])
+    cells = [table.texts(path, name) for name in names]
+    joined = (
+        cells[0] if len(cells) == 1 else [f"{day.strip()} {clock.strip()}" for day, clock in zip(*cells, strict=True)]
+    )
+    try:
+        return read_times(joined, unit)
+    except NotATimeError as fault:
+        raise ValueError(
+            f"{path}, {table.place(fault.index)}: column {names[-1]!r} {fault}, but contains "
+            f"{joined[fault.index].strip()!r}: correct the cell, or delete the row"
+        ) from None
+
+
+def times_and_numbers(
+    path: Path | str, table: Table, names: Sequence[str], unit: Unit | None, others: Sequence[str]
+) -> tuple[Times, np.ndarray]:
+    """Return the times, and the columns `others` as an array (rows, columns).
+
+    All columns are read at once if the times are numbers in seconds.
+
+    **Raises:** ValueError with file, line and column for a cell that is missing, not a time or not a finite number.
+    """
+    if len(names) == 1 and _in_seconds(table, names[0], unit):
+        values = table.quick([*names, *others])
+        if values is not None and np.isfinite(values).all():
+            return Times(values[:, 0], "s"), values[:, 1:]
+    numbers = table.numbers(path, others)
+    return time_column(path, table, names, unit), numbers
+
+
+def by_speeds(
+    times: Times, table: Table, name: str, positions: np.ndarray, velocities: np.ndarray, globe: bool
+) -> Times:
+    """Return the times in ms, µs or ns if whole numbers without a unit agree with the speeds only in this unit.
+
+    The unit is the median ratio of the distances between positions (n, 3) to the distances at the recorded speeds. It
+    is accepted within a factor of 2. Geographic positions (`globe`) are not compared.
+    """
+    if globe or times.unit != "s" or times.origin or not (times.seconds == np.round(times.seconds)).all():
+        return times
+    ratio = _speed_ratio(times.seconds, positions, velocities)
+    spelling = next((s for s in ("ms", "us", "ns") if 0.5 < ratio / float(SPELLINGS[s].factor) < 2), None)
+    whole = None if spelling is None else table.quick([name], int)
+    if spelling is None or whole is None:
+        return times
+    return from_integers(whole[:, 0], SPELLINGS[spelling])._replace(note="by the recorded speeds")
+
+
+def _speed_ratio(seconds: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> float:
+    """Return the median ratio of the distances to the distances at the recorded speeds; NaN for a standstill."""
+    speeds = np.linalg.norm(velocities, axis=1)
+    travelled = np.diff(seconds) * (speeds[1:] + speeds[:-1]) / 2
+    moving = travelled > 0
+    if not moving.any():
+        return float("nan")
+    return float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1)[moving] / travelled[moving]))
+
+
+def _first(table: Table, name: str) -> str:
+    row, place = table.row(0), table.header.index(name)
+    return row[place] if place < len(row) else ""
+
+
+def _in_seconds(table: Table, name: str, unit: Unit | None) -> bool:
+    first = _first(table, name)
+    return bool(first) and not is_time(first) and (unit or unit_by_size(first)) == SECONDS
+
+
+def _of_numbers(table: Table, name: str, unit: Unit | None) -> Times | None:
+    """Return the times of a column of simple numbers, otherwise None."""
+    first = _first(table, name)
+    if not first or is_time(first):
+        return None
+    unit = unit or unit_by_size(first)
+    values = table.quick([name], float if unit == SECONDS else int)
+    if values is None or not np.isfinite(values).all():
+        return None
+    return Times(values[:, 0], "s") if unit == SECONDS else from_integers(values[:, 0], unit)
+
+
+def _of_datetimes(table: Table, name: str) -> Times | None:
+    """Return the times of a column of NumPy dates or durations, otherwise None."""
+    column: Any = table.columns[name] if isinstance(table, ColumnTable) else None
+    if column is None or column.dtype.kind not in "Mm" or np.isnat(column).any():
+        return None
+    dates = column.dtype.kind == "M"
+    nanoseconds = (column - column[0] if dates else column).astype("m8[ns]").astype(np.int64)
+    unit = "date and time" if dates else "durations"
+    return Times(nanoseconds / 10**9, unit, str(column[0]).rstrip("0").rstrip(".") if dates else None)
