@@ -1,5 +1,6 @@
 """Blocks, traces, reductions, reused tables and several devices agree with evaluation at single instants."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -16,6 +17,9 @@ from qtraj.batch import executables, long_rows
 EXACT = 1e-12
 NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
 TILTED = qt.Placement([5.0, -2.0, 1.0], [0.8, 0.1, -0.5, 0.3])
+
+outside = functools.partial(qt.evaluate, extrapolate=True)
+"""Evaluation at times beyond some of the paths."""
 
 
 def helix(k=0.0, placement=TILTED):
@@ -126,25 +130,24 @@ def test_gradients_through_blocks_agree_with_differences(small_blocks):
             np.testing.assert_allclose(gradient[k], difference, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_reductions_agree_with_the_samples(stack, small_blocks):
     times = np.linspace(0.0, 4.0, 21) ** 1.1
-    table = qt.evaluate(stack, times, ["speed", "rate"])
+    table = outside(stack, times, ["speed", "rate"])
     for reduce, over in (("max", np.max), ("min", np.min)):
-        peak = qt.evaluate(stack, times, ["speed", "rate"], reduce=reduce)
+        peak = outside(stack, times, ["speed", "rate"], reduce=reduce)
         for name in ("speed", "rate"):
             samples = np.asarray(getattr(table, name))
             close(peak[name], over(samples, axis=1))
         at = np.argmax(table.speed, axis=1) if reduce == "max" else np.argmin(table.speed, axis=1)
         np.testing.assert_array_equal(peak.times["speed"], times[at])
     integral = np.trapezoid(np.asarray(table.rate), times, axis=1)
-    close(qt.evaluate(stack, times, ["rate"], reduce="integral")["rate"], integral)
-    mean = qt.evaluate(helix(), times, ["rate"], reduce="mean", components="first")
+    close(outside(stack, times, ["rate"], reduce="integral")["rate"], integral)
+    mean = outside(helix(), times, ["rate"], reduce="mean", components="first")
     close(mean["rate"], integral[0] / times[-1])
     assert mean.times is None
-    assert qt.evaluate(helix(), times[:1], ["speed"], reduce="integral")["speed"] == 0
+    assert outside(helix(), times[:1], ["speed"], reduce="integral")["speed"] == 0
     for count in (0, 1):
-        first = qt.evaluate(stack, times[count : count + 1], ["speed"], reduce="mean")["speed"]
+        first = outside(stack, times[count : count + 1], ["speed"], reduce="mean")["speed"]
         close(first, np.asarray(table.speed)[:, count])
 
 
@@ -174,7 +177,6 @@ def test_reductions_of_long_rows_agree_with_the_samples(stack, few_segments, cou
             np.testing.assert_array_equal(peak.times["rate"][:, 1], row_times.min(axis=1))  # zero everywhere
 
 
-@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_the_time_of_a_peak_does_not_depend_on_rounding(stack, few_segments, monkeypatch):
     """Samples that are computed twice may differ: if none equals the peak, the time is that of the largest."""
     attained = long_rows.attained
@@ -182,8 +184,8 @@ def test_the_time_of_a_peak_does_not_depend_on_rounding(stack, few_segments, mon
     monkeypatch.setattr(long_rows, "attained", never_equal)
     times = np.linspace(0.0, 4.0, 24) ** 1.1
     for reduce, which in (("max", np.argmax), ("min", np.argmin)):
-        at = which(np.asarray(qt.evaluate(stack, times, ["speed"]).speed), axis=1)
-        np.testing.assert_array_equal(qt.evaluate(stack, times, ["speed"], reduce=reduce).times["speed"], times[at])
+        at = which(np.asarray(outside(stack, times, ["speed"]).speed), axis=1)
+        np.testing.assert_array_equal(outside(stack, times, ["speed"], reduce=reduce).times["speed"], times[at])
 
 
 @pytest.mark.parametrize("reduce", [None, "max", "mean"])

@@ -55,16 +55,36 @@ def test_arguments_of_paths_are_refused(arguments, message):
 
 
 @pytest.mark.parametrize(("what", "subject"), [("path", PATH), ("program", TURN)])
-def test_times_outside_are_extrapolated_with_a_warning(what, subject):
+def test_times_outside_are_refused_unless_wished(what, subject):
     end = float(subject.duration)
-    with pytest.warns(UserWarning, match=f"2 of 4 instants are outside the {what}, such as -1 s.*from 0 to {end:g} s"):
-        qt.evaluate(subject, [-1.0, 0.0, end, end + 1])
+    times = np.array([0.0, end, end + 1])
+    with pytest.raises(ValueError, match=f"within the {what}, which lasts from 0 to {end:g} s, but {end + 1:g} s"):
+        qt.evaluate(subject, times)
+    with pytest.raises(ValueError, match="but -1 s was given: pass extrapolate=True"):
+        qt.evaluate(subject, times - 1)
+    assert qt.evaluate(subject, times, extrapolate=True).rate.shape == (3, 3)
 
 
-def test_rounding_of_the_last_instant_is_no_reason_for_a_warning(recwarn):
+def test_rounding_of_the_last_instant_is_accepted():
     duration = 0.1 + 0.2
     path = qt.SpiralHelix.hermite(START, END, duration)
     qt.evaluate(path, np.array([0.0, np.nextafter(duration, 1)]))
     batch = jax.vmap(lambda t: qt.SpiralHelix.hermite(START, END, t))(np.array([1.0, 2.0]))
     qt.evaluate(batch, np.array([[0.0, 1.0], [0.0, 2.0]]))
-    assert not recwarn.list
+    with pytest.raises(ValueError, match=r"but 1\.5 s was given"):
+        qt.evaluate(batch, np.array([[0.0, 1.5], [0.0, 2.0]]))
+
+
+def test_components_may_come_first_and_signs_may_be_continuous():
+    last, first = (qt.evaluate(TURN, TIMES, components=c) for c in ("last", "first"))
+    np.testing.assert_array_equal(first.quaternion, last.quaternion.T)
+    quaternions = qt.evaluate(TURN, TIMES, continuous=True).quaternion
+    assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0)
+    with pytest.raises(ValueError, match="components must be 'last' or 'first'"):
+        qt.evaluate(TURN, TIMES, components="x")
+
+
+def test_a_batch_of_programs_is_refused():
+    batch = jax.vmap(lambda t: qt.FrameProgram(qt.SpiralHelix.hermite(START, END, t)))(np.array([3.0, 4.0]))
+    with pytest.raises(ValueError, match="one program, but a batch was given"):
+        qt.evaluate(batch, TIMES)

@@ -47,5 +47,5 @@ def test_a_fit_has_a_warning_or_a_note_unless_it_is_good():
         )
         title, rows, notes[code] = fit_rows(fitted)
         assert title == "Fitted spiral-helix against the recording"
-        assert dict(rows)["samples"] == "21 in 3.00 s"
+        assert dict(rows)["samples"] == "21 in 3.0 s"
     assert [text.partition(":")[0] for text in notes.values()] == ["", "Note", "Warning"]

@@ -80,10 +80,9 @@ def test_a_table_draws_the_named_outputs():
     assert [a.get_ylabel() for a in table.plot("rate").axes] == ["rate\n[rad/s]"]
 
 
-@pytest.mark.filterwarnings("ignore:.*instants are outside the path")
 def test_several_paths_are_drawn_together_also_with_different_times():
     stack = jax.vmap(lambda k: qt.SpiralHelix(jnp.stack([10 + k, 0 * k]), [0.2, 0.4], [1.0, 0.5], 6.0))(jnp.arange(3.0))
-    for times in (TIMES, np.linspace(0.0, [5.0, 6.0, 7.0], 9, axis=1)):
+    for times in (TIMES, np.linspace(0.0, [4.0, 5.0, 6.0], 9, axis=1)):
         curvature, rate = qt.evaluate(stack, times, ("curvature", "rate")).plot().axes
         assert labels(curvature) == ["path 1", "path 2", "path 3"]
         assert labels(rate) == ["tangent", "normal", "binormal"]

@@ -16,7 +16,7 @@ from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.argument import described
-from qtraj.foundation.arrays import as_float, is_traced, warn_if_outside
+from qtraj.foundation.arrays import as_float, is_traced, require_inside
 from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram
@@ -46,6 +46,7 @@ def evaluate(
     reuse: Table | None = None,
     axes: str = BODY,
     vehicle: Vehicle | None = None,
+    extrapolate: bool = False,
 ) -> Any:
     """Evaluate one path, or a batch of paths created in `jax.vmap`, at `times` [s].
 
@@ -80,18 +81,19 @@ def evaluate(
     Evaluation is fastest for polynomial paths with a natural or upright frame. The call may be traced, and
     differentiated in forward and reverse mode.
 
-    At times outside [0, duration] the formulas are extrapolated, with a warning for concrete times.
+    With `extrapolate=True`, times may be outside [0, duration]; the formulas are extrapolated there. Traced times are
+    not checked.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
-    are neither (n,) nor (b, n), a missing vehicle, a number of vehicles that differs from the number of paths, forces
-    on a banked road along a route that reverses, a `reuse` table that does not match, or a rotation-minimizing frame
-    with `reduce` or `reuse`.
+    are neither (n,) nor (b, n) or are outside the path, a missing vehicle, a number of vehicles that differs from the
+    number of paths, forces on a banked road along a route that reverses, a `reuse` table that does not match, or a
+    rotation-minimizing frame with `reduce` or `reuse`.
     """
     require_axes(axes)
     if isinstance(paths, AbstractProgram):
         _require_none(frame=frame, reduce=reduce, devices=devices, reuse=reuse, vehicle=vehicle)
         names = PROGRAM_OUTPUTS if outputs is DEFAULT_OUTPUTS else _names(outputs)
-        return program_table(paths, times, names, axes)
+        return program_table(paths, times, names, axes, components, continuous, extrapolate)
     task = Task(
         names=_names(outputs),
         components=_one_of(components, ("last", "first"), "components"),
@@ -113,7 +115,8 @@ def evaluate(
         raise ValueError(f"times must have shape {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
         raise ValueError("times must contain at least one instant")
-    warn_if_outside(instants, paths.duration, "path")
+    if not extrapolate:
+        require_inside(instants, paths.duration, "path")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
@@ -149,7 +152,9 @@ def _minimizing(
         require_initial(paths, frame.initial)
     names = tuple(name for name in task.names if name not in FRAME_OUTPUTS)
     other_outputs = (
-        evaluate(paths, instants, names, components=task.components, devices=devices, vehicle=vehicle).values
+        evaluate(
+            paths, instants, names, components=task.components, devices=devices, vehicle=vehicle, extrapolate=True
+        ).values
         if names
         else {}
     )

@@ -190,18 +190,29 @@ def warn_if_coarse(x: ArrayInput, name: str) -> None:
         )
 
 
-def warn_if_outside(times: Any, duration: Any, what: str) -> None:
-    """Warn if instants [s] are outside [0, duration] by more than rounding; `duration` has the batch shape of rows."""
-    instants, last = concrete(times), concrete(duration)
-    if instants is None or last is None:
+def require_inside(times: Any, duration: Any, what: str) -> None:
+    """Raise a ValueError if concrete instants [s] are outside [0, duration] by more than rounding.
+
+    `times` are (n,) or (b, n), and `duration` is () or (b,).
+    """
+    last = concrete(duration)
+    if last is None or isinstance(times, Tracer):
         return
-    last = last[..., None]
-    slack = 4 * np.finfo(instants.dtype).eps * np.abs(last)
-    outside = (instants < -slack) | (instants > last + slack)
-    if outside.any():
-        worst = float(np.broadcast_to(instants, outside.shape)[outside][0])
-        warnings.warn(
-            f"{int(outside.sum())} of {outside.size} instants are outside the {what}, such as {worst:.9g} s: it lasts "
-            f"from 0 to {float(last.max()):.9g} s. The values there are extrapolated.",
-            stacklevel=3,
+    low, high = (_extreme(times, least) for least in (True, False))
+    slack = 4 * np.finfo(high.dtype).eps * np.abs(last)
+    early, late = np.broadcast_arrays(low < -slack, high > last + slack)
+    if early.any() or late.any():
+        wrong = np.broadcast_to(low, early.shape)[early] if early.any() else np.broadcast_to(high, late.shape)[late]
+        raise ValueError(
+            f"times must be within the {what}, which lasts from 0 to {float(last.max()):.9g} s, but "
+            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate"
         )
+
+
+def _extreme(times: Any, least: bool) -> np.ndarray:
+    """Return the first or the last instant of each row; an accelerator reduces its own arrays."""
+    if isinstance(times, jax.Array) and times.devices() != set(jax.devices("cpu")[:1]):
+        with jax.ensure_compile_time_eval():
+            return np.asarray(times.min(axis=-1) if least else times.max(axis=-1))
+    values = np.asarray(times)
+    return values.min(axis=-1) if least else values.max(axis=-1)
