@@ -41,6 +41,30 @@ def test_the_ends_of_a_smooth_drive_have_their_jerk():
         assert jerk == pytest.approx(-30 / 729 * np.cos(t / 9), abs=1e-6)
 
 
+def circle(times, radius, rate):
+    return radius * np.stack([np.cos(rate * times), np.sin(rate * times), 0 * times], axis=1)
+
+
+def test_knots_are_as_close_as_a_tight_circle_needs():
+    radius, rate = 5.0, 2.0
+    times = np.arange(0.0, 30.0, 0.02)
+    path = qt.fit_route(qt.Track(times, circle(times, radius, rate))).path
+    for t in (0.0, 15.0, times[-1]):
+        jerk = np.asarray(path.derivatives(t, 3))[3]
+        expected = radius * rate**3 * np.array([np.sin(rate * t), -np.cos(rate * t), 0.0])
+        np.testing.assert_allclose(jerk, expected, atol=0.003 * radius * rate**3)
+
+
+def test_a_gap_is_bridged_with_minimum_jerk():
+    radius, rate = 20.0, 0.5
+    times = np.arange(0.0, 60.0, 0.1)
+    kept = times[(times < 10.35) | (times > 14.65)]
+    path = qt.fit_route(qt.Track(kept, circle(kept, radius, rate))).path
+    inside = np.linspace(10.3, 14.7, 50)
+    errors = np.stack([path(t) for t in inside]) - circle(inside, radius, rate)
+    assert np.linalg.norm(errors, axis=1).max() < 0.1
+
+
 @pytest.mark.parametrize("noise", [1e-4, 0.02])
 def test_noise_is_smoothed(noise):
     times = np.arange(0.0, 30.0, 0.1)

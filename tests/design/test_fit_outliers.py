@@ -10,6 +10,10 @@ DRIVE = np.stack([8 * TIMES, 30 * np.sin(TIMES / 9), 0.02 * TIMES], axis=1)
 NOISE = 0.02
 
 
+def circle(times, radius, rate):
+    return radius * np.stack([np.cos(rate * times), np.sin(rate * times), 0 * times], axis=1)
+
+
 def fraction(part, size):
     def disturb(random, positions):
         bad = np.flatnonzero(random.random(len(positions)) < part)
@@ -69,3 +73,27 @@ def test_a_lasting_jump_is_part_of_the_way():
     fitted = qt.fit_route(qt.Track(TIMES, positions))
     assert len(fitted.outliers) < 20
     assert np.linalg.norm(fitted.path(50.0) - DRIVE[500] - np.array([0.0, 2.0, 0.0])) < 0.05
+
+
+@pytest.mark.parametrize("gap", [(10.15, 14.75), (10.35, 14.65), (20.0, 22.0)])
+@pytest.mark.parametrize("digits", [3, 12])
+def test_samples_beside_a_gap_in_a_bend_are_no_outliers(gap, digits):
+    times = TIMES[(TIMES < gap[0]) | (TIMES > gap[1])]
+    positions = np.round(circle(times, 5.0, 2.0), digits)
+    fitted = qt.fit_route(qt.Track(times, positions))
+    assert len(fitted.outliers) == 0
+    errors = np.linalg.norm(np.stack([fitted.path(t) for t in times]) - positions, axis=1)
+    assert errors.max() < 0.3
+
+
+@pytest.mark.parametrize("arguments", [{"tolerance": 1e-3}, {"knots": 1.0}])
+def test_a_coarse_fit_has_no_outliers(arguments):
+    fitted = qt.fit_route(qt.Track(TIMES, circle(TIMES, 50.0, 0.3)), **arguments)
+    assert len(fitted.outliers) == 0
+
+
+@pytest.mark.parametrize("index", [0, 1, 300, 598, 599])
+def test_a_single_outlier_is_found_anywhere(index):
+    positions = DRIVE + NOISE * np.random.default_rng(0).standard_normal(DRIVE.shape)
+    positions[index] += [0.0, 3.0, 0.0]
+    assert qt.fit_route(qt.Track(TIMES, positions)).outliers.tolist() == [index]

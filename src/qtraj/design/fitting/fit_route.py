@@ -18,6 +18,7 @@ from qtraj.design.fitting import route_choice as choice
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.noise_free import without_smoothing
 from qtraj.design.fitting.route_choice import Problem, Recording
+from qtraj.design.fitting.route_jumps import jumps
 from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
 from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
 from qtraj.design.fitting.route_sigmas import read_sigmas
@@ -244,7 +245,7 @@ def _with_inliers(
         return recording, solution
     residuals = recording.position_sigmas.scaled(predict(problem.positions, solution.states) - recording.positions)
     bound = outlier_bound(np.linalg.norm(residuals[recording.weights > 0], axis=1))
-    weights = (~outliers(residuals, bound)).astype(float)
+    weights = (~outliers(residuals, jumps(recording), bound)).astype(float)
     if np.array_equal(weights, recording.weights):
         return recording, solution
     recording = recording._replace(weights=weights)

@@ -9,33 +9,55 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.fitting.route_choice import Recording
+from qtraj.design.fitting.route_jumps import lengths
 from qtraj.design.fitting.route_knots import equal_knots
-from qtraj.design.fitting.route_outliers import SPACING, lengths
+from qtraj.design.fitting.route_outliers import SPACING
 from qtraj.design.fitting.route_system import WIDTH, design, jerk_system, predict, sample_system, solve
 
-STEPS = 10
-"""Minimum knot spacing in time steps of the recording; a knot has three unknowns, so noise would leave residuals."""
+STEPS, LEAST = 10, 5
+"""Initial and minimum knot spacing in time steps of the recording; a knot has three unknowns, so noise would leave
+residuals."""
+
+ENOUGH = 4
+"""Minimum number of samples of a segment."""
+
+ORDER = 6
+"""Order of the fit's error in the knot spacing."""
 
 EXACT = 1e-6
 """Maximum RMS distance of the samples, relative to the median distance between consecutive samples."""
 
 NEGLIGIBLE = 1e-16
-"""Weight of the jerk, relative to the samples of a segment: it determines the states where there are few samples."""
+"""Weight of the jerk, relative to the samples of a segment: too small to be noticed, but no matrix is singular."""
 
 
 def without_smoothing(recording: Recording) -> tuple[Float[np.ndarray, " m"], float] | None:
-    """Return knots and a negligible smoothing for a recording without noise, or None if there is noise."""
+    """Return knots and a negligible smoothing for a recording without noise, or None if there is noise or a gap.
+
+    The knot spacing is halved as long as the samples of a smooth function would be met in the end.
+    """
     duration = float(recording.times[-1])
-    knots = equal_knots(duration, max(SPACING, STEPS * recording.step))
     if len(recording.times) < 2 * WIDTH:
         return None
+    spacing = max(SPACING, STEPS * recording.step)
+    step = float(np.median(lengths(np.diff(recording.positions, axis=0))))
+    while True:
+        knots = equal_knots(duration, spacing)
+        if np.histogram(recording.times, knots)[0].min() < ENOUGH:
+            return None
+        smoothing, distance = _fit(recording, knots)
+        if distance <= EXACT * step:
+            return knots, smoothing
+        finest = distance * (LEAST * recording.step / spacing) ** ORDER
+        if finest > EXACT * step or spacing < 2 * LEAST * recording.step:
+            return None
+        spacing /= 2
+
+
+def _fit(recording: Recording, knots: Float[np.ndarray, " m"]) -> tuple[float, float]:
+    """Return the negligible smoothing and the RMS distance [m] of the samples from the fit."""
     at, spacing = design(knots, recording.times), knots[1] - knots[0]
     smoothing = NEGLIGIBLE * spacing**5 * len(recording.times) / len(knots)
     samples = sample_system(at, recording.positions, recording.position_weights)
-    try:
-        states = solve(samples.plus(jerk_system(knots), smoothing))
-    except np.linalg.LinAlgError:  # a segment without samples
-        return None
-    distances = lengths(predict(at, states) - recording.positions)
-    step = float(np.median(lengths(np.diff(recording.positions, axis=0))))
-    return (knots, smoothing) if np.sqrt(np.mean(distances**2)) <= EXACT * step else None
+    states = solve(samples.plus(jerk_system(knots), smoothing))
+    return smoothing, float(np.sqrt(np.mean(lengths(predict(at, states) - recording.positions) ** 2)))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.fitting.route_choice import Recording
+from qtraj.design.fitting.route_jumps import MIN_SCALE, displaced, jumps, lengths
 from qtraj.design.fitting.route_knots import equal_knots
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 from qtraj.foundation.arrays import as_float, concrete, require_positive
@@ -22,9 +23,10 @@ OUTLIER_RATIO = 10.0
 The quartile is that of the samples that are not outliers; all distances are from the route.
 """
 
-MIN_JUMP = 0.5
-"""Consecutive distant samples are outliers if the error vector changes from one sample to the next by at least this
-fraction of their largest error."""
+MIN_JUMP, MIN_RECORDED_JUMP = 0.5, 0.05
+"""Consecutive distant samples are outliers if from one sample to the next the error vector changes by at least the first
+fraction of their largest error, and the recorded position jumps by at least the second one. The second one is smaller,
+because other outliers nearby disturb the velocity from which a jump is measured."""
 
 QUIET = 5.0
 """There are no outliers if no distance from a first fit exceeds this multiple of the median distance."""
@@ -36,18 +38,11 @@ relative change of the median distance, or the change of a weight, at which eith
 BIWEIGHT = 6.0
 """Distance at which Tukey's biweight becomes zero, in median distances."""
 
-JUMP_RATIO, BACK, LONGEST = 20.0, 0.25, 0.1
-"""Minimum size of a jump relative to the median change of a step, tolerance on a jump back relative to the jump, and
-the largest number of samples between them relative to all samples."""
-
 MAX_ROUNDS = 12
 """Maximum number of fits after which outliers are found again."""
 
 END_TOLERANCE = 1e-6
 """Tolerance on the first and the last of the user's knots, relative to the duration."""
-
-MIN_SCALE = 1e-8
-"""[m] Lower bound on these distances, so that rounding errors do not turn noiseless samples into outliers."""
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
@@ -76,16 +71,17 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
         return recording.position_sigmas.scaled(predict(at, states) - recording.positions)
 
-    trusted = ~_displaced(recording.times, recording.positions)
+    steps = jumps(recording)
+    trusted = ~displaced(steps)
     distances = lengths(residuals(np.ones(len(trusted))))
     if trusted.all() and distances.max() <= QUIET * max(float(np.median(distances)), MIN_SCALE):
         return recording, spacing, user_knots
     weights = _robust_weights(residuals, trusted)
     errors = residuals(weights)
-    marked = outliers(errors, outlier_bound(lengths(errors)[weights > 0]))
+    marked = outliers(errors, steps, outlier_bound(lengths(errors)[weights > 0]))
     for _ in range(MAX_ROUNDS):
         errors = residuals((~marked).astype(float))
-        again = outliers(errors, outlier_bound(lengths(errors)[~marked]))
+        again = outliers(errors, steps, outlier_bound(lengths(errors)[~marked]))
         if np.array_equal(again, marked):
             break
         marked = again
@@ -114,55 +110,27 @@ def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.n
     return weights
 
 
-def _displaced(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Return a mask (n,) of samples that may be displaced together, between a jump and an equal jump back."""
-    marked = np.zeros(len(times), bool)
-    steps = np.diff(times)[:, None]
-    velocities = np.diff(positions, axis=0) / steps
-    padded = np.pad(velocities, ((2, 2), (0, 0)), mode="edge")
-    usual = np.median(np.stack([padded[k : k + len(velocities)] for k in range(5)]), axis=0)
-    jumps = (velocities - usual) * steps
-    sizes = lengths(jumps)
-    last = -1
-    places = np.flatnonzero(sizes > JUMP_RATIO * max(float(np.median(sizes)), MIN_SCALE))
-    for k, start in enumerate(places):
-        if start <= last:
-            continue
-        ends = places[k + 1 :]
-        ends = ends[ends - start <= len(times) * LONGEST]
-        back = ends[lengths(jumps[ends] + jumps[start]) < BACK * sizes[start]]
-        if len(back):
-            last = back[0]
-            marked[start + 1 : last + 1] = True
-    return marked
-
-
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Return the lengths (n,) of vectors (n, 3); faster than `numpy.linalg.norm`."""
-    return np.sqrt(np.einsum("nk,nk->n", vectors, vectors))
-
-
 def outlier_bound(distances: np.ndarray) -> float:
     """Return the distance [m] above which a sample can be an outlier, from the distances of the other samples."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_SCALE)
 
 
-def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
+def outliers(residuals: np.ndarray, jumps: np.ndarray, bound: float) -> np.ndarray:
     """Return a mask (n,) of the outliers, from the differences (n, 3) [m] between route and samples.
 
-    If standard deviations were given, the differences must already be multiplied by the square roots of the weights.
-    Consecutive samples with distances above `bound` are outliers only if the difference changes abruptly from one
-    sample to the next. Otherwise the knots are too far apart to follow the motion, for example a swerve between two
-    knots.
+    `jumps` (n − 1, 3) are those of `route_jumps`. If standard deviations were given, the differences must already be
+    multiplied by the square roots of the weights. Consecutive samples with distances above `bound` are outliers only if
+    both the difference and the recorded position change abruptly from one sample to the next. Otherwise it is the route
+    that does not follow the motion, for example a swerve between two knots, or a bend that continues after a gap.
     """
-    distances, steps = lengths(residuals), lengths(np.diff(residuals, axis=0))
+    distances = lengths(residuals)
+    changes = np.minimum(lengths(np.diff(residuals, axis=0)) / MIN_JUMP, lengths(jumps) / MIN_RECORDED_JUMP)
     above = np.concatenate([[False], distances > bound, [False]])
     marked = np.zeros(len(distances), bool)
     for start, end in zip(
         np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:]), strict=True
     ):
-        jump = steps[max(start - 1, 0) : end].max()
-        marked[start:end] = jump >= MIN_JUMP * distances[start:end].max()
+        marked[start:end] = changes[max(start - 1, 0) : end].max() >= distances[start:end].max()
     return marked
 
 
