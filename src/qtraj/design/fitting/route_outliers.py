@@ -24,9 +24,9 @@ The quartile is that of the samples that are not outliers; all distances are fro
 """
 
 MIN_JUMP, MIN_RECORDED_JUMP = 0.5, 0.05
-"""Consecutive distant samples are outliers if from one sample to the next the error vector changes by at least the first
-fraction of their largest error, and the recorded position jumps by at least the second one. The second one is smaller,
-because other outliers nearby disturb the velocity from which a jump is measured."""
+"""Consecutive distant samples are outliers if from one sample to the next the error vector changes by at least the
+first fraction of their largest error, and the recorded position jumps by at least the second one. The second one is
+smaller, because other outliers nearby disturb the velocity from which a jump is measured."""
 
 QUIET = 5.0
 """There are no outliers if no distance from a first fit exceeds this multiple of the median distance."""
