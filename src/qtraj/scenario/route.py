@@ -21,7 +21,7 @@ from qtraj.io.track.reading import Recording
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
-from qtraj.path.track import Track
+from qtraj.path.track import STANDSTILL, Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
 from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
@@ -54,6 +54,10 @@ class RouteFitPart(Part):
         None,
         values="a positive finite number [m/s]",
     )
+    stop_speed: keys.Positive | None = key(
+        "largest speed at a stop; by default 0.5 % of the largest speed", None, values="a positive finite number [m/s]"
+    )
+    stop_distance: keys.Metres = key("largest distance from the mean position at a stop", STANDSTILL)
 
     def _faults(self) -> Iterator[str]:
         if self.smoothing is not None and self.tolerance is not None:

@@ -8,10 +8,9 @@ out.
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.fitting.route_choice import Recording
+from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_jumps import lengths
-from qtraj.design.fitting.route_knots import equal_knots
-from qtraj.design.fitting.route_outliers import SPACING
+from qtraj.design.fitting.route_knots import SPACING, equal_knots
 from qtraj.design.fitting.route_system import WIDTH, design, jerk_system, predict, sample_system, solve
 
 STEPS, LEAST = 10, 5

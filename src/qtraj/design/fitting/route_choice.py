@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_sigmas import Sigmas
 from qtraj.design.fitting.route_system import (
     Design,
@@ -24,10 +25,13 @@ from qtraj.design.fitting.route_system import (
 )
 
 INTERVAL, STEPS = 1.5, 4
-"""Minimum length of a held-out interval, in seconds and in time steps of the recording; the longer one applies."""
+"""Minimum length of a held-out interval, in units of time and in time steps; the longer one applies."""
 
 FOLDS, PERIOD = 2, 5
 """Number of folds, and the period in intervals: each fold holds out every fifth interval."""
+
+OFF_GRID = 0.382
+"""Shift of the intervals in time steps: no sample is at the end of an interval, where rounding would decide."""
 
 DECADES = 12
 """Maximum number of steps by a factor of ten in the search for the best smoothing.
@@ -35,32 +39,11 @@ DECADES = 12
 With a tolerance, this is the range of the search for the largest smoothing, in decades.
 """
 
+BRIDGE = 1e-10
+"""Minimum weight of the jerk, relative to the samples of a segment, where held-out samples leave a gap."""
+
 STOP_WEIGHT = 1e8
 """Weight of the equations of a stop, relative to the sum of the weights of all samples."""
-
-
-class Recording(NamedTuple):
-    """The n samples of a recording: times [s], positions relative to the first [m], velocities [m/s], and weights.
-
-    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations.
-    """
-
-    times: Float[np.ndarray, " n"]
-    positions: Float[np.ndarray, "n 3"]
-    velocities: Float[np.ndarray, "n 3"] | None
-    weights: Float[np.ndarray, " n"]
-    position_sigmas: Sigmas
-    velocity_sigmas: Sigmas
-
-    @property
-    def position_weights(self) -> Float[np.ndarray, "n *axes"]:
-        """The weights (n,) or (n, 3) of the positions."""
-        return self.position_sigmas.of(self.weights)
-
-    @property
-    def step(self) -> float:
-        """The median time step [s]."""
-        return float(np.median(np.diff(self.times)))
 
 
 class Fold(NamedTuple):
@@ -98,8 +81,14 @@ class Problem(NamedTuple):
 
     def states(self, smoothing: float, without: System | None = None) -> Float[np.ndarray, "m 3 3"]:
         """Return the states at the knots, optionally without the samples in the normal equations `without`."""
-        system = self.system(smoothing)
-        return solve(system if without is None else system.plus(without, -1.0))
+        if without is None:
+            return solve(self.system(smoothing))
+        return solve(self.system(max(smoothing, self.bridging)).plus(without, -1.0))
+
+    @property
+    def bridging(self) -> float:
+        """The smallest smoothing that determines the states in a gap."""
+        return BRIDGE * float(np.median(np.diff(self.knots))) ** 5 * len(self.positions.segment) / len(self.knots)
 
 
 def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds: list[np.ndarray]) -> Problem:
@@ -125,8 +114,9 @@ def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
     """Return, for each fold, a mask of the held-out samples; the two ends of the recording are never held out."""
     length = max(INTERVAL, STEPS * step)
     period = PERIOD * length
-    inner = (times > times[0] + length) & (times < times[-1] - length)
-    phases = [(times - times[0] - fold * period / FOLDS) % period for fold in range(FOLDS)]
+    after = times - times[0] + OFF_GRID * step
+    inner = (after > length) & (after < times[-1] - times[0] - length)
+    phases = [(after - fold * period / FOLDS) % period for fold in range(FOLDS)]
     return [fold for fold in (inner & (phase < length) for phase in phases) if fold.any()]
 
 
@@ -170,7 +160,7 @@ def best_smoothing(of: Problem, start: float) -> tuple[float, float]:
 
 
 def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance: float) -> float:
-    """Return the largest smoothing for which the RMS distance does not exceed `tolerance` [m].
+    """Return the largest smoothing for which the RMS distance does not exceed `tolerance`, in units of length.
 
     The search covers six decades below and six decades above `start`.
 
@@ -185,9 +175,10 @@ def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance
     low, high = -DECADES / 2, DECADES / 2
     min_rms = rms(low)
     if min_rms > tolerance:
+        unit = recording.units.length
         raise ValueError(
-            f"the best route with these knots has an RMS distance of {min_rms:.3g} m from the recording, more than the "
-            f"tolerance of {tolerance:.3g} m: pass a larger tolerance or more knots"
+            f"the best route with these knots has an RMS distance of {min_rms * unit:.3g} m from the recording, more "
+            f"than the tolerance of {tolerance * unit:.3g} m: pass a larger tolerance or more knots"
         )
     for _ in range(24):
         middle = 0.5 * (low + high)

@@ -3,10 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from qtraj.design.fitting.route_choice import Recording
-
-NEIGHBOURS = 5
-"""Number of consecutive velocities whose median is the usual velocity."""
+from qtraj.design.fitting.recording import Recording
 
 LONG_STEP = 4.0
 """A time step longer than this factor times the median is a gap, across which a jump cannot be recognised."""
@@ -15,8 +12,8 @@ JUMP_RATIO, BACK, LONGEST = 20.0, 0.25, 0.1
 """Minimum size of a jump relative to the median jump, tolerance on a jump back relative to the jump, and the largest
 number of samples between them relative to all samples."""
 
-MIN_SCALE = 1e-8
-"""[m] Lower bound on distances, so that rounding errors do not turn noiseless samples into outliers."""
+MIN_SCALE = 1e-9
+"""Lower bound on distances, in units of length, so that rounding errors do not turn noiseless samples into outliers."""
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
@@ -25,18 +22,29 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def jumps(recording: Recording) -> Float[np.ndarray, "steps 3"]:
-    """Return the jump from each sample to the next: the change of position without the usual velocity [m].
+    """Return the jump from each sample to the next: the change of position that neighbouring velocities do not explain.
 
-    With standard deviations, the jumps are multiplied by the square roots of the weights, as residuals are.
+    The velocities before and after a step are extrapolated and interpolated; the median of the three predictions is
+    used, because one of the velocities may be wrong. With standard deviations, the jumps are multiplied by the square
+    roots of the weights, as residuals are.
     """
     steps = np.diff(recording.times)[:, None]
     velocities = np.diff(recording.positions, axis=0) / steps
-    reach = min(NEIGHBOURS // 2, len(velocities) - 1)
-    padded = np.pad(velocities, ((reach, reach), (0, 0)), mode="reflect")
-    usual = np.median(np.stack([padded[k : k + len(velocities)] for k in range(2 * reach + 1)]), axis=0)
-    found = (velocities - usual) * steps
+    padded = np.pad(velocities, ((2, 2), (0, 0)), constant_values=np.nan)
+    earlier, before, after, later = (padded[k : k + len(velocities)] for k in (0, 1, 3, 4))
+    predictions = np.stack([2 * before - earlier, (before + after) / 2, 2 * after - later])
+    expected = _median_of_known(predictions, velocities)
+    found = (velocities - expected) * steps
     found[steps[:, 0] > LONG_STEP * recording.step] = 0.0
     return recording.position_sigmas.part(slice(1, None)).scaled(found)
+
+
+def _median_of_known(predictions: Float[np.ndarray, "3 n 3"], otherwise: np.ndarray) -> np.ndarray:
+    """Return the median of the predictions that are not NaN; without any, `otherwise`."""
+    known = ~np.isnan(predictions[:, :, 0]).all(axis=0)
+    result = otherwise.copy()
+    result[known] = np.nanmedian(predictions[:, known], axis=0)
+    return result
 
 
 def displaced(jumps: Float[np.ndarray, "steps 3"]) -> Bool[np.ndarray, " n"]:

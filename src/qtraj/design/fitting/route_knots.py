@@ -1,40 +1,51 @@
-"""Choose the knots of a fitted route, and detect stops."""
+"""Choose the knots of a fitted route."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from qtraj.path.track import STANDSTILL
+from qtraj.foundation.arrays import as_float, concrete, require_positive
 
-STOP_SPEED = 0.005
-"""Maximum speed at a stop, relative to the largest speed of the recording."""
-
-MIN_STOP, MIN_STEPS = 1.0, 4
-"""Minimum duration of a stop, in seconds and in time steps of the recording; the longer one applies."""
+SPACING, STEPS = 1.0, 2
+"""Minimum initial knot spacing, in units of time and in time steps of the recording; the longer one applies."""
 
 MIN_DISTANCE = 0.2
 """Minimum distance of a knot from a stop, in knot spacings; closer knots are removed."""
 
+END_TOLERANCE = 1e-6
+"""Tolerance on the first and the last of the user's knots, relative to the duration."""
 
-def find_stops(
-    times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"], speeds: Float[np.ndarray, " n"], step: float
-) -> list[tuple[float, float]]:
-    """Return the stops as intervals (start, end) [s].
 
-    At a stop the vehicle is slow and stays within `STANDSTILL` [m] of its mean position for the minimum duration.
+class Grid(NamedTuple):
+    """The knots of a fit (m,), and their spacing; `fixed` if they are the user's. All in units of time."""
+
+    knots: Float[np.ndarray, " m"]
+    spacing: float
+    fixed: bool
+
+
+def read_knots(knots: Any, times: Float[np.ndarray, " n"], step: float, unit: float) -> Grid:
+    """Return the first knots for samples at `times`, in units of time; `knots` [s] are the user's, or None.
+
+    **Raises:** ValueError for knots that are not a positive spacing, or not times from 0 to the duration.
     """
-    slow = np.concatenate([[False], speeds <= STOP_SPEED * speeds.max(), [False]])
-    edges = np.flatnonzero(slow[1:] != slow[:-1])
-    intervals = []
-    for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
-        part = positions[first : last + 1]
-        stays = np.linalg.norm(part - part.mean(axis=0), axis=1).max() <= STANDSTILL
-        if stays and times[last] - times[first] >= max(MIN_STOP, MIN_STEPS * step):
-            intervals.append((float(times[first]), float(times[last])))
-    return intervals
+    duration = float(times[-1])
+    if knots is None:
+        spacing = max(SPACING, STEPS * step)
+        return Grid(equal_knots(duration, spacing), spacing, False)
+    values = np.asarray(concrete(knots), float)
+    if values.ndim == 0:
+        require_positive(as_float(values), "knots", "s")
+        spacing = min(float(values) / unit, duration)
+        return Grid(equal_knots(duration, spacing), spacing, True)
+    grid = _checked_knots(values, duration * unit) / unit
+    grid[-1] = duration
+    return Grid(grid, float(np.median(np.diff(grid))), True)
 
 
 def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
-    """Return knots from 0 to the duration at equal intervals of about `spacing` [s]."""
+    """Return knots from 0 to the duration at equal intervals of about `spacing`."""
     return np.linspace(0.0, duration, max(1, round(duration / spacing)) + 1)
 
 
@@ -55,3 +66,14 @@ def with_stops(
     is_stop = np.zeros(len(result) - 1, bool)
     is_stop[np.searchsorted(result, np.array([start for start, _ in stops], float))] = True
     return result, is_stop
+
+
+def _checked_knots(times: np.ndarray, duration: float) -> np.ndarray:
+    increasing = times.ndim == 1 and len(times) > 1 and np.all(np.diff(times) > 0)
+    tolerance = END_TOLERANCE * duration
+    if not increasing or abs(times[0]) > tolerance or abs(times[-1] - duration) > tolerance:
+        raise ValueError(
+            f"knots must be a spacing [s], or times that increase from 0 to the duration {duration:.9g} s, "
+            f"but {times.tolist() if times.size < 8 else f'an array of {times.size} numbers'} was given"
+        )
+    return np.concatenate([[0.0], times[1:-1], [duration]])

@@ -1,21 +1,16 @@
 """Find outliers, which are samples that are much farther from the route than the other samples."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from qtraj.design.fitting.route_choice import Recording
+from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_jumps import MIN_SCALE, displaced, jumps, lengths
-from qtraj.design.fitting.route_knots import equal_knots
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
-from qtraj.foundation.arrays import as_float, concrete, require_positive
-
-SPACING, STEPS = 1.0, 2
-"""Minimum initial knot spacing, in seconds and in time steps of the recording; the longer one applies."""
 
 SMOOTHING = 1e-4
-"""Product of the initial smoothing and the median time step of the recording [s⁶]."""
+"""Product of the initial smoothing and the median time step of the recording, in units of time."""
 
 OUTLIER_RATIO = 10.0
 """A sample can be an outlier only if its distance exceeds this factor times the upper quartile of the distances.
@@ -23,10 +18,13 @@ OUTLIER_RATIO = 10.0
 The quartile is that of the samples that are not outliers; all distances are from the route.
 """
 
-MIN_JUMP, MIN_RECORDED_JUMP = 0.5, 0.05
+MIN_JUMP, MIN_RECORDED_JUMP = 0.5, 0.25
 """Consecutive distant samples are outliers if from one sample to the next the error vector changes by at least the
 first fraction of their largest error, and the recorded position jumps by at least the second one. The second one is
 smaller, because other outliers nearby disturb the velocity from which a jump is measured."""
+
+USUAL = 0.05
+"""Quantile of the recorded jumps that is usual; smaller errors are no outliers, because tight bends have such jumps."""
 
 QUIET = 5.0
 """There are no outliers if no distance from a first fit exceeds this multiple of the median distance."""
@@ -35,35 +33,21 @@ CONVEX, REDESCENDING, SETTLED = 20, 10, 0.01
 """Maximum number of fits for the smallest sum of distances, maximum number of fits with redescending weights, and the
 relative change of the median distance, or the change of a weight, at which either ends."""
 
-BIWEIGHT = 6.0
-"""Distance at which Tukey's biweight becomes zero, in median distances."""
+BIWEIGHT, LEAST_WEIGHT = 6.0, 1e-3
+"""Distance at which Tukey's biweight becomes zero, in median distances, and a small weight of all samples, relative to
+that for the smallest sum of distances, without which the route is free where all samples are distant."""
 
 MAX_ROUNDS = 12
 """Maximum number of fits after which outliers are found again."""
 
-END_TOLERANCE = 1e-6
-"""Tolerance on the first and the last of the user's knots, relative to the duration."""
 
+def without_outliers(recording: Recording, grid: Float[np.ndarray, " m"]) -> Recording:
+    """Return the recording with weight 0 for outliers.
 
-def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
-    """Set the weight of outliers to 0.
-
-    Returns the recording with the new weights, the initial knot spacing, and the user's knots (or None). The route is
-    fitted several times, and the bound on the distance decreases from fit to fit. Therefore the worst samples are
-    excluded first, so that good samples are not excluded merely because bad samples distort the route.
+    A route with the knots `grid` is fitted several times, and the bound on the distance decreases from fit to fit.
+    Therefore the worst samples are excluded first, so that good samples are not excluded merely because bad samples
+    distort the route.
     """
-    duration = float(recording.times[-1])
-    spacing, user_knots = max(SPACING, STEPS * recording.step), None
-    if knots is not None:
-        values = np.asarray(concrete(knots), float)
-        if values.ndim == 0:
-            require_positive(as_float(values), "knots", "s")
-            spacing = min(float(values), duration)
-            user_knots = equal_knots(duration, spacing)
-        else:
-            user_knots = _checked_knots(values, duration)
-            spacing = float(np.median(np.diff(user_knots)))
-    grid = equal_knots(duration, spacing) if user_knots is None else user_knots
     at, jerk = design(grid, recording.times), jerk_system(grid)
 
     def residuals(weights: np.ndarray) -> np.ndarray:
@@ -75,17 +59,17 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
     trusted = ~displaced(steps)
     distances = lengths(residuals(np.ones(len(trusted))))
     if trusted.all() and distances.max() <= QUIET * max(float(np.median(distances)), MIN_SCALE):
-        return recording, spacing, user_knots
+        return recording
     weights = _robust_weights(residuals, trusted)
     errors = residuals(weights)
-    marked = outliers(errors, steps, outlier_bound(lengths(errors)[weights > 0]))
+    marked = outliers(errors, steps, outlier_bound(lengths(errors)[weights > LEAST_WEIGHT]))
     for _ in range(MAX_ROUNDS):
         errors = residuals((~marked).astype(float))
         again = outliers(errors, steps, outlier_bound(lengths(errors)[~marked]))
         if np.array_equal(again, marked):
             break
         marked = again
-    return recording._replace(weights=(~marked).astype(float)), spacing, user_knots
+    return recording._replace(weights=(~marked).astype(float))
 
 
 def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.ndarray) -> np.ndarray:
@@ -104,42 +88,52 @@ def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.n
     for _ in range(REDESCENDING):
         distances, before = lengths(residuals(weights)), weights
         scale = max(float(np.median(distances)), MIN_SCALE)
-        weights = np.maximum(1 - (distances / (BIWEIGHT * scale)) ** 2, 0.0) ** 2
+        biweights = np.maximum(1 - (distances / (BIWEIGHT * scale)) ** 2, 0.0) ** 2
+        weights = np.maximum(biweights, LEAST_WEIGHT * scale / np.maximum(distances, scale))
         if np.abs(weights - before).max() < SETTLED:
             break
     return weights
 
 
 def outlier_bound(distances: np.ndarray) -> float:
-    """Return the distance [m] above which a sample can be an outlier, from the distances of the other samples."""
+    """Return the distance above which a sample can be an outlier, from the distances of the other samples."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_SCALE)
 
 
 def outliers(residuals: np.ndarray, jumps: np.ndarray, bound: float) -> np.ndarray:
-    """Return a mask (n,) of the outliers, from the differences (n, 3) [m] between route and samples.
+    """Return a mask (n,) of the outliers, from the differences (n, 3) between route and samples.
 
     `jumps` (n − 1, 3) are those of `route_jumps`. If standard deviations were given, the differences must already be
-    multiplied by the square roots of the weights. Consecutive samples with distances above `bound` are outliers only if
-    both the difference and the recorded position change abruptly from one sample to the next. Otherwise it is the route
-    that does not follow the motion, for example a swerve between two knots, or a bend that continues after a gap.
+    multiplied by the square roots of the weights. Samples with distances above `bound` are outliers only if both the
+    difference and the recorded position change abruptly from one sample to the next. Otherwise it is the route that
+    does not follow the motion, for example a swerve between two knots, or a bend that continues after a gap. The worst
+    of consecutive samples are excluded first, because the others may only be beside them.
+    """
+    sizes = lengths(jumps)
+    bound = max(bound, float(np.quantile(sizes, USUAL)))
+    marked = np.zeros(len(residuals), bool)
+    for _ in range(MAX_ROUNDS):
+        rest = np.flatnonzero(~marked)
+        worst = rest[_abrupt(residuals[rest], np.maximum.reduceat(sizes, rest[:-1])[: len(rest) - 1], bound)]
+        if not len(worst):
+            break
+        marked[worst] = True
+    return marked
+
+
+def _abrupt(residuals: np.ndarray, sizes: np.ndarray, bound: float) -> np.ndarray:
+    """Return a mask (n,) of the worst samples of each run with distances above `bound` that changes abruptly.
+
+    `sizes` (n − 1,) are the lengths of the recorded jumps.
     """
     distances = lengths(residuals)
-    changes = np.minimum(lengths(np.diff(residuals, axis=0)) / MIN_JUMP, lengths(jumps) / MIN_RECORDED_JUMP)
+    changes = np.minimum(lengths(np.diff(residuals, axis=0)) / MIN_JUMP, sizes / MIN_RECORDED_JUMP)
     above = np.concatenate([[False], distances > bound, [False]])
     marked = np.zeros(len(distances), bool)
     for start, end in zip(
         np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:]), strict=True
     ):
-        marked[start:end] = changes[max(start - 1, 0) : end].max() >= distances[start:end].max()
+        largest = distances[start:end].max()
+        if changes[max(start - 1, 0) : end].max() >= largest:
+            marked[start:end] = distances[start:end] >= MIN_JUMP * largest
     return marked
-
-
-def _checked_knots(times: np.ndarray, duration: float) -> np.ndarray:
-    increasing = times.ndim == 1 and len(times) > 1 and np.all(np.diff(times) > 0)
-    tolerance = END_TOLERANCE * duration
-    if not increasing or abs(times[0]) > tolerance or abs(times[-1] - duration) > tolerance:
-        raise ValueError(
-            f"knots must be a spacing [s], or times that increase from 0 to the duration {duration:.9g} s, "
-            f"but {times.tolist() if times.size < 8 else f'an array of {times.size} numbers'} was given"
-        )
-    return np.concatenate([[0.0], times[1:-1], [duration]])

@@ -32,6 +32,10 @@ class Sigmas(NamedTuple):
         """Return errors (n, 3) multiplied by the square roots of the weights."""
         return errors if self.unit is None else np.sqrt(_column(self.weights, errors)) * errors
 
+    def per(self, unit: float) -> "Sigmas":
+        """Return the weights of errors that are measured in another unit."""
+        return self if self.unit is None else self._replace(unit=self.unit / unit)
+
     def part(self, samples: np.ndarray) -> "Sigmas":
         """Return the weights of the samples in the mask `samples`; their mean may differ from 1."""
         return self._replace(weights=self.weights[samples])

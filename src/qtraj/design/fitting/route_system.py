@@ -146,21 +146,36 @@ def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: flo
 def solve(system: System) -> Float[np.ndarray, "knots 3 3"]:
     """Return the states (knots, order, axis) that satisfy the normal equations; order is the order of the derivative.
 
-    **Raises:** numpy.linalg.LinAlgError if the samples do not determine the states.
+    **Raises:** ValueError if the states are not determined within rounding errors.
     """
-    from scipy.linalg import solveh_banded
+    from scipy.linalg import LinAlgError, solveh_banded
 
-    if system.matrix.ndim == 3:
-        columns = [solveh_banded(m, x, check_finite=False) for m, x in zip(system.matrix, system.right.T, strict=True)]
-        solution = np.stack(columns, axis=1)
-    else:
-        solution = solveh_banded(system.matrix, system.right, check_finite=False)
+    matrices = system.matrix if system.matrix.ndim == 3 else system.matrix[None]
+    rights = np.split(system.right, len(matrices), axis=1)
+    try:
+        columns = [solveh_banded(m, x, check_finite=False) for m, x in zip(matrices, rights, strict=True)]
+    except LinAlgError as error:
+        raise ValueError(
+            "the samples do not determine the route with these knots and this smoothing: pass fewer knots, or a "
+            "smoothing that is closer to the one chosen by default"
+        ) from error
+    solution = np.concatenate(columns, axis=1)
     return solution.reshape(-1, 3, system.right.shape[1])
 
 
 def predict(at: Design, states: Float[np.ndarray, "knots 3 3"]) -> Float[np.ndarray, "n 3"]:
     """Return the positions or velocities at the n samples, on the route with `states` at the knots."""
     return at.matrix @ states.reshape(3 * len(states), -1)
+
+
+def in_seconds(matrix: Float[np.ndarray, "*axes 6 unknowns"], unit: float) -> np.ndarray:
+    """Return the matrix for velocities and accelerations in seconds, if it is for those in units of time `unit` [s].
+
+    The unit of length remains, because the matrix is in units of the variance of the positions.
+    """
+    column = np.arange(matrix.shape[-1])
+    row = column - np.arange(WIDTH - 1, -1, -1)[:, None]
+    return matrix * unit ** (row % 3 + column % 3)
 
 
 def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarray, "*axes knots 3 3"]:

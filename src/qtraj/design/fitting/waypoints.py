@@ -1,10 +1,7 @@
 """Fit a route through a few waypoints: the knots are their times, and the smoothing hardly changes the positions."""
 
-from typing import Any
-
 import numpy as np
 
-from qtraj.design.fitting.route_choice import Recording
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.track import Track, to_float64
 
@@ -13,11 +10,6 @@ FEW = 8
 
 SMOOTHING = 1e-9
 """Smoothing in units of the fifth power of the median time step."""
-
-
-def keep_all(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray]:
-    """Return the arguments with the median knot spacing: no waypoint is an outlier."""
-    return recording, float(np.median(np.diff(knots))), knots
 
 
 def knots_and_smoothing(

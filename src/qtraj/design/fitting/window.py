@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qtraj.path.bends import Bend, bends, chord_length
-from qtraj.path.track import STANDSTILL, Track, spread_radius, to_float64, travel_length, travel_turn
+from qtraj.path.track import Track, spread_radius, to_float64, travel_length, travel_turn
 
 POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
 """Default standard deviations of positions [m] and velocities [m/s].
@@ -25,8 +25,9 @@ At this length a turn of `MIN_TURN` deviates from its chord by about four standa
 MIN_SAMPLES = 8
 """Minimum number of samples: their 16 horizontal coordinates determine up to ten unknowns and leave some redundancy."""
 
-WANDER = 1.0
-"""[m] Maximum drift of the recorded positions of a parked vehicle whose recorded velocities are almost zero."""
+STILL, WANDER = 20.0, 200.0
+"""Radius of the positions of a vehicle at rest, in standard deviations of a position; the second number applies if its
+recorded velocities are almost zero."""
 
 WINDOW = "(track.window(t0, t1) in Python, the key window in a scenario)"
 """Advice on how to choose a window."""
@@ -88,11 +89,11 @@ def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
             f"in which it moves {WINDOW}."
         )
     speed = _rms_speed(track)
-    if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER:
+    if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER * sigma:
         raise ValueError(
             f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, does not exceed "
-            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions drift by less than {WANDER:g} m. Choose a "
-            f"window in which it moves {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
+            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions drift by less than {WANDER * sigma:g} m. Choose "
+            f"a window in which it moves {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
         )
     length = travel_length(track)
     if length < min_length:
@@ -112,8 +113,8 @@ def _rms_speed(track: Track) -> float | None:
 
 
 def _standstill_radius(sigma: float) -> float:
-    """Return the radius [m] within which a vehicle counts as at rest: 20 standard deviations, but at most 0.1 m."""
-    return min(STANDSTILL, MIN_LENGTH * sigma / 10)
+    """Return the radius [m] within which a vehicle counts as at rest."""
+    return STILL * sigma
 
 
 def _opposite_bends_message(turn: float, length: float, single_bends: list[Bend]) -> str:

@@ -11,9 +11,6 @@ import numpy as np
 from qtraj.design.tuning_route import basis
 from qtraj.path import pieces
 
-TIME_SCALE = 1.0
-"""In "nearest", changes of velocity are multiplied by this time [s], and changes of acceleration by its square."""
-
 X, Z = np.eye(3)[:1], np.eye(3)[2:]
 
 STRAIGHT = np.zeros((6, 3))
@@ -71,15 +68,21 @@ def ends(states: Any, h: Any, moving: Any) -> Any:
     return xp.moveaxis(xp.where(moving[:, None, None] > 0, known, STRAIGHT[None]), 0, -1)
 
 
+def time_scale(durations: Any, moving: Any) -> Any:
+    """Return the mean duration [s] of the segments that change; without such segments, 1."""
+    xp, count = pieces.arithmetic(durations, moving), moving.sum()
+    return xp.where(count > 0, xp.sum(durations * moving) / xp.maximum(count, 1.0), 1.0)
+
+
 def nearest(end_data: Any, durations: Any, moving: Any, length: Any) -> tuple[Any, Any]:
     """Return the weights `near` (6, 6, n) and `pace` (n,) of the objective "nearest", in units of `length` [m]."""
-    xp = pieces.arithmetic(end_data, durations)
-    own, near = durations * moving, 0.0
+    xp, time = pieces.arithmetic(end_data, durations), time_scale(durations, moving)
+    own, near = durations * moving / time, 0.0
     for k in range(3):
-        weight = TIME_SCALE ** (2 * k) * own * durations ** (-2.0 * k) / length**2
+        weight = own * (time / durations) ** (2.0 * k) / length**2
         near = near + basis.gram(k)[:, :, None] * weight[None, None]
     speed = speeds(end_data, durations)
-    return near, own * TIME_SCALE**2 * xp.maximum(speed, 1e-3 * xp.max(speed)) ** 2 / length**2
+    return near, own * time**2 * xp.maximum(speed, 1e-3 * xp.max(speed)) ** 2 / length**2
 
 
 def speeds(end_data: Any, durations: Any) -> Any:

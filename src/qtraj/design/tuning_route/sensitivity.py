@@ -242,8 +242,10 @@ def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array,
 
 def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
     """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
-    unit = problem.unit * data.duration if kind == "nearest" else jnp.ones_like(data.duration)
-    return jax.lax.stop_gradient(jnp.sqrt(unit))
+    if kind != "nearest":
+        return jnp.ones_like(data.duration)
+    time = geometry.time_scale(_parts(data, problem, count)[1], problem.moving)
+    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * data.duration / time))
 
 
 def _with_data(problem: RouteProblem, data: Data, count: int, kind: str, length: Array) -> RouteProblem:
@@ -271,6 +273,7 @@ def _assembled(
     new_c, _ = geometry.changed(moved, c, h, states, z)
     times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_h))
     path = from_segments(times[:-1], new_c, times[-1], origin)
-    unit = length**2 / jnp.sum(h) if kind == "nearest" else problem.unit
+    time = geometry.time_scale(h, problem.moving)
+    unit = length**2 * time / jnp.sum(h) if kind == "nearest" else problem.unit
     value = times[-1] if kind == "fastest" else objective(moved, segments(moved, z)) * unit
     return path, value, new_states[:, 0] - states[:, 0], jnp.sum(new_h - h)

@@ -6,12 +6,12 @@ import numpy as np
 
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.geometry import (
-    TIME_SCALE,
     joint_states,
     nearest,
     offsets,
     smooth_fields,
     speeds,
+    time_scale,
     tube_squares,
 )
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
@@ -24,6 +24,14 @@ SLOW = 0.02
 
 SHORTEST, LONGEST = 0.1, 10.0
 """Bounds on the ratio of a duration to the original one."""
+
+
+TIME = 0.25
+"""Unit of time of the search, in mean durations of a segment; small, because in the objective "fastest" the barrier is
+a fraction of it."""
+
+LEAST_JERK = 1e-12
+"""Lower bound on the integral of the squared jerk, in units of the tube and of a segment, for a straight route."""
 
 
 class Parts(NamedTuple):
@@ -84,7 +92,7 @@ def problem_of(
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
         "free": _free(held, moving, timed, closed),
-        "scale": _scale(speeds(ends, h), moving),
+        "scale": _scale(speeds(ends, h), h, moving, tube),
         "seam": len(h) if closed else None,
     })  # fmt: skip
 
@@ -131,27 +139,33 @@ def _used(names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: 
     return used
 
 
-def _scale(speed: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the factors (10,) that convert variables to SI."""
-    pace = float(np.median(speed[moving > 0])) if moving.any() else 1.0
-    return np.append(np.repeat([1.0, 1 / TIME_SCALE, 1 / TIME_SCALE**2], 3), 1 / max(pace, 1e-12))
+def _scale(speed: np.ndarray, h: np.ndarray, moving: np.ndarray, tube: np.ndarray) -> np.ndarray:
+    """Return the factors (10,) that convert variables to SI: changes as large as the tube have variables near 1."""
+    length, time = _length(tube), TIME * float(time_scale(h, moving))
+    pace = float(np.median(speed[moving > 0])) if moving.any() else length / time
+    return length * np.append(np.repeat([1.0, 1 / time, 1 / time**2], 3), 1 / pace)
+
+
+def _length(tube: np.ndarray) -> float:
+    """Return the RMS half-width of the tube [m], the unit of length of the search."""
+    return float(np.sqrt(np.mean(tube**2)))
 
 
 def _objective(
     objective: str, ends: np.ndarray, h: np.ndarray, moving: np.ndarray, tube: np.ndarray, duration: float
 ) -> dict[str, Any]:
-    """Return the weights of the objective and its unit."""
+    """Return the weights of the objective, without dimension, and its unit."""
     zero = 0.0 * h
     fields: dict[str, Any] = {"near": np.zeros((6, 6, len(h))), "pace": zero, "jerk": zero, "time": zero}
+    length, segment = _length(tube), float(time_scale(h, moving))
     if objective == "nearest":
-        length = float(np.sqrt(np.mean(tube**2)))
         near, pace = nearest(ends, h, moving, length)
-        return fields | {"near": near, "pace": pace, "unit": np.asarray(length**2 / duration)}
+        return fields | {"near": near, "pace": pace, "unit": np.asarray(length**2 * segment / duration)}
     if objective == "smoothest":
         jerks = np.sum(np.einsum("lm,mcn->lcn", basis.gram(3), ends) * ends, axis=(0, 1)) * h**-5 * moving
-        unit = max(float(np.sum(jerks)), 1e-12) / max(np.sum(h * moving), 1e-12)
+        unit = max(float(np.sum(jerks)), LEAST_JERK * length**2 / segment**5) / max(np.sum(moving), 1.0)
         return fields | {"jerk": moving / unit, "unit": np.asarray(unit)}
-    return fields | {"time": moving, "unit": np.asarray(1.0)}
+    return fields | {"time": moving / (TIME * segment), "unit": np.asarray(TIME * segment)}
 
 
 def _exact(offset: np.ndarray, size: float) -> np.ndarray:

@@ -27,6 +27,10 @@ UNSUITABLE = tuple(name for name, entry in QUANTITIES.items() if entry.divisor =
 """Limits on quantities of the natural trihedral, which does not exist on straights."""
 
 
+CONTINUOUS = 1e-9
+"""Largest jump at a joint that counts as rounding error, relative to the states of the joints."""
+
+
 def tune_route(
     route: Route,
     limits: Limits,
@@ -47,9 +51,9 @@ def tune_route(
 
     `objective`:
 
-    - "nearest" [m²]: the mean over the original route of |δr|² + (1 s)²|δr'|² + (1 s)⁴|δr''|² + (1 s)²(v δh/h)². Here δ
-      is the change at equal fractions of a segment, derivatives are with respect to the original time, v is the
-      original speed, and δh is the change of the duration h of the segment;
+    - "nearest" [m²]: the mean over the original route of |δr|² + s²|δr'|² + s⁴|δr''|² + s²(v δh/h)². Here δ is the
+      change at equal fractions of a segment, derivatives are with respect to the original time, s is the mean duration
+      of the segments that change, v is the original speed, and δh is the change of the duration h of the segment;
     - "smoothest" [m²/s⁵]: ∫|r⃛|²dt; the duration of the route, or of each part between stops, does not change;
     - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
       search adds a term with the squared jerk; this term is about 0.1 % of the duration.
@@ -119,10 +123,17 @@ def _solution(
     problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
     found = _unchanged(route, given, limits, widths, problem)
     moving = problem.moving > 0
-    smooth = not np.any(problem.offset) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
+    smooth = not np.any(problem.offset) and not _jumps(route, given)
     if moving.any() and not (objective == "nearest" and smooth and found.proved):
         found = rounds.solved(route, given, limits, widths, problem, max_steps)
     return Solution(_result(given, problem, found, names, moving, objective), found.problem, found.z, found.at)
+
+
+def _jumps(route: Route, given: Parts) -> bool:
+    """Return whether position, velocity or acceleration jump at a joint by more than rounding errors."""
+    step = float(given.h.mean()) ** np.arange(3)[:, None]
+    size = float(np.abs(given.states * step).max())
+    return bool(np.any(np.abs(np.asarray(route.jumps())) * step > CONTINUOUS * size))
 
 
 def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
