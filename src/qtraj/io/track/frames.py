@@ -61,8 +61,7 @@ def _of_dataset(dataset: Any) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name, array in variables.items():
         if array.dims == (main,):
-            unit = str(array.attrs.get("units", ""))
-            columns[f"{name} [{unit}]" if unit else name] = _plain(array.to_numpy())
+            columns[_with_unit(name, array)] = _plain(array.to_numpy())
         elif len(array.dims) == 2 and array.dims[0] == main:
             columns |= _components(name, array)
     if not columns:
@@ -78,4 +77,11 @@ def _components(name: str, array: Any) -> dict[str, np.ndarray]:
     labels = array[dim].to_numpy().tolist() if dim in array.coords else list(range(array.shape[1]))
     if labels == list(range(array.shape[1])) and array.shape[1] == 3:
         labels = ["x", "y", "z"]
-    return {f"{name}_{label}": array.to_numpy()[:, k] for k, label in enumerate(labels)}
+    values = _plain(array.to_numpy())
+    return {_with_unit(f"{name}_{label}", array): values[:, k] for k, label in enumerate(labels)}
+
+
+def _with_unit(name: str, array: Any) -> str:
+    """Return the name of a column with the unit of the xarray variable, if it has one."""
+    unit = str(array.attrs.get("units", "")).partition(" since ")[0]
+    return name if unit in ("", "1", "-") else f"{name} [{unit}]"
