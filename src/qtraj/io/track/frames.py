@@ -21,7 +21,7 @@ def table_of(table: Any) -> ColumnTable:
     A named index, or one of dates, is a column, too. Components of an xarray variable, such as `position` along the
     coordinate `world`, are columns with the names of the components.
 
-    **Raises:** ValueError for a dataset whose variables have no common first dimension.
+    **Raises:** ValueError for repeated names, and for a dataset whose variables have no common first dimension.
     """
     library = type(table).__module__.split(".")[0]
     if library == "xarray":
@@ -29,11 +29,15 @@ def table_of(table: Any) -> ColumnTable:
     if library == "polars":
         frame = table.collect() if hasattr(table, "collect") else table
         return ColumnTable({str(name): _plain(frame[name].to_numpy()) for name in frame.columns})
-    columns = {_name(name): _of_series(table[name]) for name in table.columns}
+    names, columns = [_name(name) for name in table.columns], [table.iloc[:, k] for k in range(table.shape[1])]
     index = table.index
     if index.name is not None or getattr(index.dtype, "kind", "") in "Mm":
-        columns = {_name(index.name or "time"): _of_series(index.to_series())} | columns
-    return ColumnTable(columns)
+        names, columns = [_name(index.name or "time"), *names], [index.to_series(), *columns]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(
+            f"the table has several columns with the name {repeated[0]!r}: rename or drop all but one of them"
+        )
+    return ColumnTable({name: _of_series(column) for name, column in zip(names, columns, strict=True)})
 
 
 def _name(name: Any) -> str:

@@ -35,12 +35,12 @@ class Reading(NamedTuple):
     angles: AttitudeAngles | None
     plane: TangentPlane | None
     units: Units
-    axes: str | None
-    rate: float | None
-    times: str | os.PathLike[str] | None
-    duplicates: str | None
-    quaternion: str | None
-    segment: int | None
+    axes: str | None = None
+    rate: float | None = None
+    times: str | os.PathLike[str] | None = None
+    duplicates: str | None = None
+    quaternion: str | None = None
+    segment: int | None = None
 
     @property
     def timed(self) -> bool:
@@ -54,25 +54,31 @@ class Reading(NamedTuple):
         return [name for names in entries for name in names]
 
 
-def checked(columns: Any, angles: Any, projection: Any, units: Any, **options: Any) -> Reading:
-    """Return the options of `read_track`.
+def checked(
+    columns: Any = None, angles: Any = None, projection: Any = None, units: Any = None, **options: Any
+) -> Reading:
+    """Return the options of `read_track`; `options` are those from `axes` on, as for `Reading`.
 
     **Raises:** ValueError for an option with another value than expected.
     """
     if angles is not None and not isinstance(angles, AttitudeAngles):
         raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
     require_units(units or {})
-    require_rate(options["rate"], options["times"])
-    for name, choices in (("duplicates", CHOICES), ("quaternion", ORDERS)):
-        if options[name] not in (None, *choices):
-            raise ValueError(
-                f"{name}= must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, but {options[name]!r} was "
-                "given"
-            )
-    segment = options["segment"]
+    reading = Reading(columns or {}, angles, _plane(projection), units or {}, **options)
+    require_rate(reading.rate, reading.times)
+    _require_choice("duplicates", reading.duplicates, CHOICES)
+    _require_choice("quaternion", reading.quaternion, ORDERS)
+    segment = reading.segment
     if segment is not None and (not isinstance(segment, int) or segment < 1):
         raise ValueError(f"segment= must be the number of a segment, 1 or more, but {segment!r} was given")
-    return Reading(columns or {}, angles, _plane(projection), units or {}, **options)
+    return reading
+
+
+def _require_choice(name: str, given: Any, choices: Sequence[str]) -> None:
+    if given not in (None, *choices):
+        raise ValueError(
+            f"{name}= must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, but {given!r} was given"
+        )
 
 
 def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:

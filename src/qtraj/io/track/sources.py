@@ -2,11 +2,13 @@
 
 import codecs
 import csv
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from qtraj.foundation.argument import described
 from qtraj.foundation.untrusted import decoded, read_bytes
 from qtraj.io.track import frames, gpx, nmea
 from qtraj.io.track.column_names import plain
@@ -47,6 +49,11 @@ def find_source(file: Any, reading: Reading) -> Source:
     """
     if frames.is_frame(file):
         return Source("the table", frames.table_of(file))
+    if not isinstance(file, str | os.PathLike) or not os.fspath(file):
+        raise ValueError(
+            "file must be the name of a file, a data frame of pandas or polars, or a dataset of xarray, but "
+            f"{described(file)} was given"
+        )
     path = Path(file)
     try:
         data = read_bytes(path)
