@@ -4,11 +4,15 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from qtraj.io.track.attitude_angles import AttitudeAngles
 from qtraj.io.track.column_scales import Units, require_units
 from qtraj.io.track.given_times import require_rate
+from qtraj.io.track.recorded_line import LineResidual, RecordedLine, line_residual
 from qtraj.io.track.repeated_times import CHOICES
 from qtraj.io.track.tangent_plane import TangentPlane
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.track import Track
 
 ORDERS = ("wxyz", "xyzw")
@@ -16,16 +20,27 @@ ORDERS = ("wxyz", "xyzw")
 
 
 class Recording(NamedTuple):
-    """A track, four lines of text that state what was read and as what, and texts about what is odd in it."""
+    """A track, four lines of text that state what was read and as what, and texts about what is odd in it.
+
+    `line`: heading and curvature of a race line, or None.
+    """
 
     track: Track
     facts: tuple[str, str, str, str]
     notes: tuple[str, ...] = ()
+    line: RecordedLine | None = None
 
 
 def recorded(recording: Recording | None) -> dict[str, Any] | None:
     """Return what was read, and what is odd in it, as JSON types; None for None."""
     return None if recording is None else {"facts": list(recording.facts), "notes": list(recording.notes)}
+
+
+def recording_residual(recording: Recording | None, path: AbstractHodograph) -> LineResidual | None:
+    """Return the differences of heading and curvature of a race line from the path fitted to it; otherwise None."""
+    if recording is None or recording.line is None:
+        return None
+    return line_residual(path, recording.line, float(np.asarray(recording.track.times)[0]))
 
 
 class Reading(NamedTuple):

@@ -16,6 +16,7 @@ from qtraj.io.track.delimited import Content, are_numbers, content, find_table, 
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
 from qtraj.io.track.known_names import HEIGHTS, NOT_HEIGHTS
 from qtraj.io.track.reading import Reading
+from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.text_table import TextTable
 from qtraj.io.track.time_column import Table
@@ -30,7 +31,7 @@ class Source(NamedTuple):
 
     `name`: the file, for messages. `columns`: the columns of quantities that the format defines. `kind`: "table",
     "kitti", "gpx" or "nmea". `breaks`: the first rows of further segments. `times`: times that are not in the table,
-    with their description. `notes`: what was left out.
+    with their description. `notes`: what was left out. `line`: heading and curvature of a race line.
     """
 
     name: Path | str
@@ -40,6 +41,7 @@ class Source(NamedTuple):
     breaks: Sequence[int] = ()
     times: tuple[str, Times] | None = None
     notes: tuple[str, ...] = ()
+    line: RecordedLine | None = None
 
 
 def find_source(file: Any, reading: Reading) -> Source:
