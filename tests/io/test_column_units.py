@@ -40,6 +40,13 @@ def test_times_are_in_milliseconds(tmp_path):
     np.testing.assert_allclose(track.times, TIMES, rtol=1e-12)
 
 
+def test_undecoded_times_of_xarray_have_the_unit_before_since():
+    for unit, factor in (("days", 86400.0), ("hours", 3600.0), ("seconds", 1.0)):
+        times = ("time", TIMES, {"units": f"{unit} since 2026-05-06"})
+        dataset = xr.Dataset({"p": (("time", "axis"), POSITIONS)}, coords={"time": times, "axis": list("xyz")})
+        np.testing.assert_allclose(qt.read_track(dataset).times, factor * TIMES, rtol=1e-12)
+
+
 @pytest.mark.parametrize("unit", ["ms", "mps", "kmh", "rad/s"])
 def test_positions_have_a_unit_of_length(tmp_path, unit):
     with pytest.raises(ValueError, match="but the position must be in m"):

@@ -65,6 +65,30 @@ def test_what_happened_to_the_child_process_is_said(file, monkeypatch, code, mes
     assert str(raised.value).startswith(f"{file}: ")
 
 
+def test_a_file_that_may_not_be_read_is_not_called_damaged(file, monkeypatch):
+    """Tests may run as root, who may read all files, so the permission is refused by a replacement."""
+
+    def refused(self, *_):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(netcdf.Path, "open", refused)
+    with pytest.raises(PermissionError, match="Permission denied"):
+        netcdf.read_netcdf(file)
+
+
+def test_exhausted_memory_is_not_a_fault_of_the_file(file):
+    """The child process reports it on stderr, so that the message does not call the file damaged."""
+    code = (
+        "import runpy, sys, h5netcdf\n"
+        "def exhausted(*_): raise MemoryError('Unable to allocate 9 GiB')\n"
+        f"h5netcdf.File, sys.argv = exhausted, ['probe', {str(file)!r}]\n"
+        "runpy.run_module('qtraj.io.netcdf_probe', run_name='__main__')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
+    message = netcdf._failure(done)
+    assert message.endswith("because the process for this failed (Unable to allocate 9 GiB)")
+
+
 def test_a_slow_child_process_is_not_called_damaged(file, monkeypatch):
     monkeypatch.setattr(netcdf, "SECONDS", 0.01)
     with pytest.raises(ValueError, match="did not end within 0 s: the file is damaged, or the disk or the computer"):

@@ -39,7 +39,12 @@ def read_netcdf(file: Path) -> xarray.Dataset:
 
 
 def _require_readable(file: Path) -> None:
-    """Read the file in a child process, and raise a ValueError if this fails or does not end in time."""
+    """Read the file in a child process, and raise a ValueError if this fails or does not end in time.
+
+    **Raises:** OSError if the file cannot be opened.
+    """
+    with file.open("rb"):  # a missing permission is not a fault of the content
+        pass
     limit = SECONDS + file.stat().st_size / BYTES_PER_SECOND
     command = [sys.executable, "-P", "-m", "qtraj.io.netcdf_probe", os.fspath(file.absolute())]
     try:

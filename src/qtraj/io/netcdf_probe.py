@@ -1,4 +1,4 @@
-"""Read every object of a netCDF file, and write what is wrong to stdout.
+"""Read every object of a netCDF file, and write what is wrong to stdout; exhausted memory is reported to stderr.
 
 `netcdf` runs this module in a child process: python -m qtraj.io.netcdf_probe FILE.
 """
@@ -54,6 +54,7 @@ if __name__ == "__main__":
     try:
         probe(Path(sys.argv[1]))
     except Exception as error:
-        sys.stdout.write(fault(error))
-        sys.stdout.flush()
+        stream = sys.stderr if isinstance(error, MemoryError) else sys.stdout
+        stream.write(fault(error))
+        stream.flush()
         os._exit(1)  # HDF5 may crash when it closes a damaged file
