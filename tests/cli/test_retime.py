@@ -81,6 +81,16 @@ def test_an_end_speed_out_of_reach_is_a_failure_with_results(qtraj, tmp_path):
     assert (tmp_path / "path.json").exists()
 
 
+@pytest.mark.parametrize("limit", ["speed=1e-300", "speed=1e300", "acceleration=1e300"])
+def test_a_failed_search_is_a_failure_with_results(qtraj, default, tmp_path, limit):
+    """The figure and the numbers of a timing that contains NaN: neither an error of matplotlib nor `nan`."""
+    result = qtraj("retime", default[2] / "path.json", "--limit", limit, "--out", tmp_path / "out")
+    assert result.exit_code == 1, result.output
+    assert "duration  unknown instead of" in result.stdout
+    assert not {"nan", "inf"} & set(result.stdout.split())
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
+
+
 def test_a_saved_path_is_retimed_and_its_shape_is_checked(qtraj, default, tmp_path):
     """The curvature does not depend on the timing: it is checked on the path itself, and its place is a time."""
     limits = ["speed=8.33", "lateral_acceleration=1.5", "longitudinal_acceleration=1.2", "jerk=0.9", "curvature=0.01"]

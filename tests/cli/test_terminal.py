@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from qtraj.cli.console import LONGEST, one_line
+from qtraj.cli.console import LONGEST
 from qtraj.foundation import progress_bar
-from qtraj.foundation.printable import printable
+from qtraj.foundation.printable import one_line, printable
 from qtraj.foundation.progress import Progress
 from qtraj.foundation.progress_bar import watching
 
@@ -81,8 +81,8 @@ def test_letters_of_all_languages_are_printed_as_they_are():
 
 
 def test_messages_have_one_line_and_at_most_a_screenful():
-    assert one_line("a\nb\rc") == "a b\\rc"
-    assert len(one_line("x" * 10 * LONGEST)) == LONGEST
+    assert one_line("a\n  b\rc\n", LONGEST) == "a b\\rc"
+    assert len(one_line("x" * 10 * LONGEST, LONGEST)) == LONGEST
 
 
 def test_an_interrupt_in_a_callback_of_the_garbage_collector_is_not_lost():

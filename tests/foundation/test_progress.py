@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from rich.progress import Progress as Bars
 
 from qtraj.foundation import progress_bar
 from qtraj.foundation.progress import Progress, throttled
@@ -53,3 +54,16 @@ def test_progress_is_displayed_in_a_log(monkeypatch, capsys):
         report(Progress("searches", 1, 2))
         time.sleep(0.25)
     assert "tuning: 1 of 2 searches" in capsys.readouterr().err
+
+
+def test_a_bar_of_an_earlier_stage_disappears():
+    """A stage without a known total shows no progress of the stage before, even if that was complete."""
+    with Bars() as shown:
+        watch = progress_bar.BarWatch(shown)
+        watch.tuning(Progress("searches", 8, 8))
+        assert shown.tasks[0].finished
+        watch.say("writing")
+        (task,) = shown.tasks
+        assert (task.total, task.completed, task.finished, task.description) == (None, 0, False, "writing")
+        watch.tuning(Progress("searches", 1, 4))
+        assert task.percentage == 25.0

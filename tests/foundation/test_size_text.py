@@ -1,5 +1,7 @@
 """Lengths and durations are printed in the unit of their size."""
 
+import math
+
 import pytest
 
 from qtraj.foundation.size_text import duration_text, length_text
@@ -17,6 +19,10 @@ from qtraj.foundation.size_text import duration_text, length_text
         (-12.5, "-12.5 m"),
         (1.5e12, "1.500e+09 km"),
         (123456.0, "123.5 km"),
+        (-3.0, "-3.0 m"),
+        (math.nan, "unknown"),
+        (math.inf, "infinite"),
+        (-math.inf, "-infinite"),
     ],
 )
 def test_lengths(length, text):
@@ -33,6 +39,8 @@ def test_lengths(length, text):
         (1080.0, "18 min"),
         (4e6, "46.3 days"),
         (2e-5, "20 µs"),
+        (math.nan, "unknown"),
+        (math.inf, "infinite"),
     ],
 )
 def test_durations(duration, text):

@@ -24,7 +24,7 @@ STORED = {
 }
 WRONG = [[], {}, "x", 1e308, -1, True, [[1.0]], [1.0, 2.0], {"type": "Limits"}, "NaN", 0, 10**30, [None], {"type": []}]
 DATASETS, DOCUMENTS = ("nc", "zarr", "parquet", "csv"), ("toml", "json")
-SECONDS = 30.0
+SECONDS = 60.0
 COUNT, FEW, MANY = 40, 6, 500  # flipped bits: of files read by this process, by a child process, and in slow tests
 
 

@@ -89,3 +89,30 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r"NMEA files needs pynmeagps: pip install 'qtraj\[exchange\]'"):
         read_track(write(tmp_path, [gga(k) for k in range(COUNT)]))
+
+
+def without(sentence_, place, count=1):
+    """A sentence whose fields from this place on are empty."""
+    fields = sentence_[1:-3].split(",")
+    fields[place : place + count] = [""] * count
+    return sentence(",".join(fields))
+
+
+def test_heights_without_the_separation_of_the_geoid(tmp_path):
+    """All heights have one reference, also if only some sentences lack the separation."""
+    lines = [gga(k) for k in range(COUNT)]
+    full = np.asarray(read_track(write(tmp_path, lines)).positions)
+    lines[3:6] = [without(line, 11) for line in lines[3:6]]
+    recording = read_recording(write(tmp_path, lines))
+    np.testing.assert_allclose(recording.track.positions, full, atol=1e-3)
+    assert "heights above the geoid, because sentences lack its separation" in recording.facts[3]
+
+
+def test_sentences_without_an_altitude(tmp_path):
+    lines = [gga(k) for k in range(COUNT)]
+    some = read_recording(write(tmp_path, [*lines[:4], without(lines[4], 9), *lines[5:]]))
+    assert len(some.track.times) == COUNT - 1
+    assert "1 sentences without an altitude left out" in some.facts[3]
+    flat = read_recording(write(tmp_path, [without(line, 9) for line in lines]))
+    assert len(flat.track.times) == COUNT
+    assert "height 0 m" in flat.facts[1]

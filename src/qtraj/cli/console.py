@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from qtraj.foundation.printable import has_control, printable
+from qtraj.foundation.printable import has_control, one_line, printable
 
 UNPRINTED = 1
 """Exit code if the results could not be printed."""
@@ -31,12 +31,6 @@ class PlainConsole(Console):
             yield Segment(printable(segment.text), segment.style) if is_text else segment
 
 
-def one_line(text: str) -> str:
-    """Return a message in one line, shortened to a screenful."""
-    line = " ".join(printable(text).split("\n"))
-    return line if len(line) <= LONGEST else line[: LONGEST - 1] + "…"
-
-
 def stdout() -> Console:
     """Return the console for results."""
     return PlainConsole(highlight=False)
@@ -49,7 +43,7 @@ def stderr() -> Console:
 
 def message(kind: str, text: str) -> None:
     """Print a message of one line to stderr, for example a warning; `kind` is its first word."""
-    stderr().print(f"{kind}: {one_line(text)}", markup=False, soft_wrap=True)
+    stderr().print(f"{kind}: {one_line(text, LONGEST)}", markup=False, soft_wrap=True)
 
 
 @contextmanager

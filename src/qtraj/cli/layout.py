@@ -84,14 +84,14 @@ def recording(read: "ReadTrack | None") -> list[Part]:
     return [heading("Recording"), *read.facts, *(styled(f"Note: {as_options(note)}", NOTE) for note in read.notes)]
 
 
-def fit(fitted: "Fitted | FittedRoute | None") -> list[Part]:
-    """Return the quality of a fit as text; return an empty list for None."""
+def fit(fitted: "Fitted | FittedRoute | None", more: Iterable[tuple[str, str]] = ()) -> list[Part]:
+    """Return the quality of a fit as text, with `more` rows; return an empty list for None."""
     from qtraj.design.fitting.route_facts import fit_rows  # imported here, because it delays --help
 
     if fitted is None:
         return []
     title, rows, text = fit_rows(fitted)
-    return [facts(title, rows), styled(text, ALERT if text.startswith("Warning") else NOTE)]
+    return [facts(title, [*rows, *more]), styled(text, ALERT if text.startswith("Warning") else NOTE)]
 
 
 def grouped_table(

@@ -48,11 +48,12 @@ def route(
     from qtraj.design.fitting.route_facts import route_facts
     from qtraj.foundation.plain import plain
     from qtraj.io.route_dataset import route_dataset
-    from qtraj.io.track.reading import recorded
+    from qtraj.io.track.reading import recorded, recording_residual
     from qtraj.scenario.route import read_route
 
     loaded = read_route(recording, track or {})
     task, certificate, tuned = _tuned(loaded, watch)
+    line = recording_residual(task.recording, task.fitted.path)
     watch.say("sampling")
     from qtraj.viz.command_files import route_files  # imported after the computation, because matplotlib is slow
 
@@ -60,6 +61,7 @@ def route(
     content = {
         "recording": recorded(task.recording),
         "fit": route_facts(task.fitted),
+        "race_line": None if line is None else line._asdict(),
         "frame": dataset.attrs["frame"],
         "purpose": loaded.scenario.purpose,
         "certificate": None if certificate is None else plain(certificate.record()),
@@ -69,7 +71,7 @@ def route(
     failed = not bool(task.fitted.successful) or (checked is not None and not bool(checked.successful))
     text = [
         *layout.recording(task.recording),
-        *layout.fit(task.fitted),
+        *layout.fit(task.fitted, () if line is None else line.rows()),
         *_limits("Limits on the whole route", certificate),
         *([] if tuned is None else [*_limits("Limits on the tuned route", tuned.certificate), tuned.result]),
         *(f"{name}: {reason}" for name, reason in loaded.scenario.purpose.items()),

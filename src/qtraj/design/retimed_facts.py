@@ -14,13 +14,18 @@ def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, 
     """Return duration, length, speeds at the ends and stops as pairs of a name and a text."""
     length, (before, after) = float(profile.distance[-1]), np.asarray(profile.durations).tolist()
     start, end = np.asarray(timed.speeds).tolist()
+    mean = f", at {length / after:.4g} m/s on average" if np.isfinite(after) else ""
     rows = [
         ("duration", f"{duration_text(after, 6)} instead of {duration_text(before, 6)}"),
-        ("length", f"{length_text(length)}, at {length / after:.4g} m/s on average"),
-        ("speed", f"{start:.3f} m/s at the start, {end:.3f} m/s at the end"),
+        ("length", f"{length_text(length)}{mean}"),
+        ("speed", f"{_speed(start)} at the start, {_speed(end)} at the end"),
     ]
     stops = [(a, b) for a, b in np.asarray(profile.stops).tolist() if b > a]
     return [*rows, ("stops", f"{len(stops)}, at t [s] = {intervals(stops)}")] if stops else rows
+
+
+def _speed(value: float) -> str:
+    return f"{value:.3f} m/s" if np.isfinite(value) else "unknown"
 
 
 def retimed_limit_rows(certificate: Certificate, profile: SpeedProfile) -> list[tuple[str, ...]]:

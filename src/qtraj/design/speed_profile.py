@@ -274,7 +274,8 @@ def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " 
             lowest = np.minimum(lowest, limit)
             continue
         known = np.isfinite(value) & (value > 0) & (found.unit_speed > 0)
-        bound = (limit / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
+        with np.errstate(over="ignore"):  # an infinite bound is none
+            bound = (limit / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
         lowest = np.minimum(lowest, np.where(known, bound, np.inf))
     return lowest
 

@@ -1,5 +1,7 @@
 """Check the types of the arguments of public functions."""
 
+import re
+import sys
 from types import UnionType
 from typing import Any
 
@@ -7,6 +9,9 @@ import numpy as np
 
 SHOWN = 60
 """Maximum number of characters of an argument in a message."""
+
+_AN = re.compile(r"(?!uint|uni[cfqtv]|use)[aeiou]", re.IGNORECASE)
+"""The start of a name that begins with the sound of a vowel."""
 
 
 def require_type(value: Any, kind: type | UnionType, name: str, expected: str) -> None:
@@ -20,9 +25,14 @@ def described(value: Any) -> str:
     if value is None:
         return "None"
     kind = type(value).__name__
+    if isinstance(value, np.generic):
+        return f"the {kind} {value}"
     if isinstance(value, str | int | float | complex | tuple | list | dict | set):
         text = repr(value)
         return f"the {kind} {text if len(text) <= SHOWN else text[: SHOWN - 1] + '…'}"
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
-    return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"
+    jax = sys.modules.get("jax")  # not imported only for this message
+    if jax is not None and isinstance(value, jax.Array):
+        return f"a JAX array of shape {value.shape} and dtype {value.dtype}"
+    return f"{'an' if _AN.match(kind) else 'a'} {kind}"

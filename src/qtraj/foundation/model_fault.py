@@ -3,6 +3,7 @@
 The valid values of a key are the `description` of its field in the model.
 """
 
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args, get_origin
 
@@ -48,6 +49,9 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     place = _place(fault["loc"], root)
     if fault["type"] == "extra_forbidden":
         return f"unknown key '{place}'; {suggestion(str(place.keys[-1]), list(place.table.model_fields))}"
+    if fault["type"] == "literal_error" and fault["loc"][-1] == "[key]":
+        known = re.findall(r"'([^']*)'", fault["ctx"]["expected"])
+        return f"unknown key '{place}'; {suggestion(str(place.keys[-1]), known)}"
     if fault["type"] == "value_error":
         text = str(fault["ctx"]["error"])
         if not isinstance(fault["input"], dict):

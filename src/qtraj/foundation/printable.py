@@ -14,3 +14,9 @@ def has_control(text: str) -> bool:
 def printable(text: str) -> str:
     """Replace control characters by escape sequences of Python."""
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def one_line(text: str, longest: int) -> str:
+    """Return a text in one line without control characters, with at most `longest` characters."""
+    line = " ".join(part.strip() for part in printable(text).split("\n") if part.strip())
+    return line if len(line) <= longest else line[: longest - 1] + "…"

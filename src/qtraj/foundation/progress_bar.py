@@ -34,7 +34,9 @@ class BarWatch(Watch):
 
     def say(self, text: str) -> None:
         """Show the current activity."""
-        self._shown.update(self._task, description=text, completed=0, total=None)
+        self._shown.update(self._task, description=text, completed=0)
+        for task in self._shown.tasks:  # for `update`, None means the previous total
+            task.total = task.finished_time = None
 
     def tuning(self, progress: Progress) -> None:
         """Show the progress of `tune`."""

@@ -1,5 +1,7 @@
 """Format lengths and durations in the unit that suits their size."""
 
+import math
+
 _LENGTHS = ((1e-3, "µm", 1e6), (1.0, "mm", 1e3), (1e3, "m", 1.0), (1e9, "km", 1e-3))
 _DURATIONS = ((1e-3, "µs", 1e6), (0.1, "ms", 1e3), (600.0, "s", 1.0), (7200.0, "min", 1 / 60), (864e3, "h", 1 / 3600))
 
@@ -20,13 +22,18 @@ def duration_text(duration: float, digits: int = 4) -> str:
 
 
 def _text(value: float, digits: int, units: tuple[tuple[float, str, float], ...], last: tuple[str, float]) -> str:
-    """Return `value` with the first unit whose bound is larger, and with at most `digits` significant digits."""
+    """Return `value` with the first unit whose bound is larger, and with at most `digits` significant digits.
+
+    A value that is not finite has no unit: "unknown" (NaN), "infinite" or "-infinite".
+    """
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else "infinite" if value > 0 else "-infinite"
     base = next(symbol for _, symbol, factor in units if factor == 1)
     if value == 0:
         return f"0 {base}"
     symbol, factor = next(((symbol, factor) for bound, symbol, factor in units if abs(value) < bound), last)
     number = value * factor
-    text = f"{number:.{digits}g}" if abs(number) < 1e6 or abs(number) == float("inf") else f"{number:.3e}"
+    text = f"{number:.{digits}g}" if abs(number) < 1e6 else f"{number:.3e}"
     if "e+" in text and abs(number) < 1e6:
         text = f"{number:.0f}"
-    return f"{text}.0 {symbol}" if text.lstrip("-").isdigit() and len(text) == 1 else f"{text} {symbol}"
+    return f"{text}.0 {symbol}" if (whole := text.lstrip("-")).isdigit() and len(whole) == 1 else f"{text} {symbol}"

@@ -5,16 +5,21 @@ created in memory, and files are read by a child process first, within a time li
 """
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import xarray
 
-from qtraj.io.damaged import reading
+from qtraj.foundation.printable import one_line
+from qtraj.io.damaged import LONGEST, reading
 
-SECONDS, BYTES_PER_SECOND = 10.0, 20e6
+SECONDS, BYTES_PER_SECOND = 30.0, 5e6
 """The time limit of the child process: a constant, and a rate for large files."""
+
+KILLS = {getattr(signal, name, 0) for name in ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")}
+"""Signals that end a process from outside."""
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
@@ -34,17 +39,48 @@ def read_netcdf(file: Path) -> xarray.Dataset:
 
 
 def _require_readable(file: Path) -> None:
-    """Read the file in a child process, and raise a ValueError if this fails or does not end in time."""
+    """Read the file in a child process, and raise a ValueError if this fails or does not end in time.
+
+    **Raises:** OSError if the file cannot be opened.
+    """
+    with file.open("rb"):  # a missing permission is not a fault of the content
+        pass
     limit = SECONDS + file.stat().st_size / BYTES_PER_SECOND
-    command = [sys.executable, "-m", "qtraj.io.netcdf_probe", os.fspath(file.absolute())]
-    source = os.fspath(Path(__file__).parents[2])
-    path = os.pathsep.join([source, *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-P", "-m", "qtraj.io.netcdf_probe", os.fspath(file.absolute())]
     try:
         done = subprocess.run(
-            command, capture_output=True, timeout=limit, stdin=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": path}
+            command, capture_output=True, timeout=limit, stdin=subprocess.DEVNULL, env=os.environ | _search_path()
         )
     except subprocess.TimeoutExpired:
-        raise ValueError(f"{file}: a damaged netCDF-4 file; reading it did not end within {limit:.0f} s") from None
+        raise ValueError(
+            f"{file}: reading the netCDF-4 file did not end within {limit:.0f} s: the file is damaged, or the disk or "
+            "the computer is very slow; in the second case, try again"
+        ) from None
     if done.returncode:
-        fault = done.stdout.decode(errors="replace").strip() or "the HDF5 library crashed"
-        raise ValueError(f"{file}: not a netCDF-4 file ({fault})")
+        raise ValueError(f"{file}: {_failure(done)}")
+
+
+def _search_path() -> dict[str, str]:
+    """Return the variable PYTHONPATH with the folder of qtraj at the end.
+
+    Empty entries, which mean the current folder, are omitted.
+    """
+    entries = [*os.environ.get("PYTHONPATH", "").split(os.pathsep), os.fspath(Path(__file__).parents[2])]
+    return {"PYTHONPATH": os.pathsep.join(filter(None, entries))}
+
+
+def _failure(done: "subprocess.CompletedProcess[bytes]") -> str:
+    """Return what happened to the child process: a fault of the file, a crash, or a process that was killed."""
+    if found := done.stdout.decode(errors="replace").strip():
+        return f"not a netCDF-4 file ({found})"
+    lines = done.stderr.decode(errors="replace").strip().splitlines()
+    last = f" ({one_line(lines[-1], LONGEST)})" if lines else ""
+    if done.returncode > 0:
+        return f"the netCDF-4 file could not be examined, because the process for this failed{last}"
+    if -done.returncode in KILLS:
+        return (
+            f"the netCDF-4 file could not be examined, because the process for this was killed{last}, perhaps because "
+            "the memory was exhausted: free memory, and try again"
+        )
+    name = signal.Signals(-done.returncode).name
+    return f"not a netCDF-4 file, or a damaged one: the HDF5 library crashed with {name}{last}"

@@ -1,4 +1,4 @@
-"""Read every object of a netCDF file, and write what is wrong to stdout.
+"""Read every object of a netCDF file, and write what is wrong to stdout; exhausted memory is reported to stderr.
 
 `netcdf` runs this module in a child process: python -m qtraj.io.netcdf_probe FILE.
 """
@@ -11,7 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.io.damaged import one_line
+from qtraj.io.damaged import fault
+
+MAX_BYTES = 2**30
+"""Maximum total size of the variables of a small file; a valid file may be sparse, so it may be much smaller."""
 
 MAX_COMPRESSION = 1032
 """The largest possible ratio of sizes before and after compression by DEFLATE."""
@@ -21,7 +24,8 @@ def probe(file: Path) -> None:
     """Read all variables and attributes, and raise an error if one of them cannot be read."""
     import h5netcdf
 
-    largest = MAX_COMPRESSION * max(os.path.getsize(file), 1)
+    largest = max(MAX_BYTES, MAX_COMPRESSION * os.path.getsize(file))
+    total = 0
     with h5netcdf.File(file, "r") as content:
         for group in _groups(content):
             dict(group.attrs)
@@ -29,8 +33,12 @@ def probe(file: Path) -> None:
                 size = variable.dtype.itemsize
                 for length in variable.shape:
                     size *= length
-                if size > largest:
-                    raise ValueError(f"variable {name} has {size:.3g} bytes, more than the file can contain")
+                total += size
+                if total > largest:
+                    raise ValueError(
+                        f"variable {name} has {size:.3g} bytes, but all variables of a file of this size may have "
+                        f"{largest:.3g} bytes together"
+                    )
                 dict(variable.attrs)
                 tuple(variable.dimensions)
                 np.asarray(variable[...])
@@ -46,6 +54,7 @@ if __name__ == "__main__":
     try:
         probe(Path(sys.argv[1]))
     except Exception as error:
-        sys.stdout.write(one_line(error))
-        sys.stdout.flush()
+        stream = sys.stderr if isinstance(error, MemoryError) else sys.stdout
+        stream.write(fault(error))
+        stream.flush()
         os._exit(1)  # HDF5 may crash when it closes a damaged file

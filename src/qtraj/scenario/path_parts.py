@@ -120,8 +120,9 @@ class TrackPart(Part):
         projection = None if self.projection is None else TangentPlane(origin)
         times = None if self.times is None else beside(self.times)
         units = {str(part): unit for part, unit in (self.units or {}).items()}
-        file, options = beside(self.file), (self.axes, self.rate, times, self.duplicates, self.quaternion, self.segment)
-        recording = read_recording(file, columns, angles, projection, units, *options)
+        options = {name: getattr(self, name) for name in ("axes", "rate", "duplicates", "quaternion", "segment")}
+        options |= {"columns": columns, "angles": angles, "projection": projection, "units": units, "times": times}
+        recording = read_recording(beside(self.file), **options)
         return recording if self.window is None else recording._replace(track=recording.track.window(*self.window))
 
 

@@ -37,6 +37,8 @@ WAIT, APART = 0.5, 0.07
 """Stops of at least `WAIT` [s] are labelled with their duration.
 
 A label is omitted if it would be nearer to the label of a longer stop than `APART` times the width."""
+LARGEST = 1e100
+"""Larger speeds [m/s] and limits are not drawn, because the axes would overflow."""
 MANY = 1500
 """Maximum number of cells that are drawn with lines of full width; with more cells, lines are thinner."""
 
@@ -82,7 +84,8 @@ def speed_profile_figure(dataset: xarray.Dataset) -> Figure:
 def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.ndarray) -> None:
     """Draw the speed, its bound, and the stops."""
     speed, bound = dataset["speed"].values, dataset["speed_bound"].values
-    top = HEADROOM * max(float(speed.max()), float(np.min(bound[np.isfinite(bound)], initial=0.0)))
+    top = HEADROOM * float(np.max(speed[np.isfinite(speed)], initial=0.0))
+    top = top if 0 < top < LARGEST else 1.0  # a failed search has no finite speeds
     if "speed" in names and (limit := float(dataset["bound"][names.index("speed")])) < NEAR * top:
         top = max(top, 1.06 * limit)
     shown = np.minimum(np.nan_to_num(bound, posinf=2 * top), 2 * top)
@@ -166,7 +169,7 @@ def _draw_panel(axes: Any, dataset: xarray.Dataset, names: list[str], name: str,
     axes.plot(way, _only(values, dataset["usage"].values[k] >= 0.99), color=_colour(name), lw=1.8 * thin)
     for sign in (1, -1) if along else (1,):
         axes.axhline(sign * limit, **BOUND)
-    top = 1.2 * limit
+    top = 1.2 * limit if limit < LARGEST else 1.0
     axes.set_ylim(-top if along else 0.0, top)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=(1, 2, 2.5, 5, 10)))
     axes.set_ylabel(f"{_words(name).replace(' ', chr(10))}\n[{symbol(quantity(name).unit)}]", fontsize=7.5)

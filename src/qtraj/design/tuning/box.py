@@ -1,6 +1,7 @@
 """Fix, bound and weight the variables of a tuning by name."""
 
 from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 import jax.numpy as jnp
@@ -20,6 +21,9 @@ MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
 T is the duration, and T₀ the initial duration.
 """
 
+LIKE = 0.7
+"""Minimum similarity, from 0 to 1, of a suggested name."""
+
 BOUND_TOLERANCE = 1e-6
 """A variable within this distance of a default bound counts as at the bound."""
 
@@ -36,7 +40,7 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
             hint = (
                 " (in uniform motion V_phi = rho·turn/duration: bound the duration instead)"
                 if name in VELOCITIES
-                else ""
+                else _similar(name, names)
             )
             raise ValueError(
                 f"{name!r} is not a variable of this problem{hint}: its variables are {', '.join(names)}; fixed also "
@@ -51,6 +55,12 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         raise ValueError("every variable is fixed: remove at least one name from fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
+
+
+def _similar(name: str, names: Sequence[str]) -> str:
+    """Return a question about the variable or heading with a similar name, if there is one."""
+    near = get_close_matches(name, [*names, *HEADINGS], n=1, cutoff=LIKE)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def bounds_text(bounds: Mapping[str, tuple[float | None, float | None]]) -> str:

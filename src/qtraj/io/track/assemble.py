@@ -61,7 +61,9 @@ def assemble(source: Source, reading: Reading) -> Recording:
     origin = None if plane is None else _origin(columns, numbers[rows.start])
     unordered = None if track.attitudes is not None else unordered_attitude(table.header)
     notes = oddities(track, columns, origin, unordered)
-    return Recording(track, facts(columns, times, given, track, rows, merged.note, source.notes), notes)
+    line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
+    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line)
+    return Recording(track, read, notes, line)
 
 
 def _origin(columns: Columns, row: np.ndarray) -> tuple[float, ...]:
@@ -78,7 +80,7 @@ def _with_times(source: Source, reading: Reading) -> Source:
     line = None if reading.columns else race_line(source.name, source.table, reading.units)
     if line is None:
         return source
-    return source._replace(times=line.times, columns=line.columns)
+    return source._replace(times=line.times, columns=line.columns, line=line.line)
 
 
 def _columns(source: Source, reading: Reading, globe: bool) -> Columns:

@@ -26,7 +26,7 @@ def scales(
     kinds = _kinds(part, len(names), globe, angles is not None)
     if part in units:
         return _by_user(part, units[part], kinds, [_found(name, rows) for name in names])
-    found = [_found(name, rows) for name in names]
+    found = [_meant(_found(name, rows), kind) for name, kind in zip(names, kinds, strict=True)]
     for k, (name, item) in enumerate(zip(names, found, strict=True)):
         if item is not None and item[1].kind != kinds[k] and _is_wrong(name, item[0]):
             _raise_other_kind(part, name, item, angles)
@@ -67,6 +67,11 @@ def _by_user(part: str, text: str, kinds: list[str], found: Sequence[tuple[str, 
         item[1] if item is not None and item[1].kind == kind else None for item, kind in zip(found, kinds, strict=True)
     ]
     return [unit if kind == unit.kind else other for kind, other in zip(kinds, own, strict=True)]
+
+
+def _meant(item: tuple[str, Unit] | None, kind: str) -> tuple[str, Unit] | None:
+    """Return a unit and its text; `ms` of a speed, as in `vx_ms`, is m/s, because only times are in milliseconds."""
+    return (item[0], SPELLINGS["m/s"]) if kind == "speed" and item is not None and item[0].lower() == "ms" else item
 
 
 def _found(name: str, rows: Mapping[str, str]) -> tuple[str, Unit] | None:

@@ -41,10 +41,14 @@ class ColumnTable:
 
         **Raises:** ValueError with file, row and column for a missing cell.
         """
-        cells = [as_text(value) for value in self.columns[name].tolist()]
+        cells = self.cells(path, name)
         if "" in cells:
             self._raise_missing(path, cells.index(""), name)
         return cells
+
+    def cells(self, path: Path | str, name: str) -> list[str]:
+        """Return the cells of a column as texts; a missing cell is an empty text."""
+        return [as_text(value) for value in self.columns[name].tolist()]
 
     def numbers(self, path: Path | str, names: Sequence[str]) -> np.ndarray:
         """Return the columns as an array (rows, columns).

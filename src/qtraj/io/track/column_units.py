@@ -22,6 +22,7 @@ _TABLE = {
         ("ns", Fraction(1, 10**9)): "ns nsec nsecs nanosecond nanoseconds",
         ("min", Fraction(60)): "min minute minutes",
         ("h", Fraction(3600)): "h hr hrs hour hours",
+        ("day", Fraction(86400)): "day days",
     },
     "length": {
         ("m", 1.0): "m meter meters metre metres",
@@ -62,8 +63,8 @@ SPELLINGS = {
 }
 """The unit of each spelling, in lower case and as `spelled` returns it."""
 
-NOT_SUFFIXES = {"h", "min", "in", "mi"}
-"""Units that a column name must have in brackets, because `x_min` is a minimum and `pos_h` a height."""
+NOT_SUFFIXES = {"h", "min", "in", "mi", "day", "days"}
+"""Units that a column name must have in brackets: `x_min` is a minimum, `pos_h` a height, `time_of_day` a clock."""
 
 _PER = re.compile(r"(.+?)(s|h)-1")
 

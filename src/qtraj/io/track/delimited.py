@@ -17,6 +17,7 @@ HEADER_LINES = 100
 """Number of lines at the start of a file among which the header is sought."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _UNIT_APART = re.compile(r"\s+(?=[\[(])")
 
 
@@ -140,9 +141,20 @@ def _table(header: list[str], lines: Lines, delimiter: str) -> TextTable:
     units = None
     if lines and len(row := next(split(lines[:1], delimiter))) == len(header) and _are_units(row):
         units, lines = [cell.strip(" []()") for cell in row], lines[1:]
-    first = next(split(lines[:1], delimiter)) if lines else []
-    comma = delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell.strip()) for cell in first)
+    comma = delimiter != "," and lines.contains(",") and any(_has_comma(line, delimiter) for line in lines.texts())
     return TextTable(header, lines, delimiter, comma, units)
+
+
+def _has_comma(line: str, delimiter: str) -> bool:
+    """Return whether a line has a number with a decimal comma; 1,234 beside 0.5 has a separator of thousands."""
+    if "," not in line:
+        return False
+    cells = names_of(line, delimiter)
+    commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
+    if not commas:
+        return False
+    points = any("." in cell and is_number(cell) for cell in cells)
+    return not points or not all(map(_THOUSANDS.fullmatch, commas))
 
 
 def _are_units(row: list[str]) -> bool:

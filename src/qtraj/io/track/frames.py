@@ -21,7 +21,7 @@ def table_of(table: Any) -> ColumnTable:
     A named index, or one of dates, is a column, too. Components of an xarray variable, such as `position` along the
     coordinate `world`, are columns with the names of the components.
 
-    **Raises:** ValueError for a dataset whose variables have no common first dimension.
+    **Raises:** ValueError for repeated names, and for a dataset whose variables have no common first dimension.
     """
     library = type(table).__module__.split(".")[0]
     if library == "xarray":
@@ -29,11 +29,15 @@ def table_of(table: Any) -> ColumnTable:
     if library == "polars":
         frame = table.collect() if hasattr(table, "collect") else table
         return ColumnTable({str(name): _plain(frame[name].to_numpy()) for name in frame.columns})
-    columns = {_name(name): _of_series(table[name]) for name in table.columns}
+    names, columns = [_name(name) for name in table.columns], [table.iloc[:, k] for k in range(table.shape[1])]
     index = table.index
     if index.name is not None or getattr(index.dtype, "kind", "") in "Mm":
-        columns = {_name(index.name or "time"): _of_series(index.to_series())} | columns
-    return ColumnTable(columns)
+        names, columns = [_name(index.name or "time"), *names], [index.to_series(), *columns]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(
+            f"the table has several columns with the name {repeated[0]!r}: rename or drop all but one of them"
+        )
+    return ColumnTable({name: _of_series(column) for name, column in zip(names, columns, strict=True)})
 
 
 def _name(name: Any) -> str:
@@ -61,8 +65,7 @@ def _of_dataset(dataset: Any) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name, array in variables.items():
         if array.dims == (main,):
-            unit = str(array.attrs.get("units", ""))
-            columns[f"{name} [{unit}]" if unit else name] = _plain(array.to_numpy())
+            columns[_with_unit(name, array)] = _plain(array.to_numpy())
         elif len(array.dims) == 2 and array.dims[0] == main:
             columns |= _components(name, array)
     if not columns:
@@ -78,4 +81,11 @@ def _components(name: str, array: Any) -> dict[str, np.ndarray]:
     labels = array[dim].to_numpy().tolist() if dim in array.coords else list(range(array.shape[1]))
     if labels == list(range(array.shape[1])) and array.shape[1] == 3:
         labels = ["x", "y", "z"]
-    return {f"{name}_{label}": array.to_numpy()[:, k] for k, label in enumerate(labels)}
+    values = _plain(array.to_numpy())
+    return {_with_unit(f"{name}_{label}", array): values[:, k] for k, label in enumerate(labels)}
+
+
+def _with_unit(name: str, array: Any) -> str:
+    """Return the name of a column with the unit of the xarray variable, if it has one."""
+    unit = str(array.attrs.get("units", "")).partition(" since ")[0]
+    return name if unit in ("", "1", "-") else f"{name} [{unit}]"

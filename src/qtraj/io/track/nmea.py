@@ -29,14 +29,16 @@ def is_nmea(data: bytes) -> bool:
 def read_nmea(path: Path, data: bytes) -> tuple[ColumnTable, tuple[str, ...]]:
     """Return the positions of a file, and notes about what was left out.
 
-    A height is the altitude above the geoid plus the separation of the geoid from the ellipsoid. Times are dates if a
-    sentence contains the date, otherwise seconds of the day.
+    A height is the altitude above the geoid plus the separation of the geoid from the ellipsoid. If one of the
+    sentences has no separation, all heights are above the geoid. Sentences without an altitude are left out if others
+    have one. Times are dates if a sentence contains the date, otherwise seconds of the day.
 
     **Raises:** ValueError for a file without positions; ModuleNotFoundError without pynmeagps.
     """
     messages, faulty = _messages(path, data)
     fixes = [m for m in messages if m.msgID == "GGA"] or [m for m in messages if m.msgID == "RMC"]
-    valid = [m for m in fixes if _is_valid(m)]
+    placed = [m for m in fixes if _is_valid(m)]
+    valid = [m for m in placed if _is_number(getattr(m, "alt", None))] or placed
     if not valid:
         raise ValueError(
             f"{path}: the NMEA file contains no valid position in sentences GGA or RMC: switch them on in the receiver"
@@ -56,17 +58,18 @@ def read_nmea(path: Path, data: bytes) -> tuple[ColumnTable, tuple[str, ...]]:
         "latitude": np.array([m.lat for m in valid], float),
         "longitude": np.array([m.lon for m in valid], float),
     }
-    if valid[0].msgID == "GGA":
-        columns["height"] = np.array([_height(m) for m in valid], float)
+    heights, above = _heights(valid)
+    columns |= heights
     notes = [
         f"{count} {what}"
         for count, what in (
-            (len(fixes) - len(valid), "sentences without a valid position left out"),
+            (len(fixes) - len(placed), "sentences without a valid position left out"),
+            (len(placed) - len(valid), "sentences without an altitude left out"),
             (faulty, "faulty sentences left out"),
         )
         if count
     ]
-    return ColumnTable(columns, "position"), tuple(notes)
+    return ColumnTable(columns, "position"), (*notes, *above)
 
 
 def _messages(path: Path, data: bytes) -> tuple[list[Any], int]:
@@ -80,14 +83,24 @@ def _messages(path: Path, data: bytes) -> tuple[list[Any], int]:
     return [m for m in messages if m.msgID in ("GGA", "RMC", "ZDA")], len(errors)
 
 
+def _is_number(value: Any) -> bool:
+    """Return whether a field of a sentence contains a number; an empty field is a text."""
+    return isinstance(value, int | float)
+
+
 def _is_valid(message: Any) -> bool:
     placed = isinstance(message.lat, float) and isinstance(message.lon, float) and hasattr(message.time, "hour")
     return placed and (message.quality > 0 if message.msgID == "GGA" else message.status == "A")
 
 
-def _height(message: Any) -> float:
-    parts = (message.alt, message.sep)
-    return sum(float(part) for part in parts if isinstance(part, int | float))
+def _heights(messages: list[Any]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Return the column of the heights, if the messages have altitudes, and a note if they are above the geoid."""
+    if not _is_number(getattr(messages[0], "alt", None)):
+        return {}, ()
+    altitudes = np.array([m.alt for m in messages], float)
+    if not all(_is_number(m.sep) for m in messages):
+        return {"height": altitudes}, ("heights above the geoid, because sentences lack its separation",)
+    return {"height": altitudes + np.array([m.sep for m in messages], float)}, ()
 
 
 def _dates(messages: list[Any]) -> dict[Any, Any]:

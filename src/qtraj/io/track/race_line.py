@@ -8,6 +8,7 @@ import numpy as np
 from qtraj.io.track.column_names import find
 from qtraj.io.track.column_scales import Units, scales
 from qtraj.io.track.known_names import COMMON, FLAT, MORE
+from qtraj.io.track.recorded_line import RecordedLine, recorded_line
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.time_column import Table
 
@@ -16,10 +17,11 @@ SPEEDS = ("vx", "v", "speed", "velocity")
 
 
 class RaceLine(NamedTuple):
-    """The times of a race line with their description, and its columns."""
+    """The times of a race line with their description, its columns, and its heading and curvature."""
 
     times: tuple[str, Times]
     columns: dict[str, tuple[str, ...] | None]
+    line: RecordedLine | None
 
 
 def race_line(path: Path | str, table: Table, units: Units) -> RaceLine | None:
@@ -37,7 +39,11 @@ def race_line(path: Path | str, table: Table, units: Units) -> RaceLine | None:
     if distance is None or speed is None or position is None or find(("vx,vy",), header) is not None:
         return None
     names = (*distance, *speed)
-    found = [*scales("position", distance, units, {}, False, None), *scales("velocity", speed, units, {}, False, None)]
+    rows = dict(zip(header, table.units or [], strict=False))
+    found = [
+        *scales("position", distance, units, rows, False, None),
+        *scales("velocity", speed, units, rows, False, None),
+    ]
     s, v = (table.numbers(path, names) * [1.0 if unit is None else float(unit.factor) for unit in found]).T
     both = v[1:] + v[:-1]
     if (bad := np.flatnonzero((np.diff(s) <= 0) | (both <= 0) | (v[1:] < 0))).size:
@@ -48,4 +54,5 @@ def race_line(path: Path | str, table: Table, units: Units) -> RaceLine | None:
         )
     seconds = np.concatenate([[0.0], np.cumsum(2 * np.diff(s) / both)])
     text = f"from the distances {distance[0]!r} and the speeds {speed[0]!r}"
-    return RaceLine((text, Times(seconds, "s")), {"position": position, "velocity": None})
+    columns: dict[str, tuple[str, ...] | None] = {"position": position, "velocity": None}
+    return RaceLine((text, Times(seconds, "s")), columns, recorded_line(table, seconds))

@@ -4,11 +4,15 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from qtraj.io.track.attitude_angles import AttitudeAngles
 from qtraj.io.track.column_scales import Units, require_units
 from qtraj.io.track.given_times import require_rate
+from qtraj.io.track.recorded_line import LineResidual, RecordedLine, line_residual
 from qtraj.io.track.repeated_times import CHOICES
 from qtraj.io.track.tangent_plane import TangentPlane
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.track import Track
 
 ORDERS = ("wxyz", "xyzw")
@@ -16,16 +20,27 @@ ORDERS = ("wxyz", "xyzw")
 
 
 class Recording(NamedTuple):
-    """A track, four lines of text that state what was read and as what, and texts about what is odd in it."""
+    """A track, four lines of text that state what was read and as what, and texts about what is odd in it.
+
+    `line`: heading and curvature of a race line, or None.
+    """
 
     track: Track
     facts: tuple[str, str, str, str]
     notes: tuple[str, ...] = ()
+    line: RecordedLine | None = None
 
 
 def recorded(recording: Recording | None) -> dict[str, Any] | None:
     """Return what was read, and what is odd in it, as JSON types; None for None."""
     return None if recording is None else {"facts": list(recording.facts), "notes": list(recording.notes)}
+
+
+def recording_residual(recording: Recording | None, path: AbstractHodograph) -> LineResidual | None:
+    """Return the differences of heading and curvature of a race line from the path fitted to it; otherwise None."""
+    if recording is None or recording.line is None:
+        return None
+    return line_residual(path, recording.line, float(np.asarray(recording.track.times)[0]))
 
 
 class Reading(NamedTuple):
@@ -35,12 +50,12 @@ class Reading(NamedTuple):
     angles: AttitudeAngles | None
     plane: TangentPlane | None
     units: Units
-    axes: str | None
-    rate: float | None
-    times: str | os.PathLike[str] | None
-    duplicates: str | None
-    quaternion: str | None
-    segment: int | None
+    axes: str | None = None
+    rate: float | None = None
+    times: str | os.PathLike[str] | None = None
+    duplicates: str | None = None
+    quaternion: str | None = None
+    segment: int | None = None
 
     @property
     def timed(self) -> bool:
@@ -54,25 +69,31 @@ class Reading(NamedTuple):
         return [name for names in entries for name in names]
 
 
-def checked(columns: Any, angles: Any, projection: Any, units: Any, **options: Any) -> Reading:
-    """Return the options of `read_track`.
+def checked(
+    columns: Any = None, angles: Any = None, projection: Any = None, units: Any = None, **options: Any
+) -> Reading:
+    """Return the options of `read_track`; `options` are those from `axes` on, as for `Reading`.
 
     **Raises:** ValueError for an option with another value than expected.
     """
     if angles is not None and not isinstance(angles, AttitudeAngles):
         raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
     require_units(units or {})
-    require_rate(options["rate"], options["times"])
-    for name, choices in (("duplicates", CHOICES), ("quaternion", ORDERS)):
-        if options[name] not in (None, *choices):
-            raise ValueError(
-                f"{name}= must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, but {options[name]!r} was "
-                "given"
-            )
-    segment = options["segment"]
+    reading = Reading(columns or {}, angles, _plane(projection), units or {}, **options)
+    require_rate(reading.rate, reading.times)
+    _require_choice("duplicates", reading.duplicates, CHOICES)
+    _require_choice("quaternion", reading.quaternion, ORDERS)
+    segment = reading.segment
     if segment is not None and (not isinstance(segment, int) or segment < 1):
         raise ValueError(f"segment= must be the number of a segment, 1 or more, but {segment!r} was given")
-    return Reading(columns or {}, angles, _plane(projection), units or {}, **options)
+    return reading
+
+
+def _require_choice(name: str, given: Any, choices: Sequence[str]) -> None:
+    if given not in (None, *choices):
+        raise ValueError(
+            f"{name}= must be {', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}, but {given!r} was given"
+        )
 
 
 def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:

@@ -2,11 +2,13 @@
 
 import codecs
 import csv
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from qtraj.foundation.argument import described
 from qtraj.foundation.untrusted import decoded, read_bytes
 from qtraj.io.track import frames, gpx, nmea
 from qtraj.io.track.column_names import plain
@@ -14,6 +16,7 @@ from qtraj.io.track.delimited import Content, are_numbers, content, find_table, 
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
 from qtraj.io.track.known_names import HEIGHTS, NOT_HEIGHTS
 from qtraj.io.track.reading import Reading
+from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.text_table import TextTable
 from qtraj.io.track.time_column import Table
@@ -28,7 +31,7 @@ class Source(NamedTuple):
 
     `name`: the file, for messages. `columns`: the columns of quantities that the format defines. `kind`: "table",
     "kitti", "gpx" or "nmea". `breaks`: the first rows of further segments. `times`: times that are not in the table,
-    with their description. `notes`: what was left out.
+    with their description. `notes`: what was left out. `line`: heading and curvature of a race line.
     """
 
     name: Path | str
@@ -38,6 +41,7 @@ class Source(NamedTuple):
     breaks: Sequence[int] = ()
     times: tuple[str, Times] | None = None
     notes: tuple[str, ...] = ()
+    line: RecordedLine | None = None
 
 
 def find_source(file: Any, reading: Reading) -> Source:
@@ -47,6 +51,11 @@ def find_source(file: Any, reading: Reading) -> Source:
     """
     if frames.is_frame(file):
         return Source("the table", frames.table_of(file))
+    if not isinstance(file, str | os.PathLike) or not os.fspath(file):
+        raise ValueError(
+            "file must be the name of a file, a data frame of pandas or polars, or a dataset of xarray, but "
+            f"{described(file)} was given"
+        )
     path = Path(file)
     try:
         data = read_bytes(path)

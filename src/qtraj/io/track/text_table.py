@@ -42,14 +42,24 @@ class TextTable:
 
         **Raises:** ValueError with file, line and column for a missing cell.
         """
+        cells = self.cells(path, name)
+        if not all(cells):
+            self._raise_fault(path, [name], numbers=False)
+        return cells
+
+    def cells(self, path: Path | str, name: str) -> list[str]:
+        """Return the cells of a column; a missing cell is an empty text.
+
+        **Raises:** ValueError with the file for a quoted cell that spans several lines.
+        """
         place = self.header.index(name)
         try:
-            cells = [self.number(row[place]) for row in split(self.lines, self.delimiter)]
-            faulty = len(cells) != self.count or not all(cells)
-        except (IndexError, csv.Error):
-            faulty, cells = True, []
-        if faulty:
-            self._raise_fault(path, [name], numbers=False)
+            rows = split(self.lines, self.delimiter)
+            cells = [self.number(row[place]) if place < len(row) else "" for row in rows]
+        except csv.Error:
+            cells = []
+        if len(cells) != self.count:
+            self._raise_fault(path, [], numbers=False)
         return cells
 
     def numbers(self, path: Path | str, names: Sequence[str]) -> np.ndarray:
@@ -86,8 +96,6 @@ class TextTable:
         width, spaces = len(self.header), self.delimiter == " "
         if spaces or self.lines.contains('"'):
             counts = np.array([len(row) for row in split(self.lines, self.delimiter)])
-        elif self.lines.total(self.delimiter) == (width - 1) * self.count:
-            return  # a row with more cells would need another row with fewer
         else:
             counts = self.lines.counts(self.delimiter) + 1
         wrong = np.flatnonzero((counts != width) if spaces else (counts > width))

@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.io.track.column_names import find
 from qtraj.io.track.column_table import ColumnTable
 from qtraj.io.track.column_units import SPELLINGS, Unit
+from qtraj.io.track.compact_dates import all_joined, are_date_and_clock, is_compact, is_date, joined
+from qtraj.io.track.known_names import DATE_AND_CLOCK, WHOLE_AND_NANOSECONDS
 from qtraj.io.track.recorded_times import (
     SECONDS,
     NotATimeError,
@@ -31,18 +34,29 @@ def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit
         quick = _of_datetimes(table, names[0]) or _of_numbers(table, names[0], unit)
         if quick is not None:
             return quick
-    elif (whole := table.quick(names, int)) is not None:
+        cells = table.texts(path, names[0])
+        return _read(path, table, names, (all_joined(cells) if unit is None else None) or cells, unit)
+    if not _are_dates(table, names) and (whole := table.quick(names, int)) is not None:
+        _require_nanoseconds(path, table, names, whole[:, 1])
         return from_integers(whole[:, 0] * 10**9 + whole[:, 1], SPELLINGS["ns"])
-    cells = [table.texts(path, name) for name in names]
-    joined = (
-        cells[0] if len(cells) == 1 else [f"{day.strip()} {clock.strip()}" for day, clock in zip(*cells, strict=True)]
-    )
+    cells = [joined(day, clock) for day, clock in zip(*(table.texts(path, name) for name in names), strict=True)]
+    if not is_time(cells[0]):
+        raise ValueError(
+            f"{path}, {table.place(0)}: the columns {' and '.join(map(repr, names))} must have dates such as "
+            "2026-05-06 or 20260506 and times of day such as 09:30:00 or 093000, but contain "
+            f"{' and '.join(repr(_first(table, name).strip()) for name in names)}: convert them, or name one column "
+            'with columns={"time": ...}'
+        )
+    return _read(path, table, names, cells, unit)
+
+
+def _read(path: Path | str, table: Table, names: Sequence[str], cells: list[str], unit: Unit | None) -> Times:
     try:
-        return read_times(joined, unit)
+        return read_times(cells, unit)
     except NotATimeError as fault:
         raise ValueError(
             f"{path}, {table.place(fault.index)}: column {names[-1]!r} {fault}, but contains "
-            f"{joined[fault.index].strip()!r}: correct the cell, or delete the row"
+            f"{cells[fault.index].strip()!r}: correct the cell, or delete the row"
         ) from None
 
 
@@ -96,15 +110,35 @@ def _first(table: Table, name: str) -> str:
     return row[place] if place < len(row) else ""
 
 
+def _are_dates(table: Table, names: Sequence[str]) -> bool:
+    """Return whether two columns are a date and a time of day, and not whole seconds and nanoseconds."""
+    day, clock = (_first(table, name) for name in names)
+    if find(WHOLE_AND_NANOSECONDS, names) is not None:
+        return False
+    return is_date(day) or (find(DATE_AND_CLOCK, names) is not None and are_date_and_clock(day, clock))
+
+
+def _require_nanoseconds(path: Path | str, table: Table, names: Sequence[str], values: np.ndarray) -> None:
+    """Raise a ValueError for a value that is not the part of a second in nanoseconds."""
+    for k in np.flatnonzero((values < 0) | (values >= 10**9))[:1].tolist():
+        raise ValueError(
+            f"{path}, {table.place(k)}: two columns of whole numbers are whole seconds and nanoseconds, but the column "
+            f"{names[1]!r} contains {values[k]}, and nanoseconds are less than 1000000000: name one column with "
+            'columns={"time": ...}'
+        )
+
+
 def _in_seconds(table: Table, name: str, unit: Unit | None) -> bool:
     first = _first(table, name)
-    return bool(first) and not is_time(first) and (unit or unit_by_size(first)) == SECONDS
+    if not first or is_time(first) or (unit is None and is_compact(first)):
+        return False
+    return (unit or unit_by_size(first)) == SECONDS
 
 
 def _of_numbers(table: Table, name: str, unit: Unit | None) -> Times | None:
     """Return the times of a column of simple numbers, otherwise None."""
     first = _first(table, name)
-    if not first or is_time(first):
+    if not first or is_time(first) or (unit is None and is_compact(first)):
         return None
     unit = unit or unit_by_size(first)
     values = table.quick([name], float if unit == SECONDS else int)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from qtraj.io.track.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
 from qtraj.io.track.column_names import find, plain
+from qtraj.io.track.compact_dates import are_date_and_clock
 from qtraj.io.track.known_names import (
     ANGLED,
     COMMON,
@@ -96,6 +97,7 @@ def choose(
                 f"{path}: there is no column {absent[0]!r}: name other columns with columns=. The columns are "
                 f"{', '.join(header)}.{first_values(header, first)}"
             )
+        _require_once(path, header, names)
         _require_order(path, part, names, wanted)
         if part == "attitude" and part in columns and wanted.quaternion == "xyzw" and len(names) == 4:
             names = (names[3], *names[:3])
@@ -149,7 +151,8 @@ def _date_and_clock(header: list[str], first: Sequence[str]) -> tuple[str, ...] 
     if names is None or len(first) < len(header):
         return None
     day, clock = (first[header.index(name)].strip() for name in names)
-    return names if CLOCK.fullmatch(in_24_hours(clock)) and ":" not in day else None
+    with_colons = CLOCK.fullmatch(in_24_hours(clock)) is not None and ":" not in day
+    return names if with_colons or are_date_and_clock(day, clock) else None
 
 
 def _ordered(header: list[str], quaternion: str | None) -> tuple[str, ...] | None:
@@ -183,6 +186,15 @@ def _require_count(part: str, names: tuple[str, ...], wanted: Wanted) -> None:
             "attitude": "3 columns" if angled else "4 columns of a quaternion or 9 columns of a matrix",
         }.get(part, "3 columns, or 2 columns without the height")
         raise ValueError(f"columns[{part!r}] must name {counts}, but {list(names)!r} was given")
+
+
+def _require_once(path: Path | str, header: list[str], names: Sequence[str]) -> None:
+    """Raise a ValueError if one of the chosen columns is not the only column with its name."""
+    if repeated := [name for name in names if header.count(name) > 1]:
+        raise ValueError(
+            f"{path}: {header.count(repeated[0])} columns have the name {repeated[0]!r}: rename all but one of them in "
+            "the header"
+        )
 
 
 def _require_order(path: Path | str, part: str, names: tuple[str, ...], wanted: Wanted) -> None:

@@ -7,6 +7,7 @@ from qtraj.io.track.column_names import find
 from qtraj.io.track.column_units import Unit
 from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
 from qtraj.io.track.recorded_axes import MEANING
+from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.row_facts import row_text
 from qtraj.io.track.segments import Segment
@@ -33,22 +34,25 @@ def facts(
     given_times: str,
     track: Track,
     rows: Segment,
-    merged: str,
     notes: Sequence[str] = (),
+    line: RecordedLine | None = None,
 ) -> tuple[str, str, str, str]:
     """Return four lines of text: the time, the position, the other quantities, and the rows with what was left out.
 
-    `given_times` describes the source of times that are not in the file, and `merged` the rows that were combined.
+    `given_times` describes the source of times that are not in the file, and `notes` rows that were combined or left
+    out. `line`: heading and curvature of a race line, which are compared with the fitted route.
     """
     others = [part for part in ("velocity", "attitude", "rate") if part in columns.chosen]
     used = {name for names in columns.chosen.values() for name in names}
-    left = [name for name in columns.header if name not in used]
+    used |= set() if line is None else {name for name in line.columns if name is not None}
+    left = [name for name in columns.header if name not in used and repr(name) not in given_times]
+    texts = [_quantity(columns, part) for part in others] + ([] if line is None else [line.text()])
     return (
         _time(columns, times, given_times),
         _quantity(columns, "position")
         + (", UTM by their size" if columns.axes["position"] != "geographic" and look_like_utm(track) else ""),
-        "; ".join(_quantity(columns, part) for part in others) or "velocity, attitude and rate: none",
-        "; ".join(filter(None, (row_text(track, rows), merged, *notes, _left_out(left)))),
+        "; ".join(texts) or "velocity, attitude and rate: none",
+        "; ".join(filter(None, (row_text(track, rows), *notes, _left_out(left)))),
     )
 
 

@@ -84,32 +84,11 @@ def read_track(
             recognised, units that do not fit, and angles without `angles`.
     """
     recording = read_recording(
-        file, columns, angles, projection, units, axes, rate, times, duplicates, quaternion, segment
-    )
-    for note in recording.notes:
-        warnings.warn(note, stacklevel=2)
-    return recording.track
-
-
-def read_recording(
-    file: str | os.PathLike[str] | Any,
-    columns: Mapping[str, str | Sequence[str] | None] | None = None,
-    angles: AttitudeAngles | None = None,
-    projection: TangentPlane | str | None = None,
-    units: Mapping[str, str] | None = None,
-    axes: str | None = None,
-    rate: float | None = None,
-    times: str | os.PathLike[str] | None = None,
-    duplicates: str | None = None,
-    quaternion: str | None = None,
-    segment: int | None = None,
-) -> Recording:
-    """Read a track as `read_track` does, and state in four lines what was read as what, and what is odd in it."""
-    reading = checked(
-        columns,
-        angles,
-        projection,
-        units,
+        file,
+        columns=columns,
+        angles=angles,
+        projection=projection,
+        units=units,
         axes=axes,
         rate=rate,
         times=times,
@@ -117,4 +96,15 @@ def read_recording(
         quaternion=quaternion,
         segment=segment,
     )
+    for note in recording.notes:
+        warnings.warn(note, stacklevel=2)
+    return recording.track
+
+
+def read_recording(file: str | os.PathLike[str] | Any, **options: Any) -> Recording:
+    """Read a track as `read_track` does, and state in four lines what was read as what, and what is odd in it.
+
+    `options`: those of `read_track`.
+    """
+    reading = checked(**options)
     return assemble(find_source(file, reading), reading)
