@@ -10,11 +10,20 @@ import xarray
 from typer.testing import CliRunner
 
 from qtraj.cli.main import application
+from qtraj.foundation import progress_bar
 
 
 @pytest.fixture(scope="module", autouse=True)
 def unchecked(as_a_user_runs_it):
     """The command line runs as it does for a user."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def without_lines_of_progress():
+    """A busy machine reports the progress of what takes seconds elsewhere; the tests of messages do not expect it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress_bar, "EVERY", 3600.0)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -53,7 +53,7 @@ def test_the_embedded_drive_is_that_of_the_library(default):
 def test_the_terminal_shows_it_within_80_columns(qtraj, tmp_path):
     result = qtraj("route", "--out", tmp_path)
     assert result.exit_code == 0
-    for text in ("m in 7.881 s", "8, 0.985 s each", "lateral_acceleration", "proved"):
+    for text in ("m in 7.881 s", "17, 0.464 s each", "lateral_acceleration", "proved"):
         assert text in result.stdout
     paths = ("Scenario:", str(tmp_path))
     assert [line for line in result.stdout.splitlines() if len(line) > 80 and not line.startswith(paths)] == []
