@@ -29,6 +29,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.rate_axes import BODY
+from qtraj.path.regularity import rotating_span
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
 from qtraj.path.vehicle import RoadParameters, Vehicle
@@ -58,15 +59,16 @@ class Instants:
         single = lambda path: path.polynomials()  # noqa: E731
         polynomials = single(paths) if paths.supports_numpy else eqx.filter_vmap(single)(paths)
         if polynomials is None:
-            self.basis, rows = Basis(), _world_derivatives(paths, t)
+            self.basis, rows, span = Basis(), _world_derivatives(paths, t), _spans(paths, t)
         else:
             t = t.astype(polynomials.x.dtype)
-            rows, angle = _moving_derivatives(polynomials, t)
+            rows, angle, rate = _moving_derivatives(polynomials, t)
+            span = rotating_span(paths.duration[:, None], rate)
             shared = jax.tree.map(lambda x: x[:, None], polynomials.placement)  # the same for all instants of a path
             self.basis = Basis(angle, shared)
         zero = xp.zeros_like(rows[0][0])
         self.rows = [filled(row, zero) for row in rows]
-        self.duration = paths.duration[:, None].astype(zero.dtype)
+        self.duration, self.span = (xp.asarray(x).astype(zero.dtype) for x in (paths.duration[:, None], span))
 
     def derivative(self, k: int) -> Triple:
         """Return the position for k = 0, or its k-th time derivative, in world axes."""
@@ -88,7 +90,7 @@ class Instants:
     def _driven(self) -> Invariants:
         """The invariants from which forces are computed; they are also defined at a standstill."""
         up = self.basis.local(UP) if self.basis.placed else None
-        return driven_invariants(self.rows, up, self._road, self.t, self.duration, root)
+        return driven_invariants(self.rows, up, self._road, self.t, self.duration, self.span, root)
 
     @property
     def _road(self) -> Any:
@@ -122,12 +124,12 @@ class Instants:
     @property
     def curvature(self) -> Array:
         """The curvature κ [1/m]; 0 where the speed is zero."""
-        return curvature(self.invariants, self.duration)
+        return curvature(self.invariants, self.span)
 
     @cached_property
     def torsion(self) -> Array:
         """The torsion χ [1/m]; 0 where the path is straight or the speed is zero."""
-        return torsion(self.invariants, self.duration)
+        return torsion(self.invariants, self.span)
 
     @property
     def dcm(self) -> tuple[Array, ...]:
@@ -171,30 +173,33 @@ class Instants:
 
     @cached_property
     def _frame(self) -> FrameComponents:
-        found = self.frame.components_at(self.t, self.invariants, self.basis, self.duration)
+        found = self.frame.components_at(self.t, self.invariants, self.basis, self.span)
         return self._other() if found is None else found
 
     def _other(self) -> FrameComponents:
         """Evaluate, instant by instant, a frame that does not provide components."""
         rows = xp.stack([xp.stack(self.derivative(k), axis=-1) for k in range(ORDER + 1)], axis=-2)
-        durations = xp.broadcast_to(self.duration, rows.shape[:2])
-        t = xp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
-        at = jax.vmap(jax.vmap(self.frame.at))(t, rows, durations)
+        spans = xp.broadcast_to(self.span, rows.shape[:2])
+        t = xp.broadcast_to(self.t.astype(rows.dtype), spans.shape)
+        at = jax.vmap(jax.vmap(self.frame.at))(t, rows, spans)
         vectors = (at.tangent, at.normal, at.binormal, at.rate, at.acceleration)
         tangent, normal, binormal, rate, acceleration = (triple(v) for v in vectors)
         axes = self.basis.local(tangent), self.basis.local(normal), self.basis.local(binormal)
         return FrameComponents(axes, rate, acceleration, at.defined)
 
 
-def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
-    """Return the derivatives of orders 0 to 4 of the paths in the moving basis, and the angle of the basis [rad]."""
+def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple], Array, Any]:
+    """Return the derivatives of orders 0 to 4 of the paths in the moving basis, and its angle [rad] and rate [rad/s].
+
+    A rate that is always zero is the integer 0.
+    """
     present = [paths.x, paths.z, paths.angle, *([] if paths.y is None else [paths.y])]
     single = [c for p in present for c in _columns(p.astype(t.dtype))]
     coefficients = iter(derivatives_in_one_loop([xp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
     x, z, angle, *y = (
         polynomial.taylor_terms([next(coefficients) for _ in range(p.shape[1])], t, ORDER) for p in present
     )
-    return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
+    return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0], angle[1]  # type: ignore[return-value]
 
 
 def _columns(c: Float[Array, "paths n"]) -> Sequence[Any]:
@@ -211,6 +216,15 @@ def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
     each = xp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
     r = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, each)
     return [triple(r[..., k, :]) for k in range(ORDER + 1)]
+
+
+def _spans(paths: AbstractHodograph, t: Times) -> Array:
+    """Return the spans of paths that are not polynomial, (paths, 1) or (paths, instants) [s]; see `regularity`."""
+    if is_host(t) and paths.supports_numpy:  # one path
+        return xp.atleast_1d(jax.tree.map(lambda x: x[0], paths).span(t[0]))[None]
+    each = xp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
+    found = eqx.filter_vmap(lambda path, t: path.span(t), in_axes=(eqx.if_array(0), 0))(paths, each)
+    return found.reshape(len(found), -1)
 
 
 def _gibbs(q: Quaternion) -> tuple[Array, ...]:

@@ -19,10 +19,10 @@ from qtraj.motion.dynamics import torque
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
 from qtraj.path.frame_components import UP, triple
-from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import has_tangent
+from qtraj.path.trihedral import Natural, frames
 from qtraj.path.vehicle import Vehicle
 
 FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "force", "moment", "defined")
@@ -104,4 +104,5 @@ def _moment(at: Attitude, vehicle: Any, axes: str) -> Array:
 
 def _defined(path: AbstractHodograph, t: Array) -> Array:
     """Return whether the speed at the time `t` [s] is not zero."""
-    return has_tangent(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)
+    i, _, span, _ = frames(path, t.astype(path.duration.dtype), Natural())
+    return has_tangent(i, span)

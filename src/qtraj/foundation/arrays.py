@@ -191,7 +191,7 @@ def warn_if_coarse(x: ArrayInput, name: str) -> None:
 
 
 def require_inside(times: Any, duration: Any, what: str) -> None:
-    """Raise a ValueError if concrete instants [s] are outside [0, duration] by more than rounding.
+    """Raise a ValueError if concrete instants [s] are outside [0, duration] by more than rounding in float32.
 
     `times` are (n,) or (b, n), and `duration` is () or (b,).
     """
@@ -199,7 +199,7 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
     if last is None or isinstance(times, Tracer):
         return
     low, high = (_extreme(times, least) for least in (True, False))
-    slack = 4 * np.finfo(high.dtype).eps * np.abs(last)
+    slack = 4 * np.finfo(np.float32).eps * np.abs(last)
     early, late = np.broadcast_arrays(low < -slack, high > last + slack)
     if early.any() or late.any():
         wrong = np.broadcast_to(low, early.shape)[early] if early.any() else np.broadcast_to(high, late.shape)[late]

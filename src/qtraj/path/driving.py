@@ -95,15 +95,15 @@ class Driving(AbstractFrame):
         signs = np.append(rows.signs, np.zeros(n_padding))
         return cls(starts, signs, np.concatenate([rows.angles, np.zeros((n_padding, 2, 6))]), upright.up)
 
-    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral of `Upright`; the rows of `r` are the position and its first four time derivatives."""
-        return Upright(self.up).trihedral(r, duration)
+        return Upright(self.up).trihedral(r, span)
 
-    def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def at(self, t: Scalar, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral at `t` [s]; x is opposite to the tangent in reverse, and follows `angles` at a stop."""
-        return from_rows(self, t, r, duration)
+        return from_rows(self, t, r, span)
 
-    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+    def components_at(self, t: Array, i: Invariants, basis: Basis, span: Array) -> FrameComponents:
         """Return the frame in components at the times `t` [s]."""
         dtype = i.S.dtype
         row = xp.maximum(xp.searchsorted(self.starts, t.astype(self.starts.dtype), side="right") - 1, 0)
@@ -113,7 +113,7 @@ class Driving(AbstractFrame):
             select(sign == 0, basis.local(v), scaled(own, sign)) for v, own in zip(held, i.r[1:4], strict=True)
         ]
         upright = Upright(self.up)
-        return upright.components(Invariants([i.r[0], *directions, i.r[4]]), basis, duration)
+        return upright.components(Invariants([i.r[0], *directions, i.r[4]]), basis, span)
 
     def _held(self, t: Array, start: Array, angles: Float[Array, "*times 2 6"]) -> tuple[Triple, Triple, Triple]:
         """Return the first three derivatives of a fictitious motion at unit speed with the heading and pitch of a stop.

@@ -83,9 +83,9 @@ class Basis:
         return Invariants(rows, self.local(UP) if self.placed else None, root=root)
 
 
-def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
-    """Return the natural trihedral (paper S with corrected errata) of a path with invariants `i` and `duration` [s]."""
-    exists = has_natural_frame(i, duration)
+def natural(i: Invariants, basis: Basis, span: Array) -> FrameComponents:
+    """Return the natural trihedral (paper S with corrected errata) of a path with invariants `i` and `span` [s]."""
+    exists = has_natural_frame(i, span)
     # Where the trihedral does not exist, 1/|r'| and 1/|r'×r''| are replaced by 0, so all products with them are 0.
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
@@ -95,23 +95,23 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
     return FrameComponents(axes, (rate[0], zero, rate[1]), (acceleration[0], zero, acceleration[1]), exists)
 
 
-def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameComponents:
-    """Return the upright frame of a path with invariants `i` and `duration` [s]; `up` is the unit vertical (world)."""
+def upright(i: Invariants, basis: Basis, span: Array, up: Triple) -> FrameComponents:
+    """Return the upright frame of a path with invariants `i` and `span` [s]; `up` is the unit vertical (world)."""
     up = basis.local(up)
     i = Invariants(i.r, up)
-    exists = has_upright_frame(i, duration)
+    exists = has_upright_frame(i, span)
     rate, acceleration = upright_rates(i, inverse_root(i.S, exists), inverse_root(i.H, exists))
     return FrameComponents(_axes(basis, i.r[1], up, ~vanishes(i.H)), rate, acceleration, exists)
 
 
-def curvature(i: Invariants, duration: Array) -> Array:
+def curvature(i: Invariants, span: Array) -> Array:
     """Return the curvature κ [1/m]; 0 where the speed is zero."""
-    return root(i.N) * inverse_root(i.S, has_tangent(i, duration)) ** 3
+    return root(i.N) * inverse_root(i.S, has_tangent(i, span)) ** 3
 
 
-def torsion(i: Invariants, duration: Array) -> Array:
+def torsion(i: Invariants, span: Array) -> Array:
     """Return the torsion χ [1/m]; 0 where the path is straight or the speed is zero."""
-    return i.T * inverse_root(i.N, has_natural_frame(i, duration)) ** 2
+    return i.T * inverse_root(i.N, has_natural_frame(i, span)) ** 2
 
 
 def triple(v: Array) -> Triple:

@@ -54,6 +54,10 @@ class AbstractHodograph(eqx.Module):
         """
         return None
 
+    def span(self, t: Array) -> Array:
+        """Return how long [s] the derivatives at the times `t` are of their present size; see `regularity`."""
+        return self.duration
+
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
         rows = jax.vmap(lambda t: self.derivatives(t, order))(t)
@@ -124,6 +128,10 @@ _compiled_length = eqx.filter_jit(_arc_length)
 _length = in_numpy(_arc_length, _compiled_length)
 
 
+PART = 1e-3
+"""Span of a `Curve`, relative to its duration (see `regularity`)."""
+
+
 class Curve(AbstractHodograph):
     """A path defined by any differentiable function t -> (3,), with derivatives by nested forward differentiation.
 
@@ -148,6 +156,13 @@ class Curve(AbstractHodograph):
 
     def __repr__(self) -> str:
         return shown(self, duration="s")
+
+    def span(self, t: Array) -> Array:
+        """Return how long [s] the derivatives are of their present size: a small part of the duration.
+
+        The function may oscillate often in the duration.
+        """
+        return self.duration * PART
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""

@@ -85,6 +85,10 @@ class Route(AbstractHodograph, AbstractResult):
         rows = pieces.values(self.coefficients[i], t - self.starts[i], order)
         return [rows[0] + self.origin.reshape((1,) * t.ndim + (3,)), *rows[1:]]
 
+    def span(self, t: Array) -> Array:
+        """Return the durations [s] of the segments at the times `t`."""
+        return pieces.durations(self.starts, self.duration)[pieces.index(self.starts, t)]
+
     def index(self, t: ScalarLike) -> Int[Array, ""]:
         """Return the index of the segment at the time `t` [s]; at a joint, the index of the later segment."""
         return pieces.index(self.starts, one_instant(t).astype(self.duration.dtype))

@@ -27,6 +27,7 @@ def driven_invariants(
     vehicle: Any,
     t: Array,
     duration: Array,
+    span: Array,
     root: Callable[[Any], Any] = safe_root,
 ) -> Invariants:
     """Return the invariants of the derivatives `rows` up to `ORDER`; they are also defined where the speed is zero.
@@ -37,7 +38,7 @@ def driven_invariants(
     """
     zero = xp.zeros_like(rows[0][0])
     rows = [filled(row, zero) for row in rows]
-    moving = has_tangent(Invariants(rows, up), duration)
+    moving = has_tangent(Invariants(rows, up), span)
     direction, pace = _direction(rows, up, t, duration), xp.where(moving, 1.0, 0.0).astype(zero.dtype)
     rows = [rows[0], select(moving, rows[1], direction), *rows[2:]]
     return Invariants(rows, up, vehicle, root, pace)

@@ -84,15 +84,15 @@ class ThrustAligned(AbstractFrame):
         """Whether the heading is not a function, because JAX differentiates functions."""
         return not callable(self.heading)
 
-    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral at t = 0; the time is relevant only if the heading is a function of time."""
-        return self.at(xp.zeros_like(duration), r, duration)
+        return self.at(xp.zeros_like(span), r, span)
 
-    def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def at(self, t: Scalar, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral at the time `t` [s] from r and its first four time derivatives, in world axes."""
-        return from_rows(self, t.astype(r.dtype), r, duration)
+        return from_rows(self, t.astype(r.dtype), r, span)
 
-    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+    def components_at(self, t: Array, i: Invariants, basis: Basis, span: Array) -> FrameComponents:
         """Return the frame in components at the times `t` [s]."""
         r, dtype = i.r, i.S.dtype
         gravity = basis.local(triple(self.gravity.astype(dtype)))
@@ -100,9 +100,9 @@ class ThrustAligned(AbstractFrame):
         c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(dtype), basis)
         w = _cross(f, c)
         F, C, W = dot(f[0], f[0]), dot(c[0], c[0]), dot(w[0], w[0])
-        exists = is_significant(F, i.A + dot(gravity, gravity) + duration**2 * i.J) & is_significant(W, F * C)
+        exists = is_significant(F, i.A + dot(gravity, gravity) + span**2 * i.J) & is_significant(W, F * C)
         if self.heading is None:
-            exists = exists & has_tangent(i, duration)
+            exists = exists & has_tangent(i, span)
         z = _unit(f[0], F, basis.local(UP))
         # Orthogonal to the thrust to within round-off, even if w has lost most digits.
         side = add_vectors(w[0], scaled(z, -dot(z, w[0])))

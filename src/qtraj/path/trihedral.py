@@ -34,6 +34,7 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.rate_axes import BODY, INERTIAL, in_axes, require_axes
+from qtraj.path.regularity import rotating_span
 from qtraj.path.route import Route
 
 
@@ -118,23 +119,23 @@ class AbstractFrame(eqx.Module):
         return type(self).__name__.lower()
 
     @abc.abstractmethod
-    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral from the position and its first four time derivatives (rows of `r`) in world axes."""
 
-    def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def at(self, t: Scalar, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral at the time `t` [s]; only frames that depend on time override this method."""
-        return self.trihedral(r, duration)
+        return self.trihedral(r, span)
 
-    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
+    def components(self, i: Invariants, basis: Basis, span: Array) -> FrameComponents | None:
         """Return the frame from the derivatives of a path in its moving basis, or None if this form is not available.
 
         Arrays may have any shape. With this form, many instants are evaluated in one loop, without world axes.
         """
         return None
 
-    def components_at(self, t: Array, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
+    def components_at(self, t: Array, i: Invariants, basis: Basis, span: Array) -> FrameComponents | None:
         """Return `components` at the times `t` [s]; only frames that depend on time override this method."""
-        return method(self, "components")(i, basis, duration)
+        return method(self, "components")(i, basis, span)
 
 
 def trihedral(
@@ -158,18 +159,19 @@ def trihedral(
 
 
 def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Any, Basis, Any, FrameComponents | None]:
-    """Return invariants, moving basis, duration and frame at the times `t` [s], of any shape."""
+    """Return invariants, moving basis, span and frame at the times `t` [s], of any shape."""
     polynomials = method(path, "polynomials")()
     if polynomials is None:
         rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, 4)
-        basis, rows = Basis(), [triple(row) for row in rows]
+        basis, rows, span = Basis(), [triple(row) for row in rows], method(path, "span")(t)
     else:
         x, y, z, angle = method(polynomials, "series")(t, 4)
         basis, rows = Basis(angle[0], polynomials.placement), in_moving_basis(x, y, z, angle)
+        span = rotating_span(path.duration, angle[1])
     zero = xp.zeros_like(rows[0][0])
     i = basis.invariants([filled(row, zero) for row in rows])
-    duration = xp.asarray(path.duration).astype(i.S.dtype)
-    return i, basis, duration, method(frame, "components_at")(t, i, basis, duration)
+    span = xp.asarray(span).astype(i.S.dtype)
+    return i, basis, span, method(frame, "components_at")(t, i, basis, span)
 
 
 def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
@@ -182,8 +184,8 @@ def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFram
 
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
-    i, basis, duration, found = frames(path, t, frame)
-    at = frame.at(t, path.derivatives(t, 4), duration) if found is None else _assembled(i, basis, found, duration)
+    i, basis, span, found = frames(path, t, frame)
+    at = frame.at(t, path.derivatives(t, 4), span) if found is None else _assembled(i, basis, found, span)
     return at if axes == BODY else at.in_axes(axes)
 
 
@@ -191,14 +193,14 @@ _compiled_trihedral = eqx.filter_jit(_jax_trihedral)
 _trihedral = in_numpy(_jax_trihedral, _compiled_trihedral)
 
 
-def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Scalar) -> Trihedral:
+def _assembled(i: Invariants, basis: Basis, found: FrameComponents, span: Scalar) -> Trihedral:
     """Return the trihedral of a frame in components; all numbers are computed in one loop."""
     axes = [basis.world(v) for v in found.axes]
     numbers = in_one_loop(
         [
             root(i.S),
-            curvature(i, duration),
-            torsion(i, duration),
+            curvature(i, span),
+            torsion(i, span),
             xp.where(found.defined, xp.ones_like(i.S), 0.0),  # an array of bool would need a second loop
             *(xp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
         ]
@@ -209,13 +211,13 @@ def _assembled(i: Invariants, basis: Basis, found: FrameComponents, duration: Sc
     )
 
 
-def from_rows(frame: AbstractFrame, t: Any, r: Float[Array, "5 3"], duration: Scalar) -> Any:
+def from_rows(frame: AbstractFrame, t: Any, r: Float[Array, "5 3"], span: Scalar) -> Any:
     """Return the trihedral of a frame that provides components, from r and its time derivatives in world axes."""
     basis = Basis()
     i = basis.invariants([triple(row) for row in r])
-    duration = duration.astype(r.dtype)
-    found: Any = frame.components_at(t, i, basis, duration)
-    return _assembled(i, basis, found, duration)
+    span = span.astype(r.dtype)
+    found: Any = frame.components_at(t, i, basis, span)
+    return _assembled(i, basis, found, span)
 
 
 @in_numpy
@@ -237,13 +239,13 @@ class Natural(AbstractFrame):
 
     supports_numpy: ClassVar[bool] = True
 
-    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the natural trihedral from r and its first four time derivatives, in world axes."""
-        return from_rows(self, None, r, duration)
+        return from_rows(self, None, r, span)
 
-    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+    def components(self, i: Invariants, basis: Basis, span: Array) -> FrameComponents:
         """Return the natural trihedral in components."""
-        return frame_components.natural(i, basis, duration)
+        return frame_components.natural(i, basis, span)
 
 
 @storable
@@ -268,13 +270,13 @@ class Upright(AbstractFrame):
     def __repr__(self) -> str:
         return shown(self)
 
-    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+    def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the upright trihedral from r and its first four time derivatives, in world axes."""
-        return from_rows(self, None, r, duration)
+        return from_rows(self, None, r, span)
 
-    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+    def components(self, i: Invariants, basis: Basis, span: Array) -> FrameComponents:
         """Return the upright frame in components."""
-        return frame_components.upright(i, basis, duration, triple(self.unit_up(duration.dtype)))
+        return frame_components.upright(i, basis, span, triple(self.unit_up(span.dtype)))
 
     def unit_up(self, dtype: Any) -> Vec3:
         """Return the unit vector along `up`."""

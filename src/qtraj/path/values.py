@@ -12,6 +12,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
+from qtraj.path.regularity import rotating_span
 from qtraj.path.standstill import ORDER as STANDSTILL_ORDER, driven_invariants
 from qtraj.path.vehicle import RoadParameters
 
@@ -28,13 +29,14 @@ def invariants_at(
     order = order if vehicle is None else max(order, STANDSTILL_ORDER)
     if polynomials is None:
         rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, order)
-        up, rows = None, [triple(row) for row in rows]
+        up, rows, span = None, [triple(row) for row in rows], method(path, "span")(t)
     else:
         x, y, z, angle = method(polynomials, "series")(t, order)
         rows, up = in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0])
+        span = rotating_span(path.duration, angle[1])
     if vehicle is None:
         return Invariants(rows, up)
-    return driven_invariants(rows, up, vehicle, xp.asarray(t, path.duration.dtype), path.duration)
+    return driven_invariants(rows, up, vehicle, xp.asarray(t, path.duration.dtype), path.duration, span)
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:

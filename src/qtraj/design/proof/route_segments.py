@@ -106,7 +106,7 @@ def _at_rest(limits: Sequence[Limit], road: RoadParameters | None) -> tuple[np.n
     if road is not None:
         zero: Any = np.zeros(())
         one: Any = np.ones(())
-        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one)
+        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
         values = np.array([float(x.entry.value(forces)) if x.entry.on_road else 0.0 for x in limits])
     proved, broken = values * (1 + ZERO) < bounds, values * (1 - ZERO) > bounds
     return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), values
