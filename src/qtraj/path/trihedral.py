@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -28,6 +29,7 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path import frame_components
 from qtraj.path.channel import CHANNELS
+from qtraj.path.components import dot
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frame_components import Basis, FrameComponents, curvature, filled, torsion, triple
 from qtraj.path.frenet import Invariants
@@ -174,13 +176,16 @@ def frames(path: AbstractHodograph, t: Array, frame: AbstractFrame) -> tuple[Any
     return i, basis, span, method(frame, "components_at")(t, i, basis, span)
 
 
-def dcms(path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame) -> Float[Array, "n 3 3"]:
-    """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`."""
+def dcms(
+    path: AbstractHodograph, times: Float[Array, " n"], frame: AbstractFrame
+) -> tuple[Float[Array, "n 3 3"], Float[Array, " n"]]:
+    """Return the direction cosines of a frame at many instants [s], as `Trihedral.dcm`, and its rates [rad/s]."""
     _, basis, _, found = frames(path, times, frame)
     if found is None:
-        return jax.vmap(lambda t: trihedral(path, t, frame).dcm())(times)
+        each = jax.vmap(lambda t: trihedral(path, t, frame))(times)
+        return jax.vmap(lambda x: x.dcm())(each), jnp.linalg.norm(each.rate, axis=-1)
     rows = [xp.stack(basis.world(v), axis=-1) for v in found.axes]
-    return xp.stack(rows, axis=-2)
+    return xp.stack(rows, axis=-2), xp.sqrt(dot(found.rate, found.rate)) + xp.zeros_like(times)
 
 
 def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:

@@ -1,12 +1,14 @@
 """Use a frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned and others."""
 
+import warnings
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.algebra.cosines import from_rotation
-from qtraj.foundation.arrays import as_float, one_instant
+from qtraj.foundation.arrays import as_float, concrete, one_instant
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.shown import shown
@@ -19,7 +21,17 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 
 NODES = 513
-"""Number of anchors, which are equally spaced in time (see `FrameProgram`)."""
+"""Smallest number of anchors of a path that is not a route; they are equally spaced in time (see `FrameProgram`)."""
+
+TURN, LARGE_TURN = 0.4, 1.0
+"""Largest turn [rad] of a frame between two anchors. The second number applies to traced paths, for which the number of
+anchors cannot depend on the path. A turn of 0.4 rad causes errors of about 1e-12 rad, and one of 1 rad of 1e-6 rad."""
+
+USUAL = 0.9
+"""Quantile of the turns of a frame that determine the number of anchors of its sign; near inflections they are huge."""
+
+MOST_PARTS = 256
+"""Largest number of parts into which the smallest intervals between anchors are divided."""
 
 ROUNDING = 16
 """Anchors that only determine a sign are rounded to multiples of 1/16, so that stored programs are small."""
@@ -34,9 +46,11 @@ class FrameProgram(AbstractProgram):
 
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, even if the program is evaluated at a single
     instant. The `anchors` (n, 4) determine the sign of the quaternion, and also the attitude of a rotation-minimizing
-    frame. They are quaternions at n equally spaced times on [0, duration], by default 513. The anchors are computed
-    once, when the program is created, and stored with the program. The frame must rotate by less than π between two
-    neighbouring anchors, and thus by less than 512π in total. Routes instead have four anchors in each segment.
+    frame. They are quaternions at n equally spaced times on [0, duration], at least 513; on a route, at least four in
+    each segment. The anchors are computed once, when the program is created, and stored with the program. Their number
+    is such that the frame turns by less than 0.4 rad between two of them, but at most 256 times the smallest number;
+    beyond that, a warning is given. For traced paths it is the smallest number, and the quaternion of a
+    rotation-minimizing frame is NaN if the path turns by more than 1 rad between two anchors.
 
     The program is not defined where the frame is not defined. Examples are the natural frame on a straight path, the
     upright frame where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames
@@ -96,8 +110,9 @@ def _jax_attitude(program: FrameProgram, t: Scalar) -> Attitude:
 
 def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
     """Return time [s] and quaternion of the anchor nearest to `t`; on a route, of the last anchor at or before `t`."""
-    times = program.path.nodes()
-    if times is not None:
+    joints = program.path.nodes()
+    if joints is not None:
+        times = _divided(joints, (program.anchors.shape[0] - 1) // (joints.shape[0] - 1))
         k = xp.maximum(xp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
         return times[k], program.anchors[k]
     last = program.anchors.shape[0] - 1
@@ -106,29 +121,61 @@ def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
-    at_once = _supports_numpy(path, frame)
-    if isinstance(frame, RotationMinimizing):
+    at_once, minimizing = _supports_numpy(path, frame), isinstance(frame, RotationMinimizing)
+    if minimizing:
         start = (_start if at_once else _compiled_start)(path, frame.initial)
-        return (_minimizing_anchors if at_once else _compiled_minimizing_anchors)(path, start)
-    return (_sign_anchors if at_once else _compiled_sign_anchors)(path, frame)
+        compute, given = _minimizing_anchors if at_once else _compiled_minimizing_anchors, start
+    else:
+        compute, given = _sign_anchors if at_once else _compiled_sign_anchors, frame
+    anchors, turn = compute(path, given, 1)
+    largest = concrete(turn)
+    if largest is None:
+        return xp.where(turn <= LARGE_TURN, anchors, xp.nan) if minimizing else anchors
+    if not largest > TURN:
+        return anchors
+    parts = 2 ** int(np.ceil(np.log2(min(largest / TURN, MOST_PARTS))))
+    if largest > parts * (LARGE_TURN if minimizing else np.pi):
+        warnings.warn(
+            f"the frame turns by {largest / parts:.3g} rad between two of the {parts * len(anchors)} anchors of this "
+            "program, so its quaternion may be wrong: divide the path into windows, and create a program for each.",
+            stacklevel=3,
+        )
+    return compute(path, given, parts)[0]
 
 
 def _supports_numpy(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> bool:
     return path.supports_numpy and (isinstance(frame, RotationMinimizing) or frame.supports_numpy)
 
 
-def _jax_minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array, "n 4"]:
-    return rotation_minimizing.nodes(path, start, _times(path))
+def _jax_minimizing_anchors(path: AbstractHodograph, start: Quat, parts: int) -> tuple[Float[Array, "n 4"], Scalar]:
+    return rotation_minimizing.nodes(path, start, _times(path, parts))
 
 
-def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
-    quaternions = from_rotation(dcms(path, _times(path), frame))
-    return stop_gradient(xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
+def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame, parts: int) -> tuple[Float[Array, "n 4"], Scalar]:
+    """Return the anchors, and the turn between two of them that is exceeded only near singular instants [rad]."""
+    times = _times(path, parts)
+    dcm, rates = dcms(path, times, frame)
+    quaternions = stop_gradient(from_rotation(dcm))
+    turns = stop_gradient(xp.minimum(rates[1:], rates[:-1]) * xp.diff(times))
+    turn = xp.quantile(xp.nan_to_num(turns), USUAL)
+    return xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING, turn
 
 
-def _times(path: AbstractHodograph) -> Float[Array, " n"]:
-    times = path.nodes()
-    return times if times is not None else path.duration * np.linspace(0.0, 1.0, NODES).astype(path.duration.dtype)
+def _times(path: AbstractHodograph, parts: int) -> Float[Array, " n"]:
+    """Return the times of the anchors [s]: those of the smallest number of anchors, each interval divided."""
+    joints = path.nodes()
+    if joints is not None:
+        return _divided(joints, parts)
+    return path.duration * np.linspace(0.0, 1.0, (NODES - 1) * parts + 1).astype(path.duration.dtype)
+
+
+def _divided(times: Float[Array, " n"], parts: int) -> Float[Array, " m"]:
+    """Return ascending times with `parts` − 1 equally spaced times in each interval."""
+    if parts == 1:
+        return times
+    shares = (np.arange(parts) / parts).astype(times.dtype)
+    inner = times[:-1, None] * (1 - shares) + times[1:, None] * shares
+    return xp.concatenate([inner.ravel(), times[-1:]])
 
 
 _compiled_attitude = eqx.filter_jit(_jax_attitude)

@@ -133,9 +133,18 @@ def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
     return from_rotation(_dcm(natural.tangent, unit(projected, natural.normal)))
 
 
-def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
-    """Return quaternions of the frame at ascending `times` [s] from 0, with continuous signs; the first is `start`."""
-    steps = _steps(path, times[:-1], times[1:])
+def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> tuple[Float[Array, "n 4"], Scalar]:
+    """Return quaternions of the frame at ascending `times` [s] from 0, and the largest turn [rad] between two times.
+
+    The signs are continuous, and the first quaternion is `start`. The turn is measured by the largest rate at the
+    quadrature points.
+    """
+    steps, turn = _steps(path, times[:-1], times[1:])
+    return _chained(start, steps), turn
+
+
+def _chained(start: Quat, steps: Float[Array, "n 4"]) -> Float[Array, "n+1 4"]:
+    """Return `start` and its products with the rotations `steps`, one after the other."""
     if is_host(start, steps):
         found: list[Any] = [start]
         for step in steps:
@@ -176,19 +185,23 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
     return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
 
 
-def _steps(path: AbstractHodograph, a: Array, b: Array) -> Float[Array, "n 4"]:
+def _steps(path: AbstractHodograph, a: Array, b: Array) -> tuple[Float[Array, "n 4"], Scalar]:
     """Return the rotations (n, 4) of the frame from times `a` (n,) to times `b` (n,) [s], in world axes.
 
-    The rotations are the same for every rotation-minimizing frame of the path.
+    The rotations are the same for every rotation-minimizing frame of the path. The second result is the largest turn of
+    the tangent [rad].
     """
     samples = _sample(path, a, b)
+    square = dot(samples[1], samples[1])
+    rates = norm(cross(samples[1], samples[2])) / xp.where(square > 0, square, 1.0)
+    turn = stop_gradient(xp.max(rates * (b - a)[:, None]))
     tangent = _tangent(samples[1][:, 0])
     smallest = stop_gradient(xp.argmin(abs(tangent), axis=-1))
     side = xp.where(np.arange(3)[None] == smallest[:, None], 1.0, xp.zeros_like(tangent))
     before = _dcm(tangent, unit(cross(side, tangent), side))
     after = _transported(samples, before[..., 2, :], b - a)
     q = quaternion.product(from_rotation(after), quaternion.conjugate(from_rotation(before)))
-    return xp.where(q[..., :1] < 0, -q, q)
+    return xp.where(q[..., :1] < 0, -q, q), turn
 
 
 def _sample(path: AbstractHodograph, a: Array, b: Array) -> Samples:

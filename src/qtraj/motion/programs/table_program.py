@@ -30,8 +30,9 @@ class TableProgram(AbstractProgram):
     first and the last polynomial are extrapolated.
 
     `rates` (n, 3) [rad/s]: the angular rates at the attitudes, body axes. With None, the rates are computed and stored
-    when the program is created. If you pass `rates`, they are not changed, and the acceleration may jump. First and
-    second derivatives with respect to the table are exact.
+    when the program is created; for traced attitudes, they are NaN if the iteration does not converge. If you pass
+    `rates`, they are not changed, and the acceleration may jump. First and second derivatives with respect to the table
+    are exact.
 
     **Raises:** ValueError for fewer than two attitudes, times that do not increase, wrong shapes, values that are not
     finite, a zero quaternion, or attitudes that are too far apart for the iteration to converge.
@@ -100,7 +101,7 @@ def _spline_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -
             "the iteration for a spline with continuous acceleration did not converge, because neighbouring attitudes "
             "are too far apart. Add attitudes between them, or pass rates."
         )
-    return rates
+    return rates if value is not None else jnp.where(converged, rates, jnp.nan)
 
 
 @eqx.filter_jit

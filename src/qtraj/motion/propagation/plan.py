@@ -24,13 +24,15 @@ MAX_ROUNDS = 64
 
 
 def require_steps(steps: int) -> None:
-    """Raise a ValueError unless there is at least one step in each interval."""
-    if steps < 1:
-        raise ValueError(f"steps must be at least 1 in each interval, but {steps!r} was given")
+    """Raise a ValueError unless there is at least one step in each interval, and a whole number of them."""
+    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
+        raise ValueError(f"steps must be a whole number, at least 1 in each interval, but {steps!r} was given")
 
 
 def require_max_steps(max_steps: int | None, intervals: int) -> None:
-    """Raise a ValueError if there are more intervals than steps."""
+    """Raise a ValueError if there are more intervals than steps, or if `max_steps` is not a whole number."""
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or isinstance(max_steps, bool)):
+        raise ValueError(f"max_steps must be a whole number, but {max_steps!r} was given")
     if max_steps is not None and max_steps < intervals:
         raise ValueError(
             f"max_steps must be at least the number of intervals between the times, {intervals}, "
