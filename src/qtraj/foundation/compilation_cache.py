@@ -1,7 +1,6 @@
 """Switch on JAX's persistent compilation cache, so that a process loads functions that another process compiled."""
 
 import os
-import sys
 from pathlib import Path
 
 
@@ -9,9 +8,8 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
     """Make JAX store compiled functions in `folder`, which is created if it does not exist, and return the folder.
 
     Later processes load these functions instead of compiling them, but still trace them. The default folder, which the
-    command line also uses, is `qtraj/jax` in the user's cache folder. The cache folder is `XDG_CACHE_HOME` or
-    `LOCALAPPDATA` if one of these environment variables is set to an absolute path, otherwise `~/Library/Caches` on
-    macOS and `~/.cache` on other systems. You may delete the folder `qtraj/jax` at any time. JAX runs the code that is
+    command line also uses, is `jax` in the cache folder of qtraj, as determined by platformdirs: on Linux, for example,
+    `qtraj` in `$XDG_CACHE_HOME` or in `~/.cache`. You may delete this folder at any time. JAX runs the code that is
     stored in it, so only trusted users should have write access.
 
     Call this function at the start of the process, because functions that are already compiled are not stored. All
@@ -44,14 +42,11 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
 def default_folder() -> Path:
     """Return the folder for compiled code in the user's cache folder.
 
-    **Raises:** ValueError if no environment variable names the cache folder, and the user has no home folder.
+    **Raises:** ValueError if the user has no home folder.
     """
-    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-        base = os.environ.get(name)
-        if base and Path(base).is_absolute():  # according to the XDG specification, relative paths are ignored
-            return Path(base) / "qtraj" / "jax"
-    try:
-        home = Path.home()
-    except RuntimeError as error:
-        raise ValueError("there is no home folder in which to store compiled code. Pass a folder.") from error
-    return (home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache") / "qtraj" / "jax"
+    from platformdirs import user_cache_path  # imported here, so that importing this module is fast
+
+    path = user_cache_path("qtraj", appauthor=False)
+    if not path.is_absolute():
+        raise ValueError("there is no home folder in which to store compiled code. Pass a folder.")
+    return path / "jax"

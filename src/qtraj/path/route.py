@@ -124,7 +124,7 @@ class Route(AbstractHodograph, AbstractResult):
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
         """Return the jumps of r and its derivatives at each inner joint (value after minus value before the joint)."""
-        h = self._durations()
+        h = np.diff(_concrete(self.times))
         c = _concrete(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
         starts = np.stack(pieces.values(c[1:], np.zeros_like(h[1:]), order), axis=1)
@@ -171,7 +171,7 @@ class Route(AbstractHodograph, AbstractResult):
         if not -count <= i < count:
             raise IndexError(f"segment {i} does not exist: the route has {count} segments")
         c = _concrete(self.coefficients)[i % count][None]
-        return from_segments(np.zeros(1, c.dtype), c, self._durations()[i % count], _concrete(self.origin))
+        return from_segments(np.zeros(1, c.dtype), c, np.diff(_concrete(self.times))[i % count], _concrete(self.origin))
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
         """Return the interval from `t0` to `t1` [s] as a route that starts at time 0; joints inside it are kept.
@@ -194,7 +194,7 @@ class Route(AbstractHodograph, AbstractResult):
 
     def reversed(self) -> "Route":
         """Return the same curve in the opposite direction, with the same durations of the segments."""
-        c = pieces.time_reversed(_concrete(self.coefficients)[: self.segments], self._durations())[::-1]
+        c = pieces.time_reversed(_concrete(self.coefficients)[: self.segments], np.diff(_concrete(self.times)))[::-1]
         starts = _concrete(self.duration) - _concrete(self.times)[:0:-1]
         return from_segments(starts, c, _concrete(self.duration), _concrete(self.origin))
 
@@ -267,10 +267,6 @@ class Route(AbstractHodograph, AbstractResult):
         }
         shape = f"{count} segments of degree {c.shape[-2] - 1}, {extent(self.duration, 's')}"
         return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
-
-    def _durations(self) -> np.ndarray:
-        """Return the durations [s] of the segments."""
-        return np.diff(_concrete(self.times))
 
 
 @in_numpy

@@ -36,7 +36,8 @@ def jumps(recording: Recording) -> Float[np.ndarray, "steps 3"]:
     expected = _median_of_known(predictions, velocities)
     found = (velocities - expected) * steps
     found[steps[:, 0] > LONG_STEP * recording.step] = 0.0
-    return recording.position_sigmas.part(slice(1, None)).scaled(found)
+    later = np.arange(len(recording.times)) > 0
+    return recording.position_sigmas.part(later).scaled(found)
 
 
 def _median_of_known(predictions: Float[np.ndarray, "3 n 3"], otherwise: np.ndarray) -> np.ndarray:

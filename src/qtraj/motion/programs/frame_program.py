@@ -1,6 +1,7 @@
 """Use a frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned and others."""
 
 import warnings
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -121,12 +122,12 @@ def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
-    at_once, minimizing = _supports_numpy(path, frame), isinstance(frame, RotationMinimizing)
-    if minimizing:
-        start = (_start if at_once else _compiled_start)(path, frame.initial)
-        compute, given = _minimizing_anchors if at_once else _compiled_minimizing_anchors, start
-    else:
-        compute, given = _sign_anchors if at_once else _compiled_sign_anchors, frame
+    at_once = _supports_numpy(path, frame)
+    minimizing, given = isinstance(frame, RotationMinimizing), frame
+    compute: Any = _sign_anchors if at_once else _compiled_sign_anchors
+    if isinstance(frame, RotationMinimizing):
+        given = (_start if at_once else _compiled_start)(path, frame.initial)
+        compute = _minimizing_anchors if at_once else _compiled_minimizing_anchors
     anchors, turn = compute(path, given, 1)
     largest = concrete(turn)
     if largest is None:
