@@ -55,8 +55,6 @@ def row(python: str, wheel: Path, extra: str, jax: str) -> list[str]:
         run(own, "-m", "pip", "install", f"{wheel}[{extra}]" if extra else wheel, *pinned)
         seconds, installed = time.perf_counter() - start, size(environment) - before
         run(own, "-c", LIBRARY)
-        if extra.startswith(("cli", "all")):
-            run(own, "-m", "qtraj", "slew", "--json")
         if extra.startswith("all"):
             run(own, "-m", "qtraj", "tune", "--out", Path(folder) / "out")
         names = "import sys, jax; print(sys.version.split()[0], jax.__version__)"

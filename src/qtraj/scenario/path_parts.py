@@ -114,6 +114,11 @@ class TrackPart(Part):
 
     def read(self, beside: Callable[[str], Path]) -> Recording:
         """Read the recording, its window as track; `beside` maps the name of the file to a path."""
+        recording = self.read_whole(beside)
+        return recording if self.window is None else recording._replace(track=recording.track.window(*self.window))
+
+    def read_whole(self, beside: Callable[[str], Path]) -> Recording:
+        """Read the recording without regard to the window; `beside` maps the name of the file to a path."""
         columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
@@ -122,8 +127,7 @@ class TrackPart(Part):
         units = {str(part): unit for part, unit in (self.units or {}).items()}
         options = {name: getattr(self, name) for name in ("axes", "rate", "duplicates", "quaternion", "segment")}
         options |= {"columns": columns, "angles": angles, "projection": projection, "units": units, "times": times}
-        recording = read_recording(beside(self.file), **options)
-        return recording if self.window is None else recording._replace(track=recording.track.window(*self.window))
+        return read_recording(beside(self.file), **options)
 
 
 class FitPart(Part):

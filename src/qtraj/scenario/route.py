@@ -130,9 +130,13 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
         limits = scenario.all_limits()  # checked first, because the fit takes longer
-        recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
+        window = scenario.track.window
+        recording = with_odd_limits(scenario.track.read_whole(loaded.beside), scenario.limits.limits())
+        settings = scenario.fit.model_dump(exclude={"spacing"})
         with with_notes(recording):
-            fitted = fit_route(recording.track, scenario.fit.spacing, **scenario.fit.model_dump(exclude={"spacing"}))
+            fitted = fit_route(recording.track, scenario.fit.spacing, window=window, **settings)
+        if window is not None:
+            recording = recording._replace(track=recording.track.window(*window))
         tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
         return RouteTask(fitted.path, limits, recording, fitted, tuning)
 

@@ -9,7 +9,7 @@ samples. Only the comparison with the recording is compiled.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,7 @@ from qtraj.design.fitting.route_outliers import SMOOTHING, without_outliers
 from qtraj.design.fitting.route_solution import solution, with_inliers
 from qtraj.design.fitting.route_stops import Standing, find_stops
 from qtraj.design.fitting.route_system import in_seconds, predict, sample_system, solve
+from qtraj.design.fitting.route_window import Cut, clipped, cut, widened
 from qtraj.design.fitting.units import Units
 from qtraj.design.fitting.waypoints import FEW, knots_and_smoothing
 from qtraj.foundation.arrays import as_array
@@ -53,6 +54,7 @@ def fit_route(
     *,
     stop_speed: float | int | None = None,
     stop_distance: float | int = STANDSTILL,
+    window: tuple[float, float] | None = None,
     throw: bool = False,
 ) -> FittedRoute:
     """Fit a route to a whole `track`, including stops and straight segments.
@@ -78,26 +80,36 @@ def fit_route(
     the route (see `compare_attitude` and `compare_rates`). For geographic coordinates use `read_track(...,
     projection=...)`. Use float64. The fit is not differentiable; the route is differentiable like any other path.
 
+    `window` (t0, t1) [s], on the clock of the recording: the route of the samples in this interval. They are fitted
+    together with samples beyond its ends, ten units on each side, so that the ends of the route are as accurate as its
+    inside; all fields of the result refer to the window, except the errors at held-out samples.
+
     `position_sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recorded positions and
     velocities: a number, an array (n,) with a value for each sample, or an array (n, 3) with a value for each
     component. Each squared error is divided by its variance. These weights also apply to the errors in held-out
     intervals and to the detection of outliers. If one of the two sigmas is not given, the corresponding errors have
     equal weights, and their variance is estimated from the residuals of a fit to the positions.
 
-    **Raises:** ValueError for invalid knots, a tolerance, smoothing, stop speed, stop distance or standard deviation
-    that is not positive, a tolerance that is too small, both a tolerance and a smoothing, one of them with fewer than
-    eight samples, standard deviations of the wrong shape, or a `velocity_sigma` without recorded velocities.
-    RuntimeError with `throw` if the result is not finite.
+    **Raises:** ValueError for an invalid window, invalid knots, a tolerance, smoothing, stop speed, stop distance or
+    standard deviation that is not positive, a tolerance that is too small, both a tolerance and a smoothing, one of
+    them with fewer than eight samples, standard deviations of the wrong shape, or a `velocity_sigma` without recorded
+    velocities. RuntimeError with `throw` if the result is not finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing, stop_speed=stop_speed, stop_distance=stop_distance)
     require_track(track)
-    recording, few = read_recording(track, position_sigma, velocity_sigma), len(track.times) < FEW
+    if window is not None and np.ndim(knots):
+        raise ValueError("with a window, knots must be a spacing [s], because other knots are used beyond its ends")
+    wide = widened(track, window)
+    sigmas = (_chosen_sigma(sigma, wide.chosen) for sigma in (position_sigma, velocity_sigma))
+    track, few = wide.track, len(wide.track.times) < FEW
+    recording = read_recording(track, *sigmas)
     unit = recording.units
     knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
     given = _Choice(
         read_knots(knots, recording.times, recording.step, unit.time),
         None if tolerance is None else float(tolerance) / unit.length,
         None if smoothing is None else float(smoothing) / unit.time**5,
+        () if window is None else (wide.start / unit.time, wide.end / unit.time),
     )
     standing = Standing(
         None if stop_speed is None else float(stop_speed) * unit.time / unit.length, float(stop_distance) / unit.length
@@ -105,15 +117,18 @@ def fit_route(
     free = knots is None and tolerance is None and smoothing is None
     exact = without_smoothing(recording) if free and not find_stops(recording, standing) else None
     if exact is not None:
-        given = _Choice(Grid(exact[0], float(exact[0][1]), True), None, exact[1])
+        given = _Choice(Grid(exact[0], float(exact[0][1]), True), None, exact[1], given.ends)
     elif not few:
         recording = without_outliers(recording, given.grid.knots)
     stops = find_stops(recording, standing)
     problem, best, stretch_error = _chosen(recording, stops, given)
     recording, found = with_inliers(recording, problem, best, solution(recording, problem, best))
 
-    path = _route(track, problem.knots, found.states, unit)
-    inliers = recording.weights > 0
+    part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)
+    origin = to_float64(track.positions)[0]
+    path, track = _route(wide.inner, origin, part, unit), wide.inner
+    inliers = (recording.weights > 0)[wide.inside]
+    stops, gaps = (unit.time * np.reshape(x, (-1, 2)) for x in (stops, _gaps(recording, problem.knots)))
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path), track)
     fitted = FittedRoute(
         path,
@@ -122,10 +137,10 @@ def fit_route(
         stretch_error * unit.length,
         best * unit.time**5,
         np.flatnonzero(~inliers),
-        np.reshape(stops, (-1, 2)) * unit.time,
-        _gaps(recording, problem.knots) * unit.time,
+        clipped(stops, wide.start, wide.end),
+        clipped(gaps, wide.start, wide.end),
         found.sigma * unit.length,
-        in_seconds(found.matrix, unit.time),
+        in_seconds(part.matrix, unit.time),
         ResultCode.successful if np.isfinite(found.states).all() else ResultCode.not_finite,
         attitude,
         compare_upright(path, track),
@@ -134,20 +149,30 @@ def fit_route(
 
 
 class _Choice(NamedTuple):
-    """The first knots, and the given tolerance or smoothing; what is None is chosen. All in units of the recording."""
+    """The first knots, and the given tolerance or smoothing; what is None is chosen. All in units of the recording.
+
+    `ends` are the ends of a window, which are knots, too.
+    """
 
     grid: Grid
     tolerance: float | None
     smoothing: float | None
+    ends: tuple[float, ...] = ()
 
 
-def _route(track: Track, knots: np.ndarray, states: np.ndarray, unit: Units) -> Route:
-    """Return the route with the states (m, 3, 3) at the knots (m,), both in the units of the recording."""
-    times, dtype = knots * unit.time, track.positions.dtype
+def _chosen_sigma(sigma: Any, chosen: np.ndarray) -> Any:
+    """Return the standard deviations of the chosen samples, if there is one for each sample of the recording."""
+    shape = np.shape(sigma) if sigma is not None else ()
+    return np.asarray(sigma)[chosen] if shape[:1] == chosen.shape and not chosen.all() else sigma
+
+
+def _route(track: Track, origin: np.ndarray, part: Cut, unit: Units) -> Route:
+    """Return the route through the knots of a part, whose positions [units of length] are relative to `origin` [m]."""
+    times, dtype = part.knots * unit.time, track.positions.dtype
     recorded = to_float64(track.times)
     times[-1] = recorded[-1] - recorded[0]
-    orders = [states[:, k] * unit.length / unit.time**k for k in range(3)]
-    orders[0] = orders[0] + to_float64(track.positions)[0]
+    orders = [part.states[:, k] * unit.length / unit.time**k for k in range(3)]
+    orders[0] = orders[0] + origin
     return Route(*(as_array(x, dtype) for x in (times, *orders)))
 
 
@@ -160,7 +185,7 @@ def _chosen(recording: Recording, stops: list[tuple[float, float]], given: _Choi
     folds = choice.folds(recording.times, recording.step)
 
     def on(knots: np.ndarray) -> Problem:
-        return choice.problem(recording, *with_stops(knots, stops), folds)
+        return choice.problem(recording, *with_stops(knots, stops, given.ends), folds)
 
     grid, spacing, fixed = given.grid
     problem = on(grid)

@@ -17,6 +17,9 @@ STEPS, LEAST = 10, 5
 """Initial and minimum knot spacing in time steps of the recording; a knot has three unknowns, so noise would leave
 residuals."""
 
+COARSE = 4
+"""Factor of the first spacing: the farther apart the knots are, the smaller are the rounding errors of derivatives."""
+
 ENOUGH = 4
 """Minimum number of samples of a segment."""
 
@@ -26,6 +29,9 @@ ORDER = 6
 EXACT = 1e-6
 """Maximum RMS distance of the samples, relative to the median distance between consecutive samples."""
 
+BETTER = 8.0
+"""Factor by which half the spacing must decrease the distance to be chosen; rounding errors do not decrease."""
+
 NEGLIGIBLE = 1e-16
 """Weight of the jerk, relative to the samples of a segment: too small to be noticed, but no matrix is singular."""
 
@@ -33,23 +39,27 @@ NEGLIGIBLE = 1e-16
 def without_smoothing(recording: Recording) -> tuple[Float[np.ndarray, " m"], float] | None:
     """Return knots and a negligible smoothing for a recording without noise, or None if there is noise or a gap.
 
-    The knot spacing is halved as long as the samples of a smooth function would be met in the end.
+    The knot spacing is halved as long as the samples of a smooth function would be met in the end, and then as long as
+    this decreases the distance.
     """
     duration = float(recording.times[-1])
     if len(recording.times) < 2 * WIDTH:
         return None
-    spacing = max(SPACING, STEPS * recording.step)
+    spacing = COARSE * max(SPACING, STEPS * recording.step)
     step = float(np.median(lengths(np.diff(recording.positions, axis=0))))
+    found, best = None, EXACT * step
     while True:
         knots = equal_knots(duration, spacing)
         if np.histogram(recording.times, knots)[0].min() < ENOUGH:
-            return None
+            return found
         smoothing, distance = _fit(recording, knots)
-        if distance <= EXACT * step:
-            return knots, smoothing
+        if distance <= best:
+            found, best = (knots, smoothing), distance / BETTER
         finest = distance * (LEAST * recording.step / spacing) ** ORDER
-        if finest > EXACT * step or spacing < 2 * LEAST * recording.step:
-            return None
+        if (found is not None and distance > best * BETTER) or finest > EXACT * step:
+            return found
+        if spacing < 2 * LEAST * recording.step:
+            return found
         spacing /= 2
 
 

@@ -50,16 +50,18 @@ def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
 
 
 def with_stops(
-    knots: Float[np.ndarray, " m"], stops: list[tuple[float, float]]
+    knots: Float[np.ndarray, " m"], stops: list[tuple[float, float]], required: tuple[float, ...] = ()
 ) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, " segments"]]:
-    """Replace the knots inside or close to a stop by the ends of the stop.
+    """Replace the knots inside or close to a stop by the ends of the stop, and add the `required` knots.
 
     Returns the new knots, and for each segment whether it is a stop.
     """
     near = MIN_DISTANCE * float(np.median(np.diff(knots)))
-    ends = np.array(stops).ravel()
+    for t in required:
+        stops = [part for a, b in stops for part in ([(a, t), (t, b)] if a < t < b else [(a, b)])]
+    ends = np.array([*(t for stop in stops for t in stop), *required])
     kept = np.ones(len(knots), bool)
-    for start, end in stops:
+    for start, end in [*stops, *((t, t) for t in required)]:
         kept &= (knots < start - near) | (knots > end + near)
     first, last = knots[0], knots[-1]
     result = np.unique(np.concatenate([[first], knots[kept], ends, [last]]))

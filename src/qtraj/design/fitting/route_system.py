@@ -46,6 +46,10 @@ def _jerk_form() -> np.ndarray:
 JERK = _jerk_form()
 
 
+SOFT, SOFTEST = 3, 0.3
+"""Number of segments at each end with a smaller weight of the jerk, and the weight of the outermost one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """The design matrix of a route with `knots` knots.
@@ -121,11 +125,19 @@ def sample_system(at: Design, values: Float[np.ndarray, "n 3"], weights: Float[n
 
 
 def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
-    """Return the normal equations of ∫ |r'''|² dt."""
+    """Return the normal equations of ∫ |r'''|² dt, with smaller weights in the segments at both ends.
+
+    The minimum of the integral has zero jerk at the ends, which the motion does not have. With full weights, the
+    derivatives there would be more than three times as inaccurate as their covariance states; with much smaller ones,
+    they would follow the noise.
+    """
     h = knots[1:] - knots[:-1]
-    scales = _scales(h)
-    blocks = JERK[:, :, None] * scales.T[:, None] * scales.T[None] / h**5
-    return System(_banded(blocks), np.zeros((3 * len(knots), 3)))
+    scales, weights = _scales(h), np.ones(len(h))
+    if len(h) > 3 * SOFT:
+        weights[:SOFT] = SOFTEST ** (1 - np.arange(SOFT) / SOFT)
+        weights[-SOFT:] = weights[SOFT - 1 :: -1]
+    squares = JERK[:, :, None] * scales.T[:, None] * scales.T[None] * (weights / h**5)
+    return System(_banded(squares), np.zeros((3 * len(knots), 3)))
 
 
 def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: float) -> System:
@@ -178,19 +190,34 @@ def in_seconds(matrix: Float[np.ndarray, "*axes 6 unknowns"], unit: float) -> np
     return matrix * unit ** (row % 3 + column % 3)
 
 
-def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarray, "*axes knots 3 3"]:
-    """Return the diagonal blocks (3, 3) of the inverse of a banded matrix, one per knot (Takahashi's recursion)."""
-    if matrix.ndim == 3:
-        return np.stack([covariances(axis) for axis in matrix])
-    count = matrix.shape[1] // 3
-    blocks = np.zeros((count, 3, 6))
+def blocks(matrix: Float[np.ndarray, "6 unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the diagonal blocks (knots, 3, 3) of a banded matrix, and the blocks (knots − 1, 3, 3) to their right."""
+    rows = np.zeros((matrix.shape[1] // 3, 3, 6))
     for d in range(WIDTH):
         for r in range(3):
             if r + d < WIDTH:
                 column = matrix[WIDTH - 1 - d, r + d :: 3]
-                blocks[: len(column), r, r + d] = column
-    diagonal = np.triu(blocks[:, :, :3]) + np.swapaxes(np.triu(blocks[:, :, :3], 1), 1, 2)
-    upper = blocks[:-1, :, 3:]
+                rows[: len(column), r, r + d] = column
+    diagonal = np.triu(rows[:, :, :3]) + np.swapaxes(np.triu(rows[:, :, :3], 1), 1, 2)
+    return diagonal, rows[:-1, :, 3:]
+
+
+def from_blocks(diagonal: np.ndarray, upper: np.ndarray) -> Float[np.ndarray, "6 unknowns"]:
+    """Return the upper diagonals of the matrix with these blocks; see `blocks`."""
+    matrix = np.zeros((WIDTH, 3 * len(diagonal)))
+    for r in range(3):
+        for c in range(r, WIDTH):
+            column = diagonal[:, r, c] if c < 3 else upper[:, r, c - 3]
+            matrix[WIDTH - 1 - (c - r), c::3][: len(column)] = column
+    return matrix
+
+
+def covariances(matrix: Float[np.ndarray, "*axes 6 unknowns"]) -> Float[np.ndarray, "*axes knots 3 3"]:
+    """Return the diagonal blocks (3, 3) of the inverse of a banded matrix, one per knot (Takahashi's recursion)."""
+    if matrix.ndim == 3:
+        return np.stack([covariances(axis) for axis in matrix])
+    diagonal, upper = blocks(matrix)
+    count = len(diagonal)
     pivots, ratios = np.empty_like(diagonal), np.empty_like(upper)
     pivots[0] = diagonal[0]
     for i in range(1, count):
