@@ -189,3 +189,17 @@ def test_the_whole_drive_of_the_examples(qtraj, tmp_path, compiled):
     assert np.linalg.norm(np.array(tuned["displacement"])[:, :2], axis=1).max() < 0.75 + 1e-6
     assert (tmp_path / "report.html").stat().st_size < 8e6
     assert not compiled
+
+
+def test_limits_of_a_recording_are_given_on_the_command_line(qtraj, tmp_path):
+    arguments = ["route", EXAMPLES / "drive.csv", "--out", tmp_path / "out"]
+    result = qtraj(*arguments, "--limit", "speed=20", "--limit", "lateral_acceleration=9", "--json")
+    assert result.exit_code == 0, result.output
+    certificate = json.loads(result.stdout)["certificate"]
+    assert certificate["limit"] == ["speed", "lateral_acceleration"]
+    assert certificate["status"] == ["proved", "proved"]
+    broken = qtraj(*arguments, "--limit", "speed=3")
+    assert broken.exit_code == 1
+    wrong = qtraj(*arguments, "--limit", "sped=3")
+    assert wrong.exit_code == 2
+    assert "did you mean 'speed'?" in wrong.stderr

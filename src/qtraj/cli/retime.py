@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from qtraj.cli import layout, terminal
+from qtraj.cli import layout, limit_option, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress_bar import Watch
-from qtraj.foundation.suggestion import suggestion
 
 if TYPE_CHECKING:
     from qtraj.design.proof.certificate import Certificate
@@ -61,7 +60,7 @@ def retime(
     watch.say("reading")
     from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic
 
-    limits = _limits(limit or [])
+    limits = limit_option.limits(limit)
     loaded = read_retiming(scenario, limits, track or {})
     options = {"start_speed": start_speed, "end_speed": end_speed, "knots": knots}
     options = {name: value for name, value in options.items() if value is not None}
@@ -70,24 +69,6 @@ def retime(
     solved = [x for x in (result.timed, result.certificate, result.tuned, result.task.fitted) if x is not None]
     failed = not all(bool(x.successful) for x in solved)
     return Outcome(_content(loaded, result), _text(loaded, result), loaded, failed, _files(loaded, result))
-
-
-def _limits(texts: list[str]) -> dict[str, float]:
-    """Parse the values of the option --limit."""
-    from qtraj.path.quantity import QUANTITIES
-
-    limits = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        if name in limits:
-            raise ValueError(f"--limit {name} was given more than once")
-        if name not in QUANTITIES:
-            raise ValueError(f"--limit: unknown limit {name!r}; {suggestion(name, list(QUANTITIES), 'limits')}")
-        try:
-            limits[name] = float(value)
-        except ValueError:
-            raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given") from None
-    return limits
 
 
 class Result(NamedTuple):

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from qtraj.cli import layout, terminal
+from qtraj.cli import layout, limit_option, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress_bar import Watch
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     "qtraj route  (the built-in scenario)",
     "qtraj route drive.csv --out drive",
     "qtraj route log.csv --axes ned --units velocity=km/h",
+    "qtraj route drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
     "qtraj route bus.toml --out results",
 )
 def route(
@@ -30,6 +31,9 @@ def route(
         metavar="RECORDING",
         help="A recording (a table, TUM, KITTI, GPX or NMEA), or a scenario (TOML) with a recording (default: the "
         "built-in scenario).",
+    ),
+    limit: list[str] | None = typer.Option(
+        None, metavar="NAME=VALUE", help="A limit, such as speed=13.9, in SI units. Overrides the scenario; repeatable."
     ),
     track: dict[str, Any] | None = None,
 ) -> Outcome:
@@ -51,7 +55,7 @@ def route(
     from qtraj.io.track.reading import recorded, recording_residual
     from qtraj.scenario.route import read_route
 
-    loaded = read_route(recording, track or {})
+    loaded = read_route(recording, limit_option.limits(limit), track or {})
     task, certificate, tuned = _tuned(loaded, watch)
     line = recording_residual(task.recording, task.fitted.path)
     watch.say("sampling")
@@ -105,6 +109,6 @@ def _limits(title: str, certificate: "RouteCertificate | None") -> list[layout.P
     from qtraj.design.proof.limit_rows import route_limit_rows, violation_texts
 
     if certificate is None:
-        return ["No limits were checked: to check limits, write a scenario with a table [limits]."]
+        return ["No limits were checked: to check limits, pass --limit NAME=VALUE, or write a scenario with [limits]."]
     table = layout.limits(title, route_limit_rows(certificate), "segments violated")
     return [table, *violation_texts(certificate)]

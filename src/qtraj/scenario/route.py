@@ -110,16 +110,20 @@ class RouteTask(NamedTuple):
         return None if self.recording is None else self.recording.track
 
 
-def read_route(file: Path | None, track: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile[Any]:
+def read_route(
+    file: Path | None,
+    limits: Mapping[str, float] = MappingProxyType({}),
+    track: Mapping[str, Any] = MappingProxyType({}),
+) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
 
-    `track` replaces keys of the table [track], or adds them.
+    `limits` and `track` replace limits and keys of [track] in the scenario, or are added to them.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not a valid
     scenario or recording.
     """
     given = read_input(KINDS["route"].embedded if file is None else file)
-    return scenario_in(with_track(given, track), "route", recording=True)
+    return scenario_in(with_track(given, track), "route", limits, recording=True)
 
 
 def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
