@@ -17,6 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from qtraj.foundation.trailing_axes import require_trailing, trailing_shapes
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -144,14 +146,20 @@ def in_numpy_or_jit(function: Function) -> Function:
 
 
 def of_arrays(function: Function) -> Function:
-    """Compute a function of arrays as `in_numpy` does; lists and arrays of integers become floats."""
+    """Compute a function of arrays as `in_numpy` does; lists and arrays of integers become floats.
+
+    The last axes of arrays that are annotated as a quaternion, a vector or a matrix are checked.
+    """
+    shapes = trailing_shapes(function)
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         if all(type(x) is np.ndarray and x.dtype == np.float64 for x in args) and not kwargs:
+            require_trailing(function, shapes, args)
             with np.errstate(all="ignore"):
                 return function(*args)
-        names, values = tuple(kwargs), [_as_float(x) for x in (*args, *kwargs.values())]
+        names, values = tuple(kwargs), [as_floats(x) for x in (*args, *kwargs.values())]
+        require_trailing(function, shapes, values[: len(args)])
         if needs_jax(values):
             values = [jnp.asarray(x) if type(x) is np.ndarray else x for x in values]
             return function(*values[: len(args)], **dict(zip(names, values[len(args) :], strict=True)))
@@ -197,7 +205,7 @@ def _on_cpu(x: jax.Array) -> bool:
     return all(device.platform == "cpu" for device in x.devices())
 
 
-def _as_float(x: Any) -> Any:
+def as_floats(x: Any) -> Any:
     """Convert lists and arrays of integers to floats; any other value is unchanged."""
     kind = type(x)
     if kind in (list, tuple) or (kind is np.ndarray and x.dtype.kind in "iub"):

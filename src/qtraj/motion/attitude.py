@@ -9,6 +9,7 @@ import numpy as np
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.namespace import as_floats
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
@@ -23,9 +24,9 @@ class Attitude(AbstractResult):
     axes. The quaternion of a program has norm 1; the quaternion of a simulated body need not be normalised.
     """
 
-    quaternion: Quat
-    rate: Vec3
-    acceleration: Vec3
+    quaternion: Quat = eqx.field(converter=as_floats)
+    rate: Vec3 = eqx.field(converter=as_floats)
+    acceleration: Vec3 = eqx.field(converter=as_floats)
     axes: str = eqx.field(static=True, default=BODY)
 
     def in_axes(self, axes: str) -> "Attitude":

@@ -14,7 +14,7 @@ import numpy as np
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.algebra.vector import cross, dot, norm
 from qtraj.foundation.arrays import as_float, real_vector, require_finite, require_positive
-from qtraj.foundation.namespace import in_numpy, matmul, namespace, of_arrays, xp
+from qtraj.foundation.namespace import as_floats, in_numpy, matmul, namespace, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
@@ -63,6 +63,7 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
 
     **Raises:** ValueError for an inertia that has another shape or is not symmetric and positive definite.
     """
+    torque, rate = as_floats(torque), as_floats(rate)
     J = inertia_matrix(inertia).astype(torque.dtype)
     return namespace(J, torque, rate).linalg.solve(J, torque - cross(rate, matmul(J, rate)))
 

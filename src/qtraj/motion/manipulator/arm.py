@@ -23,7 +23,7 @@ from qtraj.algebra.quaternion import product, rotate
 from qtraj.algebra.vector import cross
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import is_host, xp
+from qtraj.foundation.namespace import as_floats, is_host, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -148,6 +148,7 @@ class Arm(eqx.Module):
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
         """Return the position [m], the unit quaternion and the Jacobian (6, n) of the gripper, computed in one pass."""
+        q = as_floats(q)
         axes = xp.stack([joint.axis.astype(q.dtype) for joint in self.joints])
         points = xp.stack([joint.point.astype(q.dtype) for joint in self.joints])
         turns = np.array([joint.kind == REVOLUTE for joint in self.joints])

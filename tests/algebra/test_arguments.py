@@ -1,0 +1,57 @@
+"""Integers are computed as floats, and a wrong last axis is refused by name, in every function of rotations."""
+
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+FUNCTIONS = [
+    *(qt.quaternion.unit, qt.quaternion.inverse, qt.quaternion.conjugate, qt.quaternion.log, qt.quaternion.log_norm),
+    *(qt.quaternion.canonical, qt.quaternion.norm_squared, qt.quaternion.left_matrix, qt.quaternion.right_matrix),
+    *(qt.rotation.to_dcm, qt.rotation.to_gibbs, qt.rotation.to_mrp, qt.rotation.to_rotation_vector),
+]
+OF_VECTORS = [qt.quaternion.exp, qt.rotation.from_rotation_vector, qt.rotation.from_gibbs, qt.rotation.from_mrp]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
+def test_integers_and_lists_are_floats(function):
+    right = function(np.array([3.0, 1.0, 0.0, 2.0]))
+    for given in ([3, 1, 0, 2], np.array([3, 1, 0, 2]), np.array([3, 1, 0, 2], np.int8)):
+        np.testing.assert_allclose(function(given), right, rtol=1e-15)
+
+
+@pytest.mark.parametrize("function", OF_VECTORS, ids=lambda f: f.__name__)
+def test_integer_vectors_are_floats(function):
+    right = function(np.array([1.0, 0.0, 2.0]))
+    for given in ([1, 0, 2], np.array([1, 0, 2])):
+        np.testing.assert_allclose(function(given), right, rtol=1e-15)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS[:4] + FUNCTIONS[9:], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("shape", [(), (3,), (4, 3), (5,)])
+def test_a_wrong_last_axis_of_a_quaternion_is_refused(function, shape):
+    with pytest.raises(ValueError, match=rf"{function.__name__}: q must have shape \(..., 4\), but shape"):
+        function(np.ones(shape))
+
+
+@pytest.mark.parametrize("function", OF_VECTORS, ids=lambda f: f.__name__)
+def test_a_wrong_last_axis_of_a_vector_is_refused(function):
+    with pytest.raises(ValueError, match=rf"{function.__name__}: . must have shape \(..., 3\), but shape \(4,\) was"):
+        function(np.ones(4))
+
+
+def test_the_result_does_not_have_the_type_of_one_argument():
+    inertia = [1.5, 2.5, 3.5]
+    whole = qt.dynamics.acceleration(np.array([1, 0, 0]), np.array([1, 2, 0]), inertia)
+    np.testing.assert_allclose(whole, [2 / 3, 0, -4 / 7], rtol=1e-14)
+    attitude = qt.Attitude(np.array([1, 0, 0, 0]), np.array([1, 2, 0]), np.array([0, 1, 0]))
+    np.testing.assert_allclose(qt.dynamics.torque(attitude, inertia), [0, 2.5, 2.0], rtol=1e-14)
+    assert float(qt.dynamics.rotational_power(attitude, inertia)) == 5.0
+    attitude = qt.Attitude([1, 0, 0, 0], [1, 2, 0], [0, 1, 0])
+    np.testing.assert_allclose(qt.dynamics.torque(attitude, inertia), [0, 2.5, 2.0], rtol=1e-14)
+
+
+def test_whole_joint_values_are_floats():
+    arm = qt.stanford_arm()
+    for got, right in zip(arm.kinematics(np.zeros(6, int)), arm.kinematics(np.zeros(6)), strict=True):
+        np.testing.assert_allclose(got, right, atol=1e-6)
