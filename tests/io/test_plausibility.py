@@ -109,3 +109,28 @@ def test_scaled_geographic_coordinates(tmp_path):
     [note] = read(tmp_path, "t,lat,lon,alt", *columns, units={"position": "1e-7 deg"}).notes
     assert "a height of 520 km: if the height is in mm" in note
     assert read(tmp_path, "t,lat,lon,alt_mm", *columns, units={"position": "1e-7 deg"}).notes == ()
+
+
+def test_positions_relative_to_the_centre_of_the_earth(tmp_path):
+    centre = np.array([4_182_105.0, 850_859.0, 4_724_681.0])
+    [note] = read(tmp_path, "t,x,y,z", TIMES, centre + POSITIONS).notes
+    assert "from the origin" in note
+    assert "ECEF" in note
+    assert "from_crs(4978, 4979)" in note
+    gauss_krueger = np.array([3_500_000.0, 5_300_000.0, 450.0])  # the same distance from the origin
+    assert read(tmp_path, "t,x,y,z", TIMES, gauss_krueger + POSITIONS).notes == ()
+
+
+def test_radians_that_are_read_as_degrees(tmp_path):
+    degrees = np.stack([48.1 + POSITIONS[:, 1] / 111_200, 11.5 + POSITIONS[:, 0] / 74_600], axis=1)
+    [note] = read(tmp_path, "t,lat,lon", TIMES, np.radians(degrees)).notes
+    assert "0.84° N, 0.20° E" in note
+    assert 'units={"position": "rad"}' in note
+    assert read(tmp_path, "t,lat,lon", TIMES, np.radians(degrees), units={"position": "rad"}).notes == ()
+    assert read(tmp_path, "t,lat,lon", TIMES, degrees).notes == ()
+
+
+def test_times_in_milliseconds_beside_velocities_have_one_note(tmp_path):
+    """Not a second one about positions in km, which explain the same ratio."""
+    [note] = read(tmp_path, "t,x,y,z,vx,vy,vz", 1000 * TIMES + 0.25, POSITIONS, VELOCITIES).notes
+    assert 'units={"time": "ms"}' in note

@@ -92,8 +92,8 @@ def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
     if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER * sigma:
         raise ValueError(
             f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, does not exceed "
-            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions drift by less than {WANDER * sigma:g} m. Choose "
-            f"a window in which it moves {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
+            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions drift by less than {WANDER * sigma:g} m. "
+            f"Choose a window in which it moves {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
         )
     length = travel_length(track)
     if length < min_length:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.io.track.column_scales import scales
-from qtraj.io.track.column_units import Unit
+from qtraj.io.track.column_units import Unit, unit_of
 from qtraj.io.track.given_times import given_times
 from qtraj.io.track.kitti_poses import pose_axes, require_times
 from qtraj.io.track.one_object import require_one_object
@@ -34,7 +34,7 @@ def assemble(source: Source, reading: Reading) -> Recording:
         require_times(path, reading.timed)
     source = _with_times(source, reading)
     plane = reading.plane
-    if plane is None and "position" not in reading.columns and has_geographic_position(table.header):
+    if plane is None and _is_geographic(reading, table.header):
         plane = TangentPlane()
     columns = _columns(source, reading, plane is not None)
     if table.count < MIN_SAMPLES:
@@ -64,6 +64,14 @@ def assemble(source: Source, reading: Reading) -> Recording:
     line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
     read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line)
     return Recording(track, read, notes, line)
+
+
+def _is_geographic(reading: Reading, header: list[str]) -> bool:
+    """Return whether positions are latitudes and longitudes by the column names, or by the user's columns and unit."""
+    if "position" not in reading.columns:
+        return has_geographic_position(header)
+    unit = unit_of(reading.units.get("position", ""))
+    return unit is not None and unit.kind == "angle"
 
 
 def _origin(columns: Columns, row: np.ndarray) -> tuple[float, ...]:

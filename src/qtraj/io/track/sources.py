@@ -15,6 +15,7 @@ from qtraj.io.track.column_names import plain
 from qtraj.io.track.delimited import Content, are_numbers, content, find_table, header_in_comment, is_number
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
 from qtraj.io.track.known_names import HEIGHTS, NOT_HEIGHTS
+from qtraj.io.track.other_formats import require_known_format
 from qtraj.io.track.reading import Reading
 from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
@@ -67,6 +68,7 @@ def find_source(file: Any, reading: Reading) -> Source:
     if nmea.is_nmea(data):
         table, notes = nmea.read_nmea(path, data)
         return Source(path, table, kind="nmea", notes=notes)
+    require_known_format(path, data)
     return _text_source(path, content(path, _decoded(path, data)), reading)
 
 

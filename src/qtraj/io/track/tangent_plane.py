@@ -20,7 +20,8 @@ SCALED = 1e4
 OPTIONS = (
     "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): east, north and up coordinates in metres "
     "relative to the first sample, with the tangent plane of WGS 84 at this sample as the horizontal plane; or "
-    "qtraj.TangentPlane(origin) (in a scenario origin = [latitude, longitude, height]) for another origin"
+    "qtraj.TangentPlane(origin) (in a scenario origin = [latitude, longitude, height]) for another origin; on "
+    "the command line --units position=deg"
 )
 """The options for latitude and longitude, for error messages."""
 
@@ -91,7 +92,8 @@ def _require_angles(geodetic: np.ndarray, what: str) -> None:
     if bad.size:
         latitude, longitude = geodetic[bad[0], :2].tolist()
         scaled = (
-            ' Otherwise, if they are in 1e-7 degrees, pass units={"position": "1e-7 deg"}.'
+            ' Otherwise, if they are in 1e-7 degrees, pass units={"position": "1e-7 deg"}; in semicircles, as in '
+            'files of Garmin, pass units={"position": "semicircles"}.'
             if abs(latitude) > SCALED
             else ""
         )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from qtraj.io.track.column_names import find
+from qtraj.io.track.column_names import find, squeezed
 from qtraj.io.track.column_units import Unit
 from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
 from qtraj.io.track.recorded_axes import MEANING
@@ -88,7 +88,7 @@ def _meaning(axes: str, part: str) -> str:
 
 def _left_out(left: list[str]) -> str:
     known = [
-        f"{word} {found[0]!r}"
+        f"{word} {found[0]!r}{' in kn' if squeezed(found[0]) == 'sog' else ''}"
         for word, names in (("speed", SPEED), ("heading", HEADING), ("curvature", CURVATURE))
         if (found := find(names, left))
     ]
