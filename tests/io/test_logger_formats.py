@@ -144,3 +144,21 @@ def test_sentences_between_the_times_of_a_logger(tmp_path, before, after):
     track = qt.read_track(file)
     np.testing.assert_allclose(track.times - track.times[0], np.arange(8))
     np.testing.assert_allclose(track.positions[-1, 1], 7 * 0.01 / 60 * 111_200, rtol=DEGREE)
+
+
+@pytest.mark.parametrize(("delimiter", "quote"), [(" ", ""), (", ", '"'), (";", "")])
+def test_seconds_and_nanoseconds(tmp_path, delimiter, quote):
+    """Between spaces, and in quotes, NumPy cannot read the two columns at once."""
+    seconds = [f"{quote}{1_700_000_000 + int(t)}{quote}" for t in TIMES]
+    rest = [f"{quote}{int(t % 1 * 10**9)}{quote}" for t in TIMES]
+    places = [[f"{quote}{x:.6f}{quote}" for x in column] for column in (EAST, NORTH)]
+    texts = [f"{quote}ok{quote}"] * len(TIMES)
+    header = delimiter.join(["# sec", "nanosec", "x", "y", "status"])
+    track = qt.read_track(write(tmp_path, [header], [seconds, rest, *places, texts], delimiter))
+    np.testing.assert_allclose(track.times, TIMES, atol=PRINTED)
+    np.testing.assert_allclose(track.positions[:, :2], POSITIONS[:, :2], atol=PRINTED)
+
+
+def test_a_comment_of_three_words_is_not_the_header(tmp_path):
+    file = write(tmp_path, ["# made by logger", "# t x y"], [TIMES, EAST, NORTH], " ")
+    np.testing.assert_allclose(qt.read_track(file).times, TIMES)

@@ -244,7 +244,16 @@ CURVATURE = ["kappa", "curvature", "curv"]
 
 NOT_HEIGHTS = {
     re.sub(r"[\s_.]+", "", name)
-    for choices in (*COMMON.values(), *MORE.values(), FLAT_VELOCITY, MATRICES, UNORDERED, DATE_AND_CLOCK, ANGLED)
+    for choices in (
+        *COMMON.values(),
+        *MORE.values(),
+        FLAT_VELOCITY,
+        MATRICES,
+        UNORDERED,
+        DATE_AND_CLOCK,
+        WHOLE_AND_NANOSECONDS,
+        ANGLED,
+    )
     for choice in choices
     for name in choice.split(",")
     if name not in HEIGHTS and name not in ("vz", "vu", "vd", "v_z", "vel_z", "velocity_z", "vel_up", "vel_u")

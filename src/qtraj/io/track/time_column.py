@@ -36,7 +36,7 @@ def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit
             return quick
         cells = table.texts(path, names[0])
         return _read(path, table, names, (all_joined(cells) if unit is None else None) or cells, unit)
-    if not _are_dates(table, names) and (whole := table.quick(names, int)) is not None:
+    if not _are_dates(table, names) and (whole := _whole_numbers(path, table, names)) is not None:
         _require_nanoseconds(path, table, names, whole[:, 1])
         return from_integers(whole[:, 0] * 10**9 + whole[:, 1], SPELLINGS["ns"])
     cells = [joined(day, clock) for day, clock in zip(*(table.texts(path, name) for name in names), strict=True)]
@@ -126,6 +126,17 @@ def _require_nanoseconds(path: Path | str, table: Table, names: Sequence[str], v
             f"{names[1]!r} contains {values[k]}, and nanoseconds are less than 1000000000: name one column with "
             'columns={"time": ...}'
         )
+
+
+def _whole_numbers(path: Path | str, table: Table, names: Sequence[str]) -> np.ndarray | None:
+    """Return columns of whole numbers as an array (rows, columns), or None if a cell is another text."""
+    quick = table.quick(names, int)
+    if quick is not None or not all(_first(table, name).strip().isdecimal() for name in names):
+        return quick
+    cells = [[cell.strip() for cell in table.texts(path, name)] for name in names]
+    if not all(cell.isdecimal() for column in cells for cell in column):
+        return None
+    return np.array([[int(cell) for cell in column] for column in cells]).T
 
 
 def _in_seconds(table: Table, name: str, unit: Unit | None) -> bool:
