@@ -162,3 +162,41 @@ def test_seconds_and_nanoseconds(tmp_path, delimiter, quote):
 def test_a_comment_of_three_words_is_not_the_header(tmp_path):
     file = write(tmp_path, ["# made by logger", "# t x y"], [TIMES, EAST, NORTH], " ")
     np.testing.assert_allclose(qt.read_track(file).times, TIMES)
+
+
+@pytest.mark.parametrize("header", ["year,month,day,hour,minute,second", "Year,Month,Day,Hour,Min,Sec"])
+def test_the_parts_of_a_date_in_six_columns(tmp_path, header):
+    """The seconds alone would jump back at each minute."""
+    late = [datetime.fromisoformat(date) + timedelta(seconds=50) for date in DATES]
+    parts = [[str(getattr(date, part)) for date in late] for part in ("year", "month", "day", "hour", "minute")]
+    seconds = [f"{date.second + date.microsecond / 1e6:.3f}" for date in late]
+    file = write(tmp_path, [f"{header},x,y"], [*parts, seconds, EAST, NORTH])
+    recording = read_recording(file)
+    np.testing.assert_allclose(recording.track.times, TIMES, atol=PRINTED)
+    np.testing.assert_allclose(recording.track.positions[:, :2], POSITIONS[:, :2], atol=PRINTED)
+    assert "date and time" in recording.facts[0]
+    file.write_text(file.read_text().replace("2026,5,6,9,0,51.000", "2026,5,6,9,0,sixty"))
+    with pytest.raises(ValueError, match=r"line 4: the columns .* must have year.*contain 2026, 5, 6, 9, 0, sixty"):
+        qt.read_track(file)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("sec", 1), ("min", 60)])
+def test_durations_as_matlab_writes_them(tmp_path, unit, factor):
+    file = write(tmp_path, ["Time,x,y,z"], [[f"{t / factor:.9f} {unit}" for t in TIMES], *POSITIONS.T])
+    np.testing.assert_allclose(qt.read_track(file).times, TIMES, atol=PRINTED)
+
+
+def test_a_row_of_units_in_brackets_some_of_which_are_unknown(tmp_path):
+    weeks = ["2417"] * len(TIMES)
+    header = ["GPSWeek,GPSTime,x,y,z", "(weeks),(ms),(cm),(cm),(cm)"]
+    track = qt.read_track(write(tmp_path, header, [weeks, 1000 * TIMES, *(100 * POSITIONS.T)]))
+    np.testing.assert_allclose(track.times, TIMES, atol=PRINTED)
+    np.testing.assert_allclose(track.positions, POSITIONS, atol=PRINTED)
+
+
+def test_positions_of_a_simulated_road(tmp_path):
+    """The position along the road is no height."""
+    header = "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_speed;vehicle_pos;road"
+    rest = [["8.0"] * len(TIMES), EAST, ["e1_0"] * len(TIMES)]
+    recording = read_recording(write(tmp_path, [header], [TIMES, ["car"] * len(TIMES), EAST, NORTH, *rest], ";"))
+    assert "vehicle_x, vehicle_y, m, height 0 m" in recording.facts[1]

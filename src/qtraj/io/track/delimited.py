@@ -175,9 +175,10 @@ def _has_comma(line: str, delimiter: str) -> bool:
 
 def _are_units(row: list[str]) -> bool:
     texts = [cell.strip(" []()") for cell in row]
+    in_brackets = all(cell[:1] + cell[-1:] in ("()", "[]") for cell in map(str.strip, row) if cell)
     return (
         any(texts)
-        and all(not text or text in {"-", "1"} or unit_of(text) for text in texts)
+        and (in_brackets or all(not text or text in {"-", "1"} or unit_of(text) for text in texts))
         and not any(map(is_number, texts))
     )
 

@@ -140,19 +140,8 @@ GLOBAL = tuple(
         ("latitude", "lat", "position_lat", "pos_lat"),
         ("longitude", "lon", "lng", "long", "position_long", "pos_lon"),
         (
-            "height",
-            "altitude",
-            "alt",
-            "elevation",
-            "ele",
-            "h",
-            "h_ell",
-            "hgt",
-            "alt_msl",
-            "altitude_msl",
-            "elev",
-            "pos_alt",
-            "",
+            *("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", "hgt", "alt_msl", "altitude_msl", "elev"),
+            *("pos_alt", "geo_altitude", "baro_altitude", ""),
         ),
     )
 )
@@ -218,7 +207,7 @@ _OTHERS = (
     "s,n,ds,v,vel,distance,arc_length,station,ax,ay,a,acceleration,accel,ax_mps2,steering,delta,throttle,brake,yaw_rate,"
     "omega,w_tr_right,w_tr_left,width,width_left,width_right,battery,voltage,current,temperature,status,mode,fix,"
     "quality,sats,satellites,hdop,vdop,pdop,count,seq,index,frame,frame_id,name,id,type,label,note,comment,rssi,hr,"
-    "std_x,std_y,sigma_x,sigma_y"
+    "std_x,std_y,sigma_x,sigma_y,angle,pos,year,month,day,hour,minute,min,second"
 )
 
 WHOLE_AND_NANOSECONDS = (

@@ -40,9 +40,6 @@ POLAR = 75.0
 IN_RADIANS = (np.pi / 2, np.pi)
 """Latitude and longitude [°], in the ocean, within which both are probably in radians."""
 
-TIME_RATIOS = (1e3, 1e6, 1e9)
-"""Ratios of recorded speeds to the speeds of the positions if times are in ms, µs or ns."""
-
 EARTH_RADIUS, ABOVE_GROUND = (6.33e6, 6.4e6), 2e4
 """Distances [m] from the Earth's centre to its surface, and a height [m] that map coordinates do not reach."""
 
@@ -70,7 +67,7 @@ def oddities(
 
 def _of_speed(track: Track, speed: float) -> Iterator[str]:
     if speed > FAST:
-        unit = next((unit for unit, factor in (("cm", 1e-2), ("mm", 1e-3)) if speed * factor < 100), None)
+        unit = next((unit for unit, factor in (("cm", 1e-2), ("mm", 1e-3)) if speed * factor < 50), None)
         advice = f' or, if positions are in {unit}, units={{"position": "{unit}"}}' if unit else ""
         yield (
             f'the median speed is {speed:.3g} m/s: if the times are in another unit, pass units={{"time": ...}}{advice}'
@@ -93,7 +90,7 @@ def _is_slow(track: Track, speed: float) -> bool:
 
 def _of_velocities(track: Track, speed: float) -> Iterator[str]:
     """Compare recorded velocities with the positions where the vehicle moves."""
-    if track.velocities is None:
+    if track.velocities is None or _is_slow(track, speed):  # the unit of the times, which is named, explains the ratio
         return
     recorded = np.linalg.norm(np.asarray(track.velocities), axis=1)
     recorded = (recorded[1:] + recorded[:-1]) / 2
@@ -104,8 +101,6 @@ def _of_velocities(track: Track, speed: float) -> Iterator[str]:
     ratio = float(np.median(recorded[moving] / speeds[moving]))
     if 0.8 < ratio < 1.25:
         return
-    if _is_slow(track, speed) and any(abs(ratio / value - 1) < AGREEMENT for value in TIME_RATIOS):
-        return  # the unit of the times, which was named, explains the ratio
     known = next((unit for value, unit in SPEED_RATIOS.items() if abs(ratio / value - 1) < AGREEMENT), None)
     part, unit = known or ("velocity", "...")
     yield (

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from qtraj.io.track.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
 from qtraj.io.track.column_names import find, plain
 from qtraj.io.track.compact_dates import are_date_and_clock
+from qtraj.io.track.date_parts import PARTS
 from qtraj.io.track.delimited import is_number
 from qtraj.io.track.known_names import (
     ANGLED,
@@ -36,7 +37,7 @@ from qtraj.io.track.missing_columns import (
 from qtraj.io.track.recorded_times import CLOCK, SECONDS, in_24_hours, is_time, unit_by_size
 from qtraj.io.track.tangent_plane import OPTIONS as PROJECTIONS
 
-COUNTS = {"time": (1, 2), "position": (3, 2), "velocity": (3, 2), "attitude": (4, 9), "rate": (3, 1)}
+COUNTS = {"time": (1, 2, 6), "position": (3, 2), "velocity": (3, 2), "attitude": (4, 9), "rate": (3, 1)}
 """Numbers of columns of each quantity. Two columns of positions or velocities are horizontal, nine are a matrix."""
 
 ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
@@ -131,7 +132,7 @@ def unordered_attitude(header: list[str]) -> tuple[str, ...] | None:
 def _recognised(
     part: str, header: list[str], wanted: Wanted, first: Sequence[str], flat: bool
 ) -> tuple[str, ...] | None:
-    if part == "time" and (names := _date_and_clock(header, first) or find(WHOLE_AND_NANOSECONDS, header)) is not None:
+    if part == "time" and (names := _several_columns(header, first)) is not None:
         return names
     if part == "attitude" and wanted.angles is not None:
         return find(ANGLED, header)
@@ -180,6 +181,11 @@ def _may_be_number(cell: str) -> bool:
     return is_number(cell) or is_number(cell, decimal_comma=True)
 
 
+def _several_columns(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns of a time that is divided, otherwise None."""
+    return _date_and_clock(header, first) or find(WHOLE_AND_NANOSECONDS, header) or find(PARTS, header)
+
+
 def _date_and_clock(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
     """Return the columns of dates and of times of day, if the file has both."""
     names = find(DATE_AND_CLOCK, header)
@@ -216,7 +222,7 @@ def _require_count(part: str, names: tuple[str, ...], wanted: Wanted) -> None:
     angled = part == "attitude" and wanted.angles is not None
     if len(names) not in ((3,) if angled else COUNTS[part]):
         counts = {
-            "time": "1 column, or the columns of the date and of the time of day",
+            "time": "1 column, or the columns of the date and of the time of day, or of year, month, …, second",
             "rate": "3 columns, or the column of the yaw rate",
             "attitude": "3 columns" if angled else "4 columns of a quaternion or 9 columns of a matrix",
         }.get(part, "3 columns, or 2 columns without the height")
