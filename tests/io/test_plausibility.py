@@ -134,3 +134,12 @@ def test_times_in_milliseconds_beside_velocities_have_one_note(tmp_path):
     """Not a second one about positions in km, which explain the same ratio."""
     [note] = read(tmp_path, "t,x,y,z,vx,vy,vz", 1000 * TIMES + 0.25, POSITIONS, VELOCITIES).notes
     assert 'units={"time": "ms"}' in note
+
+
+@pytest.mark.parametrize("rows", [slice(0, 5), slice(100, 101)])
+def test_rows_without_a_position_fix(tmp_path, rows):
+    degrees = np.stack([48.1 + POSITIONS[:, 1] / 111_200, 11.5 + POSITIONS[:, 0] / 74_600], axis=1)
+    degrees[rows] = 0.0
+    [note] = read(tmp_path, "t,lat,lon", TIMES, degrees).notes
+    assert f"are 0 in {rows.stop - rows.start} of {len(TIMES)} rows" in note
+    assert "delete these rows" in note

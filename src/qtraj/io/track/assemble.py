@@ -11,7 +11,7 @@ from qtraj.io.track.column_units import Unit, unit_of
 from qtraj.io.track.given_times import given_times
 from qtraj.io.track.kitti_poses import pose_axes, require_times
 from qtraj.io.track.one_object import require_one_object
-from qtraj.io.track.plausibility import oddities
+from qtraj.io.track.plausibility import oddities, rows_without_a_fix
 from qtraj.io.track.race_line import race_line
 from qtraj.io.track.reading import Reading, Recording
 from qtraj.io.track.recorded_axes import choose_axes
@@ -61,6 +61,7 @@ def assemble(source: Source, reading: Reading) -> Recording:
     origin = None if plane is None else _origin(columns, numbers[rows.start])
     unordered = None if track.attitudes is not None else unordered_attitude(table.header)
     notes = oddities(track, columns, origin, unordered)
+    notes += () if plane is None else tuple(rows_without_a_fix(numbers[rows.start : rows.stop, :2]))
     line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
     read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line)
     return Recording(track, read, notes, line)

@@ -118,13 +118,23 @@ def _of_rates(track: Track) -> Iterator[str]:
         )
 
 
+def rows_without_a_fix(angles: np.ndarray) -> Iterator[str]:
+    """Find rows whose latitude and longitude (n, 2) are 0, which receivers write before they know their position."""
+    count = int((angles == 0).all(axis=1).sum())
+    if count:
+        yield (
+            f"the latitude and the longitude are 0 in {count} of {len(angles)} rows, as receivers write them without a "
+            "position fix: delete these rows"
+        )
+
+
 def _of_origin(origin: Sequence[float] | None) -> Iterator[str]:
     if origin is not None and len(origin) > 2 and abs(origin[2]) > HIGH:
         yield (
             f"the recording starts at a height of {length_text(origin[2])}: if the height is in mm, add the unit to "
             "the name of its column, such as alt_mm"
         )
-    if origin is None:
+    if origin is None or origin[0] == origin[1] == 0:
         return
     latitude = f"{abs(origin[0]):.2f}° {'N' if origin[0] > 0 else 'S'}"
     longitude = f"{abs(origin[1]):.2f}° {'E' if origin[1] > 0 else 'W'}"
