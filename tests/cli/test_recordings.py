@@ -115,3 +115,22 @@ def test_a_file_of_another_format_is_refused_by_name(qtraj, tmp_path):
     assert "a KML file, which cannot be read as a recording: export the track as GPX" in " ".join(
         refused.stderr.split()
     )
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "encoding"),
+    [
+        ("time,lat,lon", "{t},{lat:.8f},11", "utf-8"),
+        ("time,x,y,z\n[ms],[cm],[cm],[cm]", "{ms},{cm},0,0", "utf-8"),
+        ("valid;time;x;y;z;note", "TRUE;{t};{m};0;0;battery=90", "utf-8"),
+        ("t\tx\ty\tz", "{t}\t{m}\t0\t0", "utf-16"),
+    ],
+)
+def test_a_recording_is_recognised_whatever_its_suffix(qtraj, tmp_path, header, row, encoding):
+    """By its header, also if it has three columns, units in brackets or an equals sign, or is in UTF-16."""
+    degrees = np.degrees(1 / 6367000.0)  # of latitude in a metre, at 48°
+    rows = [row.format(t=t, ms=1000 * t, m=8 * t, cm=800 * t, lat=48 + 8 * t * degrees) for t in range(20)]
+    (tmp_path / "log.dat").write_text("\n".join([header, *rows]), encoding=encoding)
+    result = qtraj("route", tmp_path / "log.dat", "--out", tmp_path / "out", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"length +15[12]\.?\d* m in 19 s", result.stdout), result.stdout
