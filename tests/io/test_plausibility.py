@@ -143,3 +143,14 @@ def test_rows_without_a_position_fix(tmp_path, rows):
     [note] = read(tmp_path, "t,lat,lon", TIMES, degrees).notes
     assert f"are 0 in {rows.stop - rows.start} of {len(TIMES)} rows" in note
     assert "delete these rows" in note
+
+
+@pytest.mark.parametrize(
+    ("first", "place"), [((48.1, 11.5), "48.10° N, 11.50° E"), ((-33.4, -70.6), "33.40° S, 70.60° W")]
+)
+def test_the_place_of_geographic_positions_is_stated(tmp_path, first, place):
+    """So that exchanged latitude and longitude, which may both be plausible, can be seen."""
+    degrees = np.array(first) + POSITIONS[:, :2] / 111_200
+    assert (
+        read(tmp_path, "t,lat,lon", TIMES, degrees).facts[1].endswith(f"as latitude, longitude, height, from {place}")
+    )

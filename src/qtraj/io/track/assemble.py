@@ -63,7 +63,7 @@ def assemble(source: Source, reading: Reading) -> Recording:
     notes = oddities(track, columns, origin, unordered)
     notes += () if plane is None else tuple(rows_without_a_fix(numbers[rows.start : rows.stop, :2]))
     line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
-    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line)
+    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line, origin)
     return Recording(track, read, notes, line)
 
 

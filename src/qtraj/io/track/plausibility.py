@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from qtraj.foundation.size_text import length_text
+from qtraj.io.track.tangent_plane import place_text
 from qtraj.io.track.track_facts import Columns
 from qtraj.path.track import Track
 
@@ -136,16 +137,15 @@ def _of_origin(origin: Sequence[float] | None) -> Iterator[str]:
         )
     if origin is None or origin[0] == origin[1] == 0:
         return
-    latitude = f"{abs(origin[0]):.2f}° {'N' if origin[0] > 0 else 'S'}"
-    longitude = f"{abs(origin[1]):.2f}° {'E' if origin[1] > 0 else 'W'}"
+    place = place_text(origin[0], origin[1])
     if abs(origin[0]) <= IN_RADIANS[0] and abs(origin[1]) <= IN_RADIANS[1]:
         yield (
-            f"the recording starts at {latitude}, {longitude}, in the Atlantic Ocean: if latitude and longitude are in "
+            f"the recording starts at {place}, in the Atlantic Ocean: if latitude and longitude are in "
             'radians, pass units={"position": "rad"}'
         )
     if abs(origin[0]) > POLAR and abs(origin[1]) <= 90:
         yield (
-            f"the recording starts at {latitude}, {longitude}: if latitude and longitude are exchanged, "
+            f"the recording starts at {place}: if latitude and longitude are exchanged, "
             "exchange the names of their columns"
         )
 

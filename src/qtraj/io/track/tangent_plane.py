@@ -70,6 +70,12 @@ class TangentPlane:
         return offsets @ plane.T, plane @ np.swapaxes(local_axes(geodetic), -1, -2)
 
 
+def place_text(latitude: float, longitude: float) -> str:
+    """Return a place [°] for a message, such as "48.10° N, 11.50° E"."""
+    north, east = "S" if latitude < 0 else "N", "W" if longitude < 0 else "E"
+    return f"{abs(latitude):.2f}° {north}, {abs(longitude):.2f}° {east}"
+
+
 def earth_fixed(geodetic: np.ndarray) -> np.ndarray:
     """Convert latitude [°], longitude [°] and height [m] to Earth-centred, Earth-fixed positions (n, 3) [m]."""
     latitude, longitude, height = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1]), geodetic[:, 2]
