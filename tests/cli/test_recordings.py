@@ -82,3 +82,55 @@ def test_the_mounting_of_a_recorder_is_named(qtraj, tmp_path):
     )
     assert found is not None, text
     np.testing.assert_allclose([float(x) for x in found.groups()], [92.1, -3, 0, 2 * np.sqrt(3)], atol=0.4)
+
+
+def test_named_columns_are_geographic_by_their_unit(qtraj, tmp_path):
+    t = np.linspace(0.0, 20.0, 41)
+    table(tmp_path, "Time,INS_Lat,INS_Long,INS_Height", np.column_stack([t, 48 + 1e-4 * t, 11 + 0 * t, 500 + 0 * t]))
+    names = "position=INS_Lat,INS_Long,INS_Height"
+    command = ("route", tmp_path / "track.csv", "--columns", names, "--out", tmp_path / "out", "--quiet")
+    refused = qtraj(*command)
+    assert refused.exit_code == 2
+    assert "--units position=deg" in " ".join(refused.stderr.split())
+    result = qtraj(*command, "--units", "position=deg")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"length\s+222\.\d m in 20 s", result.stdout), result.stdout
+
+
+def test_a_vehicle_that_never_moves_is_a_stop(qtraj, tmp_path):
+    t = np.arange(0.0, 60.0, 0.1)
+    table(tmp_path, "t,x,y,z", np.column_stack([t, *(0 * t + k for k in (3, 4, 5))]))
+    result = qtraj("route", tmp_path / "track.csv", "--out", tmp_path / "out", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    assert "the vehicle never moves" in result.stdout
+    assert re.search(r"stops\s+1, 59.9 s in total", result.stdout), result.stdout
+
+
+def test_a_file_of_another_format_is_refused_by_name(qtraj, tmp_path):
+    file = tmp_path / "path.kml"
+    file.write_text('<?xml version="1.0"?><kml><coordinates>11.5,48.1,500 11.6,48.2,500</coordinates></kml>')
+    refused = qtraj("route", file)
+    assert refused.exit_code == 2
+    assert "a KML file, which cannot be read as a recording: export the track as GPX" in " ".join(
+        refused.stderr.split()
+    )
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "encoding"),
+    [
+        ("time,lat,lon", "{t},{lat:.8f},11", "utf-8"),
+        ("time,x,y,z\n[ms],[cm],[cm],[cm]", "{ms},{cm},0,0", "utf-8"),
+        ("valid;time;x;y;z;note", "TRUE;{t};{m};0;0;battery=90", "utf-8"),
+        ("t\tx\ty\tz", "{t}\t{m}\t0\t0", "utf-16"),
+    ],
+)
+def test_a_recording_is_recognised_whatever_its_suffix(qtraj, tmp_path, header, row, encoding):
+    """By its header, also if it has three columns, units in brackets or an equals sign, or is in UTF-16."""
+    degrees = np.degrees(1 / 6367000.0)  # of latitude in a metre, at 48°
+    rows = [row.format(t=t, ms=1000 * t, m=8 * t, cm=800 * t, lat=48 + 8 * t * degrees) for t in range(20)]
+    (tmp_path / "log.dat").write_text("\n".join([header, *rows]), encoding=encoding)
+    result = qtraj("route", tmp_path / "log.dat", "--out", tmp_path / "out", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"length +15[12]\.?\d* m in 19 s", result.stdout), result.stdout

@@ -109,3 +109,48 @@ def test_scaled_geographic_coordinates(tmp_path):
     [note] = read(tmp_path, "t,lat,lon,alt", *columns, units={"position": "1e-7 deg"}).notes
     assert "a height of 520 km: if the height is in mm" in note
     assert read(tmp_path, "t,lat,lon,alt_mm", *columns, units={"position": "1e-7 deg"}).notes == ()
+
+
+def test_positions_relative_to_the_centre_of_the_earth(tmp_path):
+    centre = np.array([4_182_105.0, 850_859.0, 4_724_681.0])
+    [note] = read(tmp_path, "t,x,y,z", TIMES, centre + POSITIONS).notes
+    assert "from the origin" in note
+    assert "ECEF" in note
+    assert "from_crs(4978, 4979)" in note
+    gauss_krueger = np.array([3_500_000.0, 5_300_000.0, 450.0])  # the same distance from the origin
+    assert read(tmp_path, "t,x,y,z", TIMES, gauss_krueger + POSITIONS).notes == ()
+
+
+def test_radians_that_are_read_as_degrees(tmp_path):
+    degrees = np.stack([48.1 + POSITIONS[:, 1] / 111_200, 11.5 + POSITIONS[:, 0] / 74_600], axis=1)
+    [note] = read(tmp_path, "t,lat,lon", TIMES, np.radians(degrees)).notes
+    assert "0.84° N, 0.20° E" in note
+    assert 'units={"position": "rad"}' in note
+    assert read(tmp_path, "t,lat,lon", TIMES, np.radians(degrees), units={"position": "rad"}).notes == ()
+    assert read(tmp_path, "t,lat,lon", TIMES, degrees).notes == ()
+
+
+def test_times_in_milliseconds_beside_velocities_have_one_note(tmp_path):
+    """Not a second one about positions in km, which explain the same ratio."""
+    [note] = read(tmp_path, "t,x,y,z,vx,vy,vz", 1000 * TIMES + 0.25, POSITIONS, VELOCITIES).notes
+    assert 'units={"time": "ms"}' in note
+
+
+@pytest.mark.parametrize("rows", [slice(0, 5), slice(100, 101)])
+def test_rows_without_a_position_fix(tmp_path, rows):
+    degrees = np.stack([48.1 + POSITIONS[:, 1] / 111_200, 11.5 + POSITIONS[:, 0] / 74_600], axis=1)
+    degrees[rows] = 0.0
+    [note] = read(tmp_path, "t,lat,lon", TIMES, degrees).notes
+    assert f"are 0 in {rows.stop - rows.start} of {len(TIMES)} rows" in note
+    assert "delete these rows" in note
+
+
+@pytest.mark.parametrize(
+    ("first", "place"), [((48.1, 11.5), "48.10° N, 11.50° E"), ((-33.4, -70.6), "33.40° S, 70.60° W")]
+)
+def test_the_place_of_geographic_positions_is_stated(tmp_path, first, place):
+    """So that exchanged latitude and longitude, which may both be plausible, can be seen."""
+    degrees = np.array(first) + POSITIONS[:, :2] / 111_200
+    assert (
+        read(tmp_path, "t,lat,lon", TIMES, degrees).facts[1].endswith(f"as latitude, longitude, height, from {place}")
+    )

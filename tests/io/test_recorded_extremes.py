@@ -111,3 +111,16 @@ def test_an_hour_at_1_khz(tmp_path):
     assert count == HOUR_ROWS
     assert seconds < 2 * HOUR_SECONDS  # other processes may run
     assert gigabytes < HOUR_GIGABYTES
+
+
+@pytest.mark.parametrize("count", [6, 100, 600])
+def test_a_vehicle_that_never_moves(tmp_path, count):
+    """Equal positions to the last digit: one stop, without NaN and warnings, and said in one line."""
+    recording = read_recording(write(tmp_path, TIMES[:count], 0 * POSITIONS[:count] + [3.0, 4.0, 5.0]))
+    assert "the vehicle never moves" in recording.facts[3]
+    fitted = qt.fit_route(recording.track)
+    assert float(fitted.path.length()) == 0
+    np.testing.assert_array_equal(fitted.path.position(TIMES[count // 2]), [3, 4, 5])
+    assert len(fitted.stops) == 1
+    near = POSITIONS[:count] / 1e5
+    assert "stays within" in read_recording(write(tmp_path, TIMES[:count], near)).facts[3]

@@ -133,7 +133,7 @@ def test_ais(tmp_path):
     np.testing.assert_array_equal(recording.track.times, np.arange(COUNT))
     np.testing.assert_allclose(recording.track.positions[-1, 1], 1e-5 * (COUNT - 1) * 111_325, rtol=1e-3)
     assert "day before the month" in recording.facts[0]
-    assert "speed 'SOG' and heading 'Heading'" in recording.facts[3]
+    assert "speed 'SOG' in kn and heading 'Heading'" in recording.facts[3]
 
 
 def test_several_header_lines_are_a_recording(tmp_path):

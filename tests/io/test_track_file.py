@@ -181,7 +181,7 @@ HEAD = "# first\ntime,x,y,z\n"
         ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
         (TEXT, r"line 1: expected a header row with column names"),
         ("", r"the file is empty"),
-        ("# only a comment\n\n", r"the file is empty"),
+        ("# only a comment\n\n", r"all lines are comments.*: remove these marks"),
         (HEAD, r"at least 4 rows of numbers, but there are 0"),
         (HEAD + "0,1,2,3\n1,1,2,3\n2,1,2,3\n", r"at least 4 rows of numbers, but there are 3"),
         (HEAD + TEXT.replace("0.2,2.0", '0.2,"2.0'), r"line \d: .*"),

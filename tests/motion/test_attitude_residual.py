@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
+from qtraj.motion.attitude_residual import mounting_text
 
 HELIX = qt.SpiralHelix([20.0, 0.5], [0.1, 0.4], [1.0, 0.3], 4.0)
 TIMES = np.linspace(0.0, 4.0, 60)
@@ -37,6 +38,18 @@ def test_a_constant_mounting_is_estimated_without_a_residual(program, reference)
     assert float(same) == pytest.approx(1.0, abs=1e-14)
     assert float(result.maximum) < 1e-12
     assert int(result.samples) == len(TIMES)
+
+
+@pytest.mark.parametrize(
+    ("angles", "words"),
+    [
+        ((92.1, -3, 0), "yaw 92.1°, pitch -3.0° (nose up), roll 0.0°; beyond that 0.00° RMS"),
+        ((0, 1e-9, -1e-9), "yaw 0.0°, pitch 0.0°, roll 0.0°; beyond that 0.00° RMS"),
+    ],
+)
+def test_the_text_of_a_mounting(program, reference, angles, words):
+    turned = reference * Rotation.from_euler("ZYX", angles, degrees=True)
+    assert mounting_text(qt.compare_attitude(program, recorded(turned))) == f"mounted at {words}"
 
 
 def test_noise_is_averaged_as_by_scipy(program, reference):

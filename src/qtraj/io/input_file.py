@@ -9,6 +9,7 @@ from typing import Any
 
 from qtraj.foundation.toml_fault import syntax_fault
 from qtraj.foundation.untrusted import decoded, parse_json, parse_toml, read_bytes
+from qtraj.io.track.other_formats import require_known_format
 from qtraj.io.track.recording import is_recording
 
 HASH_DIGITS = 16
@@ -45,6 +46,8 @@ def read_input(file: Path) -> InputFile:
     """
     content = read_bytes(file)
     recording = is_recording(file, content[:RECORDING_START])
+    if not recording and file.suffix != ".json":  # a saved object is JSON
+        require_known_format(file, content)
     data = {"track": {"file": file.name}} if recording else _parsed(file, _text(file, content))
     return InputFile(file, hashlib.sha256(content).hexdigest()[:HASH_DIGITS], data, recording)
 

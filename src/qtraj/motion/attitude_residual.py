@@ -189,10 +189,10 @@ def require_covered(program: AbstractProgram, duration: float) -> None:
 
 def mounting_text(residual: AttitudeResidual) -> str:
     """Return the mounting and the remaining difference, such as "mounted at yaw 92.1°, ...; beyond that 4.20° RMS"."""
-    yaw, pitch, roll = np.degrees(mounting_angles(residual)) + 0.0
-    nose = "down" if pitch > 0 else "up"
+    yaw, pitch, roll = np.round(np.degrees(mounting_angles(residual)), 1) + 0.0  # no -0.0
+    nose = f" (nose {'down' if pitch > 0 else 'up'})" if pitch else ""
     return (
-        f"mounted at yaw {yaw:.1f}°, pitch {pitch:.1f}° (nose {nose}), roll {roll:.1f}°; beyond that "
+        f"mounted at yaw {yaw:.1f}°, pitch {pitch:.1f}°{nose}, roll {roll:.1f}°; beyond that "
         f"{np.degrees(float(residual.rms)):.2f}° RMS"
     )
 

@@ -151,7 +151,8 @@ def best_smoothing(of: Problem, start: float) -> tuple[float, float]:
         new = best - 1 if best - 1 not in scores else best + 1
         scores[new] = score(of, start * 10.0**new)
     best = min(scores, key=lambda k: scores[k])
-    if best - 1 not in scores or best + 1 not in scores:
+    at_bound = best - 1 not in scores or best + 1 not in scores
+    if at_bound or scores[best] == 0:  # a vehicle that never moves is predicted exactly, and log(0) is not finite
         return start * 10.0**best, scores[best]
     low, middle, high = (np.log(scores[best + k]) for k in (-1, 0, 1))
     curvature = low + high - 2 * middle

@@ -36,8 +36,8 @@ class Sigmas(NamedTuple):
         """Return the weights of errors that are measured in another unit."""
         return self if self.unit is None else self._replace(unit=self.unit / unit)
 
-    def part(self, samples: np.ndarray) -> "Sigmas":
-        """Return the weights of the samples in the mask `samples`; their mean may differ from 1."""
+    def part(self, samples: np.ndarray | slice) -> "Sigmas":
+        """Return the weights of the samples in the mask or slice `samples`; their mean may differ from 1."""
         return self._replace(weights=self.weights[samples])
 
 

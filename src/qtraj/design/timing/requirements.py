@@ -34,7 +34,8 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     if not set(bounding) & set(names) and (free or not names):
         raise ValueError(
             f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
-            "if the path has straight parts, add a limit on the speed, or pass start_speed or end_speed."
+            "if the path has straight parts, add a limit on the speed, or pass start_speed or end_speed. On the "
+            "command line, pass for example --limit speed=13.9 (in m/s), or write a table [limits] in a scenario."
         )
     return names
 

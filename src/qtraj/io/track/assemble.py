@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from qtraj.io.track.column_scales import scales
-from qtraj.io.track.column_units import Unit
+from qtraj.io.track.column_units import Unit, unit_of
 from qtraj.io.track.given_times import given_times
 from qtraj.io.track.kitti_poses import pose_axes, require_times
 from qtraj.io.track.one_object import require_one_object
-from qtraj.io.track.plausibility import oddities
+from qtraj.io.track.plausibility import oddities, rows_without_a_fix
 from qtraj.io.track.race_line import race_line
 from qtraj.io.track.reading import Reading, Recording
 from qtraj.io.track.recorded_axes import choose_axes
@@ -34,7 +34,7 @@ def assemble(source: Source, reading: Reading) -> Recording:
         require_times(path, reading.timed)
     source = _with_times(source, reading)
     plane = reading.plane
-    if plane is None and "position" not in reading.columns and has_geographic_position(table.header):
+    if plane is None and _is_geographic(reading, table.header):
         plane = TangentPlane()
     columns = _columns(source, reading, plane is not None)
     if table.count < MIN_SAMPLES:
@@ -61,9 +61,18 @@ def assemble(source: Source, reading: Reading) -> Recording:
     origin = None if plane is None else _origin(columns, numbers[rows.start])
     unordered = None if track.attitudes is not None else unordered_attitude(table.header)
     notes = oddities(track, columns, origin, unordered)
+    notes += () if plane is None else tuple(rows_without_a_fix(numbers[rows.start : rows.stop, :2]))
     line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
-    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line)
+    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line, origin)
     return Recording(track, read, notes, line)
+
+
+def _is_geographic(reading: Reading, header: list[str]) -> bool:
+    """Return whether positions are latitudes and longitudes by the column names, or by the user's columns and unit."""
+    if "position" not in reading.columns:
+        return has_geographic_position(header)
+    unit = unit_of(reading.units.get("position", ""))
+    return unit is not None and unit.kind == "angle"
 
 
 def _origin(columns: Columns, row: np.ndarray) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from qtraj.io.track.column_units import NOT_SUFFIXES, SPELLINGS, Unit, unit_of
-from qtraj.io.track.known_names import COMMON, GLOBAL, IMPLIED, MORE, PREFIXES
+from qtraj.io.track.known_names import COMMON, FLAT, GLOBAL, IMPLIED, MORE, PREFIXES
 
 _BRACKET = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 _SEPARATOR = re.compile(r"[\s_./\-\[\]]+")
@@ -68,7 +68,7 @@ def names_columns(header: Sequence[str]) -> bool:
     """Return whether a row names the columns of a time and a position."""
     if len(header) < 3:
         return False
-    place = (*COMMON["position"], *MORE["position"], *GLOBAL)
+    place = (*COMMON["position"], *MORE["position"], *GLOBAL, *FLAT)
     return find((*COMMON["time"], *MORE["time"]), header) is not None and find(place, header) is not None
 
 

@@ -47,6 +47,7 @@ _TABLE = {
         ("deg", 1.0): "deg ° degree degrees",
         ("rad", 180 / math.pi): "rad radian radians",
         ("1e-7 deg", 1e-7): "e7 1e7 dege7 1e-7deg deg1e-7",
+        ("semicircles", 180 / 2**31): "semicircle semicircles",
     },
     "angular rate": {
         ("rad/s", 1.0): "rad/s radps rad_s",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from qtraj.io.track.column_names import names_columns
 from qtraj.io.track.column_units import unit_of
 from qtraj.io.track.lines import Lines, split_lines
-from qtraj.io.track.recorded_times import is_time
+from qtraj.io.track.recorded_times import CLOCK, is_time
 from qtraj.io.track.text_table import TextTable, split
 
 DELIMITERS = ",;\t "
@@ -35,7 +35,12 @@ def content(path: Path | str, text: str) -> Content:
     """
     comments, lines = split_lines(text)
     if not lines:
-        raise ValueError(f"{path}: the file is empty, but a track needs rows of times and positions")
+        what = (
+            "all lines are comments, which start with #, % or //: remove these marks"
+            if comments
+            else "the file is empty"
+        )
+        raise ValueError(f"{path}: {what}; a track needs rows of times and positions")
     first = min(lines[0][0], HEADER_LINES + 1)
     heads = [(k, line.lstrip().lstrip("#%/").strip()) for k, line in comments[:HEADER_LINES] if k < first]
     return Content([item for item in heads if item[1]], lines)
@@ -105,9 +110,17 @@ def _header_in_comment(found: Content, is_header: Callable[[list[str]], bool]) -
     for _, line in found.comments:
         for other in [delimiter, *DELIMITERS.replace(delimiter, "")]:
             cells = names_of(line, other)
-            if len(cells) == count > 2 and is_header(cells) and not any(map(is_number, cells)):
+            if len(cells) not in (count, count - _has_date_and_clock(found.lines, delimiter)) or len(cells) < 3:
+                continue
+            if is_header(cells) and not any(map(is_number, cells)):
                 return _table(cells, found.lines, delimiter)
     return None
+
+
+def _has_date_and_clock(lines: Lines, delimiter: str) -> bool:
+    """Return whether the rows begin with a date and a time of day between spaces."""
+    row = next(split(lines[:1], delimiter), []) if delimiter == " " else []
+    return len(row) > 1 and CLOCK.fullmatch(row[1]) is not None and is_time(f"{row[0]} {row[1]}")
 
 
 def _last_words(lines: Lines) -> TextTable | None:
@@ -131,14 +144,17 @@ def _by_numbers(path: Path | str, lines: Lines, named: Sequence[str]) -> TextTab
         return _table([str(k + 1) for k in range(len(row))], lines, delimiter)
     raise ValueError(
         f"{path}, line {number}: expected a header row with column names, but the row contains numbers "
-        f"({', '.join(cell.strip() for cell in row[:8])}{', …' if len(row) > 8 else ''}): insert a line such as "
-        'time,x,y,z, or name the columns by their numbers with columns={"time": "1", "position": ["2", "3", "4"]}'
+        f"({', '.join(cell.strip()[:40] for cell in row[:8])}{', …' if len(row) > 8 else ''}): insert a line such as "
+        'time,x,y,z, or name the columns by their numbers with columns={"time": "1", "position": ["2", "3", "4"]}, '
+        "on the command line --columns time=1 --columns position=2,3,4"
     )
 
 
 def _table(header: list[str], lines: Lines, delimiter: str) -> TextTable:
     """Return a table, without a row of units below the header; find out whether its numbers have a decimal comma."""
     units = None
+    if _has_date_and_clock(lines, delimiter) and len(next(split(lines[:1], delimiter))) == len(header) + 1:
+        header = ["date", "time", *header[1:]]  # one name for both
     if lines and len(row := next(split(lines[:1], delimiter))) == len(header) and _are_units(row):
         units, lines = [cell.strip(" []()") for cell in row], lines[1:]
     comma = delimiter != "," and lines.contains(",") and any(_has_comma(line, delimiter) for line in lines.texts())
@@ -159,9 +175,10 @@ def _has_comma(line: str, delimiter: str) -> bool:
 
 def _are_units(row: list[str]) -> bool:
     texts = [cell.strip(" []()") for cell in row]
+    in_brackets = all(cell[:1] + cell[-1:] in ("()", "[]") for cell in map(str.strip, row) if cell)
     return (
         any(texts)
-        and all(not text or text in {"-", "1"} or unit_of(text) for text in texts)
+        and (in_brackets or all(not text or text in {"-", "1"} or unit_of(text) for text in texts))
         and not any(map(is_number, texts))
     )
 
@@ -189,7 +206,10 @@ def row_delimiter(line: str) -> str:
             break
         cells = names_of(line, delimiter)
         understood = [is_number(cell, delimiter != ",") or is_time(cell) for cell in cells]
-        if len(cells) > 1 and sum(understood) > most:
+        words = delimiter == " " and 2 * sum(understood) < len(
+            cells
+        )  # such as names with numbers: channel 1, channel 2
+        if len(cells) > 1 and sum(understood) > most and not words:
             best, most = delimiter, sum(understood)
     return best
 

@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.io.track.column_names import find
 from qtraj.io.track.column_table import ColumnTable
+from qtraj.io.track.known_names import COMMON, MORE
 
 LIBRARIES = ("pandas", "polars", "xarray")
 
@@ -18,7 +20,8 @@ def is_frame(table: Any) -> bool:
 def table_of(table: Any) -> ColumnTable:
     """Return the columns of a table as arrays.
 
-    A named index, or one of dates, is a column, too. Components of an xarray variable, such as `position` along the
+    A named index, or one of dates, is a column, too; so are floating-point numbers without a name, if no column has
+    times. Components of an xarray variable, such as `position` along the
     coordinate `world`, are columns with the names of the components.
 
     **Raises:** ValueError for repeated names, and for a dataset whose variables have no common first dimension.
@@ -31,13 +34,18 @@ def table_of(table: Any) -> ColumnTable:
         return ColumnTable({str(name): _plain(frame[name].to_numpy()) for name in frame.columns})
     names, columns = [_name(name) for name in table.columns], [table.iloc[:, k] for k in range(table.shape[1])]
     index = table.index
-    if index.name is not None or getattr(index.dtype, "kind", "") in "Mm":
+    if index.name is not None or _is_time(getattr(index.dtype, "kind", ""), names):
         names, columns = [_name(index.name or "time"), *names], [index.to_series(), *columns]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(
             f"the table has several columns with the name {repeated[0]!r}: rename or drop all but one of them"
         )
     return ColumnTable({name: _of_series(column) for name, column in zip(names, columns, strict=True)})
+
+
+def _is_time(kind: str, names: list[str]) -> bool:
+    """Return whether an index without a name is the time; `kind` is the kind of its NumPy type."""
+    return kind in ("M", "m") or (kind == "f" and find((*COMMON["time"], *MORE["time"]), names) is None)
 
 
 def _name(name: Any) -> str:

@@ -37,8 +37,14 @@ COMMON = {
 }
 """Column names that are recognised automatically; one of them without the others makes a quantity incomplete."""
 
-NED_POSITION = ("north,east,down", "n,e,d", "pos_n,pos_e,pos_d", "pos_north,pos_east,pos_down")
-NED_VELOCITY = ("vn,ve,vd", "vel_n,vel_e,vel_d", "vel_north,vel_east,vel_down", "v_north,v_east,v_down")
+NED_POSITION = ("north,east,down", "n,e,d", "pn,pe,pd", "pos_n,pos_e,pos_d", "pos_north,pos_east,pos_down")
+NED_VELOCITY = (
+    "vn,ve,vd",
+    "vel_n,vel_e,vel_d",
+    "vel_north,vel_east,vel_down",
+    "velocity_north,velocity_east,velocity_down",
+    "v_north,v_east,v_down",
+)
 ENU_POSITION = (
     "easting,northing,altitude",
     "easting,northing,height",
@@ -46,14 +52,24 @@ ENU_POSITION = (
     "easting,northing,h_ell",
     "east,north,up",
     "e,n,u",
+    "pe,pn,pu",
     "pos_e,pos_n,pos_u",
+    "rechtswert,hochwert,höhe",
+    "rechtswert,hochwert,hoehe",
 )
-ENU_VELOCITY = ("vel_east,vel_north,vel_up", "ve,vn,vu", "vel_e,vel_n,vel_u", "v_east,v_north,v_up")
+ENU_VELOCITY = (
+    "vel_east,vel_north,vel_up",
+    "ve,vn,vu",
+    "vel_e,vel_n,vel_u",
+    "velocity_east,velocity_north,velocity_up",
+    "v_east,v_north,v_up",
+)
 
 MORE = {
     "time": [
         "stamp",
         "time_stamp",
+        "ts",
         "sec",
         "secs",
         "datetime",
@@ -71,6 +87,11 @@ MORE = {
         "time_us",
         "time_ms",
         "time_ns",
+        "time_min",
+        "time_h",
+        "utime",
+        "gpst",
+        "zeit",
         "milliseconds",
         "microseconds",
         "nanoseconds",
@@ -82,8 +103,25 @@ MORE = {
         "itow",
         "date",
     ],
-    "position": (*ENU_POSITION, *NED_POSITION, "p_rs_r_x,p_rs_r_y,p_rs_r_z", "x_pos,y_pos,z_pos"),
-    "velocity": (*ENU_VELOCITY, *NED_VELOCITY, "v_rs_r_x,v_rs_r_y,v_rs_r_z", "v_x,v_y,v_z"),
+    "position": (
+        *ENU_POSITION,
+        *NED_POSITION,
+        "p_rs_r_x,p_rs_r_y,p_rs_r_z",
+        "x_pos,y_pos,z_pos",
+        "p1,p2,p3",
+        "pos1,pos2,pos3",
+        "position1,position2,position3",
+    ),
+    "velocity": (
+        *ENU_VELOCITY,
+        *NED_VELOCITY,
+        "v_rs_r_x,v_rs_r_y,v_rs_r_z",
+        "v_x,v_y,v_z",
+        "x_velocity,y_velocity,z_velocity",
+        "v1,v2,v3",
+        "vel1,vel2,vel3",
+        "velocity1,velocity2,velocity3",
+    ),
     "attitude": (
         "q_rs_w,q_rs_x,q_rs_y,q_rs_z",
         "quat_w,quat_x,quat_y,quat_z",
@@ -99,15 +137,36 @@ ANGLED = ("roll,pitch,heading", "roll,pitch,yaw", "roll,pitch,azimuth")
 GLOBAL = tuple(
     ",".join(name for name in names if name)
     for names in itertools.product(
-        ("latitude", "lat", "position_lat"),
-        ("longitude", "lon", "lng", "long", "position_long"),
-        ("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", "hgt", "alt_msl", "altitude_msl", "elev", ""),
+        ("latitude", "lat", "position_lat", "pos_lat"),
+        ("longitude", "lon", "lng", "long", "position_long", "pos_lon"),
+        (
+            *("height", "altitude", "alt", "elevation", "ele", "h", "h_ell", "hgt", "alt_msl", "altitude_msl", "elev"),
+            *("pos_alt", "geo_altitude", "baro_altitude", ""),
+        ),
     )
 )
 """Common column names of geographic positions (`GLOBAL`) and of attitudes as angles (`ANGLED`)."""
 
-FLAT = ("x,y", "px,py", "pos_x,pos_y", "position_x,position_y", "easting,northing", "east,north", "e,n", "tx,ty")
-FLAT_VELOCITY = ("vx,vy", "vel_x,vel_y", "velocity_x,velocity_y", "v_x,v_y", "vel_east,vel_north", "ve,vn")
+FLAT = (
+    "x,y",
+    "rechtswert,hochwert",
+    "px,py",
+    "pos_x,pos_y",
+    "position_x,position_y",
+    "easting,northing",
+    "east,north",
+    "e,n",
+    "tx,ty",
+)
+FLAT_VELOCITY = (
+    "vx,vy",
+    "vel_x,vel_y",
+    "velocity_x,velocity_y",
+    "v_x,v_y",
+    "x_velocity,y_velocity",
+    "vel_east,vel_north",
+    "ve,vn",
+)
 """Names of horizontal positions and velocities, whose heights are 0."""
 
 HEIGHTS = {"z", "h", "height", "alt", "altitude", "altitud", "elevation", "ele", "up", "u", "down", "d", "hgt", "depth"}
@@ -148,7 +207,7 @@ _OTHERS = (
     "s,n,ds,v,vel,distance,arc_length,station,ax,ay,a,acceleration,accel,ax_mps2,steering,delta,throttle,brake,yaw_rate,"
     "omega,w_tr_right,w_tr_left,width,width_left,width_right,battery,voltage,current,temperature,status,mode,fix,"
     "quality,sats,satellites,hdop,vdop,pdop,count,seq,index,frame,frame_id,name,id,type,label,note,comment,rssi,hr,"
-    "std_x,std_y,sigma_x,sigma_y"
+    "std_x,std_y,sigma_x,sigma_y,angle,pos,year,month,day,hour,minute,min,second"
 )
 
 WHOLE_AND_NANOSECONDS = (
@@ -174,7 +233,16 @@ CURVATURE = ["kappa", "curvature", "curv"]
 
 NOT_HEIGHTS = {
     re.sub(r"[\s_.]+", "", name)
-    for choices in (*COMMON.values(), *MORE.values(), FLAT_VELOCITY, MATRICES, UNORDERED, DATE_AND_CLOCK, ANGLED)
+    for choices in (
+        *COMMON.values(),
+        *MORE.values(),
+        FLAT_VELOCITY,
+        MATRICES,
+        UNORDERED,
+        DATE_AND_CLOCK,
+        WHOLE_AND_NANOSECONDS,
+        ANGLED,
+    )
     for choice in choices
     for name in choice.split(",")
     if name not in HEIGHTS and name not in ("vz", "vu", "vd", "v_z", "vel_z", "velocity_z", "vel_up", "vel_u")
@@ -187,7 +255,13 @@ PREFIXES = {
 }
 """Words at the start of column names that do not change the meaning."""
 
-IMPLIED = {"itow": "ms", "timems": "ms", "timeus": "us", "timens": "ns"} | {
-    name: name for name in ("milliseconds", "microseconds", "nanoseconds")
-}
+IMPLIED = {
+    "itow": "ms",
+    "timems": "ms",
+    "timeus": "us",
+    "timens": "ns",
+    "timemin": "min",
+    "timeh": "h",
+    "utime": "us",
+} | {name: name for name in ("milliseconds", "microseconds", "nanoseconds")}
 """Units of columns whose names consist of a time and a unit without a separator, or of a unit alone."""

@@ -1,11 +1,15 @@
 """The lines of a text file with their numbers, without blank lines and comments; a line is decoded when it is used."""
 
+import codecs
 from collections.abc import Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
 
 COMMENTS = ("#", "%", "//")
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""The first bytes of a text in UTF-16, such as the "Unicode text" of Excel."""
+
 BLOCK = 4096
 """Number of lines that are decoded at once."""
 

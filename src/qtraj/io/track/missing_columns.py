@@ -17,30 +17,41 @@ REQUIRED = ("time", "position")
 MIN_SIMILARITY = 0.7
 """Minimum similarity, from 0 to 1, at which a column name is considered a misspelling of a common name."""
 
-MAX_VALUES = 12
-"""Maximum number of first values in a message."""
+MAX_VALUES, MAX_NAMES, MAX_LENGTH = 12, 30, 40
+"""Maximum numbers of first values and of column names in a message, and maximum number of characters of each."""
+
+
+def listed(header: Sequence[str]) -> str:
+    """Return the column names between commas, shortened for a message."""
+    return ", ".join(map(shortened, header[:MAX_NAMES])) + (", …" if len(header) > MAX_NAMES else "")
+
+
+def shortened(text: str) -> str:
+    """Return a text of at most `MAX_LENGTH` characters on one line."""
+    text = text.strip()
+    return text if len(text) <= MAX_LENGTH else text[:MAX_LENGTH] + "…"
 
 
 def first_values(header: list[str], first: Sequence[str]) -> str:
     """Return the names and the first values of the columns as the end of a message."""
-    pairs = [f"{name} = {cell.strip()}" for name, cell in zip(header, first, strict=False)]
+    pairs = [f"{shortened(name)} = {shortened(cell)}" for name, cell in zip(header, first, strict=False)]
     more = ", …" if len(pairs) > MAX_VALUES else ""
     return f" The first values are {', '.join(pairs[:MAX_VALUES])}{more}." if pairs else ""
 
 
-def no_angles(listed: str) -> str:
+def no_angles(names: str) -> str:
     """Return the message about missing columns of roll, pitch and heading."""
     return (
-        f"no columns for roll, pitch and heading were found. The file has the columns {listed}. Name the columns "
+        f"no columns for roll, pitch and heading were found. The file has the columns {names}. Name the columns "
         'of roll, pitch and heading, in this order: in a scenario with attitude = ["...", "...", "..."] under '
         '[track.columns], in Python with columns={"attitude": [...]}.'
     )
 
 
-def no_globe(listed: str) -> str:
+def no_globe(names: str) -> str:
     """Return the message about missing columns of latitude, longitude and height."""
     return (
-        f"no columns for latitude, longitude and height were found. The file has the columns {listed}. Name the "
+        f"no columns for latitude, longitude and height were found. The file has the columns {names}. Name the "
         'columns of latitude, longitude and height, in this order: in a scenario with position = ["...", "...", "..."] '
         'under [track.columns], in Python with columns={"position": [...]}.'
     )
@@ -64,13 +75,16 @@ def not_found(part: str, header: list[str]) -> str:
         what = f"the columns for the {part} are incomplete: found {', '.join(present)}, missing {', '.join(missing)}"
         likely = [known.get(squeezed(name)) or _likely(part, k, known) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
-    omit = f' To omit the {part}, write {part} = [] in the scenario, or {{"{part}": None}} in Python.'
+    omit = (
+        f' To omit the {part}, write {part} = [] in the scenario, or {{"{part}": None}} in Python, or '
+        f"--columns {part}= on the command line."
+    )
     without = "" if part in REQUIRED else omit
     if part == "position" and len(present) == 2 and missing == [best[2]]:
         omit = f' If all heights are 0, name two columns: position = ["{present[0]}", "{present[1]}"].'
         without = omit
     return (
-        f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
+        f"{what}. The columns are {listed(header)}; name the columns of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}, '
         f"on the command line with --columns {part}={'...' if part == 'time' else 'a,b,c'}."
         f"{without}{_without_times(header) if part == 'time' else ''}{_on_the_globe(part, header)}"

@@ -17,13 +17,14 @@ HEAD = 20
 EPOCH = date(1970, 1, 1)
 HALF_DAY = timedelta(hours=12)
 
-_SENTENCE = re.compile(rb"\s*[$!][A-Z]{2}[A-Z0-9]{3},")
+_SENTENCE = re.compile(rb"[$!][A-Z]{2}[A-Z0-9]{3},[^*]*(?:\*[0-9A-Fa-f]{2})?")
+"""A sentence, before and after which a logger may have written times."""
 
 
 def is_nmea(data: bytes) -> bool:
     """Return whether half of the first lines, or more, are sentences."""
     lines = [line for line in data[:4096].splitlines()[:HEAD] if line.strip()]
-    return bool(lines) and 2 * sum(_SENTENCE.match(line) is not None for line in lines) >= len(lines)
+    return bool(lines) and 2 * sum(_SENTENCE.search(line) is not None for line in lines) >= len(lines)
 
 
 def read_nmea(path: Path, data: bytes) -> tuple[ColumnTable, tuple[str, ...]]:
@@ -77,7 +78,7 @@ def _messages(path: Path, data: bytes) -> tuple[list[Any], int]:
     from pynmeagps import ERR_LOG, NMEAReader
 
     errors: list[Any] = []
-    lines = b"\r\n".join(line.strip() for line in data.splitlines() if _SENTENCE.match(line)) + b"\r\n"
+    lines = b"\r\n".join(found[0].strip() for line in data.splitlines() if (found := _SENTENCE.search(line))) + b"\r\n"
     reader = NMEAReader(io.BytesIO(lines), quitonerror=ERR_LOG, errorhandler=errors.append)
     messages = [message for _, message in reader if message is not None and not isinstance(message, str)]
     return [m for m in messages if m.msgID in ("GGA", "RMC", "ZDA")], len(errors)

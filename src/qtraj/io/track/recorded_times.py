@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.io.track.column_units import SPELLINGS, Unit
+from qtraj.io.track.column_units import SPELLINGS, Unit, unit_of
 
 SECONDS = SPELLINGS["s"]
 UNIX = (10**9, 5 * 10**9)
@@ -26,6 +26,7 @@ HOUR, DAY = 3600 * 10**9, 86400 * 10**9
 _NUMERIC_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4})(.*)")
 _TWELVE_HOURS = re.compile(r"(.*?)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)\s*([AaPp])\.?[Mm]\.?")
 _PLAIN_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?(Z|\+00:00)?")
+_WITH_UNIT = re.compile(r"(\S*\d\.?)\s*([A-Za-z]+)")
 _DIGITS = re.compile(r"[\d:.T -]*")
 SHORTEST = 19
 """Number of characters of a date and a time with seconds."""
@@ -76,7 +77,8 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     """
     if is_time(cells[0]):
         return _dates([in_24_hours(cell.strip()) for cell in cells])
-    unit = unit or unit_by_size(cells[0])
+    cells, written = _without_unit(cells)
+    unit = written or unit or unit_by_size(cells[0])
     if unit == SECONDS:
         return Times(np.array([_float(k, cell) for k, cell in enumerate(cells)]), "s")
     exact = [_exact(k, cell) for k, cell in enumerate(cells)]
@@ -85,6 +87,15 @@ def read_times(cells: Sequence[str], unit: Unit | None = None) -> Times:
     first = exact[0] if unix else 0
     scaled = np.array([float((value - first) * factor.numerator) for value in exact]) / factor.denominator
     return Times(scaled, unit.symbol, f"{cells[0].strip()} {unit.symbol}" if unix else None)
+
+
+def _without_unit(cells: Sequence[str]) -> tuple[Sequence[str], Unit | None]:
+    """Return numbers without the unit of time behind each of them, such as `0.1 sec` of MATLAB, and the unit."""
+    match = _WITH_UNIT.fullmatch(cells[0].strip())
+    unit = unit_of(match[2]) if match else None
+    if match is None or unit is None or unit.kind != "time" or not all(c.rstrip().endswith(match[2]) for c in cells):
+        return cells, None
+    return [cell.strip().removesuffix(match[2]) for cell in cells], unit
 
 
 def from_integers(values: np.ndarray, unit: Unit) -> Times:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from qtraj.foundation.size_text import duration_text
+from qtraj.foundation.size_text import duration_text, length_text
 from qtraj.io.track.segments import Segment
 from qtraj.path.track import STANDSTILL, Track
 
@@ -19,6 +19,9 @@ def row_text(track: Track, rows: Segment) -> str:
     count = rows.stop - rows.start
     of = "" if rows.segments == 1 else f" in {rows.segments} segments"
     segment = of if rows.number is None else f" of segment {rows.number} of {rows.segments}"
+    if (farthest := float(np.linalg.norm(positions - positions[0], axis=1).max())) <= STANDSTILL:
+        still = f"stays within {length_text(farthest)} of its first position" if farthest else "never moves"
+        return "; ".join(filter(None, (f"rows: {count}{segment}", _gap(times), f"the vehicle {still}")))
     ends = [
         f"stands for the {word} {duration_text(length)}"
         for word, length in zip(("first", "last"), _standing(times, positions), strict=True)

@@ -1,6 +1,5 @@
 """Find out by its content what a recording is, and return its table."""
 
-import codecs
 import csv
 import os
 from collections.abc import Mapping, Sequence
@@ -15,13 +14,14 @@ from qtraj.io.track.column_names import plain
 from qtraj.io.track.delimited import Content, are_numbers, content, find_table, header_in_comment, is_number
 from qtraj.io.track.kitti_poses import COLUMNS as KITTI_COLUMNS, POSITION, ROTATION, is_kitti
 from qtraj.io.track.known_names import HEIGHTS, NOT_HEIGHTS
+from qtraj.io.track.lines import UTF16
+from qtraj.io.track.other_formats import require_known_format
 from qtraj.io.track.reading import Reading
 from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.text_table import TextTable
 from qtraj.io.track.time_column import Table
 
-UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TUM_UNORDERED = (*TUM_COLUMNS[:4], "q1", "q2", "q3", "q4")
 
@@ -67,6 +67,7 @@ def find_source(file: Any, reading: Reading) -> Source:
     if nmea.is_nmea(data):
         table, notes = nmea.read_nmea(path, data)
         return Source(path, table, kind="nmea", notes=notes)
+    require_known_format(path, data)
     return _text_source(path, content(path, _decoded(path, data)), reading)
 
 

@@ -20,7 +20,8 @@ SCALED = 1e4
 OPTIONS = (
     "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): east, north and up coordinates in metres "
     "relative to the first sample, with the tangent plane of WGS 84 at this sample as the horizontal plane; or "
-    "qtraj.TangentPlane(origin) (in a scenario origin = [latitude, longitude, height]) for another origin"
+    "qtraj.TangentPlane(origin) (in a scenario origin = [latitude, longitude, height]) for another origin; on "
+    "the command line --units position=deg"
 )
 """The options for latitude and longitude, for error messages."""
 
@@ -69,6 +70,12 @@ class TangentPlane:
         return offsets @ plane.T, plane @ np.swapaxes(local_axes(geodetic), -1, -2)
 
 
+def place_text(latitude: float, longitude: float) -> str:
+    """Return a place [°] for a message, such as "48.10° N, 11.50° E"."""
+    north, east = "S" if latitude < 0 else "N", "W" if longitude < 0 else "E"
+    return f"{abs(latitude):.2f}° {north}, {abs(longitude):.2f}° {east}"
+
+
 def earth_fixed(geodetic: np.ndarray) -> np.ndarray:
     """Convert latitude [°], longitude [°] and height [m] to Earth-centred, Earth-fixed positions (n, 3) [m]."""
     latitude, longitude, height = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1]), geodetic[:, 2]
@@ -91,7 +98,8 @@ def _require_angles(geodetic: np.ndarray, what: str) -> None:
     if bad.size:
         latitude, longitude = geodetic[bad[0], :2].tolist()
         scaled = (
-            ' Otherwise, if they are in 1e-7 degrees, pass units={"position": "1e-7 deg"}.'
+            ' Otherwise, if they are in 1e-7 degrees, pass units={"position": "1e-7 deg"}; in semicircles, as in '
+            'files of Garmin, pass units={"position": "semicircles"}.'
             if abs(latitude) > SCALED
             else ""
         )

@@ -10,6 +10,7 @@ from qtraj.io.track.column_names import find
 from qtraj.io.track.column_table import ColumnTable
 from qtraj.io.track.column_units import SPELLINGS, Unit
 from qtraj.io.track.compact_dates import all_joined, are_date_and_clock, is_compact, is_date, joined
+from qtraj.io.track.date_parts import LIMITS, joined_parts
 from qtraj.io.track.known_names import DATE_AND_CLOCK, WHOLE_AND_NANOSECONDS
 from qtraj.io.track.recorded_times import (
     SECONDS,
@@ -36,7 +37,9 @@ def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit
             return quick
         cells = table.texts(path, names[0])
         return _read(path, table, names, (all_joined(cells) if unit is None else None) or cells, unit)
-    if not _are_dates(table, names) and (whole := table.quick(names, int)) is not None:
+    if len(names) == len(LIMITS):
+        return _read(path, table, names, _joined(path, table, names), unit)
+    if not _are_dates(table, names) and (whole := _whole_numbers(path, table, names)) is not None:
         _require_nanoseconds(path, table, names, whole[:, 1])
         return from_integers(whole[:, 0] * 10**9 + whole[:, 1], SPELLINGS["ns"])
     cells = [joined(day, clock) for day, clock in zip(*(table.texts(path, name) for name in names), strict=True)]
@@ -48,6 +51,21 @@ def time_column(path: Path | str, table: Table, names: Sequence[str], unit: Unit
             'with columns={"time": ...}'
         )
     return _read(path, table, names, cells, unit)
+
+
+def _joined(path: Path | str, table: Table, names: Sequence[str]) -> list[str]:
+    """Return year, month, day, hour, minute and second of each row as one text."""
+    rows = list(zip(*(table.texts(path, name) for name in names), strict=True))
+    cells = [joined_parts(row) for row in rows]
+    for k, (row, cell) in enumerate(zip(rows, cells, strict=True)):
+        if cell is None:
+            found = ", ".join(part.strip() for part in row)
+            raise ValueError(
+                f"{path}, {table.place(k)}: the columns {', '.join(names)} must have year, month, day, hour, minute "
+                f"and second, but contain {found}: correct the cells, or name one column with "
+                'columns={"time": ...}'
+            )
+    return [cell for cell in cells if cell is not None]
 
 
 def _read(path: Path | str, table: Table, names: Sequence[str], cells: list[str], unit: Unit | None) -> Times:
@@ -126,6 +144,17 @@ def _require_nanoseconds(path: Path | str, table: Table, names: Sequence[str], v
             f"{names[1]!r} contains {values[k]}, and nanoseconds are less than 1000000000: name one column with "
             'columns={"time": ...}'
         )
+
+
+def _whole_numbers(path: Path | str, table: Table, names: Sequence[str]) -> np.ndarray | None:
+    """Return columns of whole numbers as an array (rows, columns), or None if a cell is another text."""
+    quick = table.quick(names, int)
+    if quick is not None or not all(_first(table, name).strip().isdecimal() for name in names):
+        return quick
+    cells = [[cell.strip() for cell in table.texts(path, name)] for name in names]
+    if not all(cell.isdecimal() for column in cells for cell in column):
+        return None
+    return np.array([[int(cell) for cell in column] for column in cells]).T
 
 
 def _in_seconds(table: Table, name: str, unit: Unit | None) -> bool:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 from qtraj.io.track.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
 from qtraj.io.track.column_names import find, plain
 from qtraj.io.track.compact_dates import are_date_and_clock
+from qtraj.io.track.date_parts import PARTS
+from qtraj.io.track.delimited import is_number
 from qtraj.io.track.known_names import (
     ANGLED,
     COMMON,
@@ -22,15 +24,27 @@ from qtraj.io.track.known_names import (
     UNORDERED,
     WHOLE_AND_NANOSECONDS,
 )
-from qtraj.io.track.missing_columns import GEOGRAPHIC, REQUIRED, begun, first_values, no_angles, no_globe, not_found
-from qtraj.io.track.recorded_times import CLOCK, in_24_hours
+from qtraj.io.track.missing_columns import (
+    GEOGRAPHIC,
+    REQUIRED,
+    begun,
+    first_values,
+    listed,
+    no_angles,
+    no_globe,
+    not_found,
+)
+from qtraj.io.track.recorded_times import CLOCK, SECONDS, in_24_hours, is_time, unit_by_size
 from qtraj.io.track.tangent_plane import OPTIONS as PROJECTIONS
 
-COUNTS = {"time": (1, 2), "position": (3, 2), "velocity": (3, 2), "attitude": (4, 9), "rate": (3, 1)}
+COUNTS = {"time": (1, 2, 6), "position": (3, 2), "velocity": (3, 2), "attitude": (4, 9), "rate": (3, 1)}
 """Numbers of columns of each quantity. Two columns of positions or velocities are horizontal, nine are a matrix."""
 
 ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
 """Words in the column names of roll, pitch and heading."""
+
+UNNAMED = ("", "Unnamed: 0")
+"""Names that pandas gives to an index without a name in a file."""
 
 Columns = Mapping[str, str | Sequence[str] | None]
 
@@ -95,7 +109,7 @@ def choose(
         if absent := [name for name in names if name not in header]:
             raise ValueError(
                 f"{path}: there is no column {absent[0]!r}: name other columns with columns=. The columns are "
-                f"{', '.join(header)}.{first_values(header, first)}"
+                f"{listed(header)}.{first_values(header, first)}"
             )
         _require_once(path, header, names)
         _require_order(path, part, names, wanted)
@@ -118,7 +132,7 @@ def unordered_attitude(header: list[str]) -> tuple[str, ...] | None:
 def _recognised(
     part: str, header: list[str], wanted: Wanted, first: Sequence[str], flat: bool
 ) -> tuple[str, ...] | None:
-    if part == "time" and (names := _date_and_clock(header, first) or find(WHOLE_AND_NANOSECONDS, header)) is not None:
+    if part == "time" and (names := _several_columns(header, first)) is not None:
         return names
     if part == "attitude" and wanted.angles is not None:
         return find(ANGLED, header)
@@ -126,8 +140,10 @@ def _recognised(
         return find(GLOBAL, header)
     if (names := find((*COMMON[part], *MORE[part]), header)) is not None:
         return names
+    if part == "time":
+        return _index(header, first)
     if part == "position":
-        return _flat(header)
+        return _flat(header, first)
     if part == "velocity" and flat:
         return find(FLAT_VELOCITY, header)
     if part == "attitude":
@@ -135,14 +151,39 @@ def _recognised(
     return None
 
 
-def _flat(header: list[str]) -> tuple[str, ...] | None:
-    """Return the columns of a horizontal position if no other column can be its height."""
+def _index(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the first column if it has no name and contains times, as the index of a data frame that was saved.
+
+    Whole numbers, unless they are Unix times, count the rows.
+    """
+    if header[0] not in UNNAMED or header.count(header[0]) > 1 or not first:
+        return None
+    cell = first[0].strip()
+    return (header[0],) if is_time(cell) or unit_by_size(cell) != SECONDS or _is_decimal(cell) else None
+
+
+def _is_decimal(cell: str) -> bool:
+    return _may_be_number(cell) and not cell.lstrip("+-").isdecimal()
+
+
+def _flat(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns of a horizontal position if no other column can be its height; a text cannot be a height."""
     names = find(FLAT, header)
     if names is None:
         return None
     others = {form for form, name in plain([n for n in header if n not in names]).items()}
-    unknown = [n for n in header if n not in names and not set(plain([n])) & NOT_HEIGHTS]
+    texts = {name for name, cell in zip(header, first, strict=False) if cell.strip() and not _may_be_number(cell)}
+    unknown = [n for n in header if n not in names and n not in texts and not set(plain([n])) & NOT_HEIGHTS]
     return None if unknown or others & HEIGHTS else names
+
+
+def _may_be_number(cell: str) -> bool:
+    return is_number(cell) or is_number(cell, decimal_comma=True)
+
+
+def _several_columns(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns of a time that is divided, otherwise None."""
+    return _date_and_clock(header, first) or find(WHOLE_AND_NANOSECONDS, header) or find(PARTS, header)
 
 
 def _date_and_clock(header: list[str], first: Sequence[str]) -> tuple[str, ...] | None:
@@ -163,9 +204,9 @@ def _ordered(header: list[str], quaternion: str | None) -> tuple[str, ...] | Non
 def _missing(part: str, header: list[str], wanted: Wanted) -> str | None:
     """Return the message about a quantity without columns, or None if the quantity may be absent."""
     if part == "attitude" and wanted.angles is not None and part not in wanted.columns:
-        return no_angles(", ".join(header))
+        return no_angles(listed(header))
     if part == "position" and wanted.globe:
-        return no_globe(", ".join(header))
+        return no_globe(listed(header))
     if part in REQUIRED or (part not in wanted.columns and part != "rate" and begun(part, header)):
         return not_found(part, header)
     return None
@@ -181,7 +222,7 @@ def _require_count(part: str, names: tuple[str, ...], wanted: Wanted) -> None:
     angled = part == "attitude" and wanted.angles is not None
     if len(names) not in ((3,) if angled else COUNTS[part]):
         counts = {
-            "time": "1 column, or the columns of the date and of the time of day",
+            "time": "1 column, or the columns of the date and of the time of day, or of year, month, …, second",
             "rate": "3 columns, or the column of the yaw rate",
             "attitude": "3 columns" if angled else "4 columns of a quaternion or 9 columns of a matrix",
         }.get(part, "3 columns, or 2 columns without the height")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from qtraj.io.track.column_names import find
+from qtraj.io.track.column_names import find, squeezed
 from qtraj.io.track.column_units import Unit
 from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
 from qtraj.io.track.recorded_axes import MEANING
@@ -11,6 +11,7 @@ from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
 from qtraj.io.track.row_facts import row_text
 from qtraj.io.track.segments import Segment
+from qtraj.io.track.tangent_plane import place_text
 from qtraj.io.track.utm import look_like_utm
 from qtraj.path.track import Track
 
@@ -36,11 +37,13 @@ def facts(
     rows: Segment,
     notes: Sequence[str] = (),
     line: RecordedLine | None = None,
+    origin: Sequence[float] | None = None,
 ) -> tuple[str, str, str, str]:
     """Return four lines of text: the time, the position, the other quantities, and the rows with what was left out.
 
     `given_times` describes the source of times that are not in the file, and `notes` rows that were combined or left
-    out. `line`: heading and curvature of a race line, which are compared with the fitted route.
+    out. `line`: heading and curvature of a race line, which are compared with the fitted route. `origin`: latitude and
+    longitude [°] of the first sample.
     """
     others = [part for part in ("velocity", "attitude", "rate") if part in columns.chosen]
     used = {name for names in columns.chosen.values() for name in names}
@@ -50,6 +53,7 @@ def facts(
     return (
         _time(columns, times, given_times),
         _quantity(columns, "position")
+        + ("" if origin is None else f", from {place_text(origin[0], origin[1])}")
         + (", UTM by their size" if columns.axes["position"] != "geographic" and look_like_utm(track) else ""),
         "; ".join(texts) or "velocity, attitude and rate: none",
         "; ".join(filter(None, (row_text(track, rows), *notes, _left_out(left)))),
@@ -88,7 +92,7 @@ def _meaning(axes: str, part: str) -> str:
 
 def _left_out(left: list[str]) -> str:
     known = [
-        f"{word} {found[0]!r}"
+        f"{word} {found[0]!r}{' in kn' if squeezed(found[0]) == 'sog' else ''}"
         for word, names in (("speed", SPEED), ("heading", HEADING), ("curvature", CURVATURE))
         if (found := find(names, left))
     ]

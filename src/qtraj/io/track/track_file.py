@@ -58,7 +58,8 @@ def read_track(
         angles: The convention of an attitude in the three columns roll, pitch and heading.
         projection: "tangent-plane" or a `TangentPlane`, if the position is latitude, longitude and height.
         units: The units of "time", "position", "velocity" and "rate", for example {"velocity": "km/h"}; default: the
-            units in the column names, otherwise s, m, m/s, rad/s.
+            units in the column names, otherwise s, m, m/s, rad/s. With "deg" or "rad" for the position, `columns` names
+            latitude, longitude and height.
         axes: The world axes of position, velocity and attitude: "enu" (z is up), "ned" (north, east, down; body axes
             forward, right, down) or "camera" (right, down, forward; for the body axes, too). The track has z up and
             body axes forward, left, up. Default: by the column names, otherwise "enu"; for KITTI poses "camera".
