@@ -9,6 +9,7 @@ samples. Only the comparison with the recording is compiled.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,7 +55,7 @@ def fit_route(
     *,
     stop_speed: float | int | None = None,
     stop_distance: float | int = STANDSTILL,
-    window: tuple[float, float] | None = None,
+    window: Sequence[float | int] | None = None,
     throw: bool = False,
 ) -> FittedRoute:
     """Fit a route to a whole `track`, including stops and straight segments.
