@@ -98,7 +98,7 @@ def fit_route(
     """
     _require(tolerance=tolerance, smoothing=smoothing, stop_speed=stop_speed, stop_distance=stop_distance)
     require_track(track)
-    if window is not None and np.ndim(knots):
+    if window is not None and knots is not None and np.ndim(knots):
         raise ValueError("with a window, knots must be a spacing [s], because other knots are used beyond its ends")
     wide = widened(track, window)
     sigmas = (_chosen_sigma(sigma, wide.chosen) for sigma in (position_sigma, velocity_sigma))
