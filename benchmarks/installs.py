@@ -3,8 +3,8 @@
     python -m benchmarks.installs
     python -m benchmarks.installs --python /usr/bin/python3.11 /usr/bin/python3.13 --extras all --jax 0.10 0.12
 
-Prints one row for each environment. The wheel is built from the source distribution, so that both are complete. The
-seconds depend on the network and on the cache of pip.
+Prints one row for each environment; the exit code is 1 if one fails. The wheel is built from the source distribution, so
+that both are complete. The seconds depend on the network and on the cache of pip.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def run(*command: str | Path) -> str:
         here = Path.cwd() if "build" in command else folder
         done = subprocess.run([str(x) for x in command], capture_output=True, text=True, check=False, cwd=here)
     if done.returncode:
-        raise SystemExit(f"{' '.join(map(str, command))} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        raise RuntimeError((done.stderr or done.stdout).strip().splitlines()[-1][:200])
     return done.stdout
 
 
@@ -71,8 +71,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         wheel = built(Path(folder))
         print("| Python | jax | extra | installed in | size | |\n|---|---|---|---|---|---|")
+        failed = False
         for python, jax, extra in product(given.python, given.jax, given.extras):
-            print(f"| {' | '.join(row(python, wheel, extra, jax))} |", flush=True)
+            try:
+                cells = row(python, wheel, extra, jax)
+            except RuntimeError as error:
+                cells, failed = [python, jax or "newest", extra or "none", "", "", f"**{error}**"], True
+            print(f"| {' | '.join(cells)} |", flush=True)
+    sys.exit(int(failed))
 
 
 if __name__ == "__main__":
