@@ -3,8 +3,8 @@
     python -m benchmarks.installs
     python -m benchmarks.installs --python /usr/bin/python3.11 /usr/bin/python3.13 --extras all --jax 0.10 0.12
 
-Prints one row for each environment; the exit code is 1 if one fails. The wheel is built from the source distribution, so
-that both are complete. The seconds depend on the network and on the cache of pip.
+Prints one row for each environment; the exit code is 1 if one fails. The wheel is built from the source distribution,
+so that both are complete. The seconds depend on the network and on the cache of pip.
 """
 
 import argparse
