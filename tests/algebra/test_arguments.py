@@ -55,3 +55,12 @@ def test_whole_joint_values_are_floats():
     arm = qt.stanford_arm()
     for got, right in zip(arm.kinematics(np.zeros(6, int)), arm.kinematics(np.zeros(6)), strict=True):
         np.testing.assert_allclose(got, right, atol=1e-6)
+
+
+def test_arguments_by_name_are_checked_too():
+    with pytest.raises(ValueError, match=r"rotate: q must have shape \(..., 4\)"):
+        qt.quaternion.rotate(q=[1, 0, 0], v_body=[1, 2, 3])
+    with pytest.raises(ValueError, match=r"product: p must have shape \(..., 4\)"):
+        qt.quaternion.product(p=[1, 0, 0], q=[1, 0, 0, 0])
+    with pytest.raises(ValueError, match=r"conjugate: dual must have shape \(..., 8\)"):
+        qt.dual_quaternion.conjugate(1.0)

@@ -88,3 +88,11 @@ def test_a_batch_of_programs_is_refused():
     batch = jax.vmap(lambda t: qt.FrameProgram(qt.SpiralHelix.hermite(START, END, t)))(np.array([3.0, 4.0]))
     with pytest.raises(ValueError, match="one program, but a batch was given"):
         qt.evaluate(batch, TIMES)
+
+
+@pytest.mark.parametrize("times", [[np.nan, 1e9], [0.1, np.inf]])
+def test_times_that_are_not_finite_are_refused(times):
+    path = qt.SpiralHelix([10.0], [0.0, 1.0], [0.0, 0.5], 6.0)
+    for what in (path, qt.FrameProgram(path)):
+        with pytest.raises(ValueError, match="times must be finite"):
+            qt.evaluate(what, times)

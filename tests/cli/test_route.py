@@ -203,3 +203,7 @@ def test_limits_of_a_recording_are_given_on_the_command_line(qtraj, tmp_path):
     wrong = qtraj(*arguments, "--limit", "sped=3")
     assert wrong.exit_code == 2
     assert "did you mean 'speed'?" in wrong.stderr
+    for text in ("speed=nan", "speed=-1", "=3", "speed="):
+        refused = qtraj(*arguments, "--limit", text)
+        assert refused.exit_code == 2
+        assert "--limit" in refused.stderr

@@ -98,3 +98,43 @@ def test_a_single_outlier_is_found_anywhere(index):
     positions = DRIVE + NOISE * np.random.default_rng(0).standard_normal(DRIVE.shape)
     positions[index] += [0.0, 3.0, 0.0]
     assert qt.fit_route(qt.Track(TIMES, positions)).outliers.tolist() == [index]
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+@pytest.mark.parametrize("parked", [0.5, 0.8, 0.95])
+def test_a_vehicle_that_is_parked_most_of_the_time(parked, noise):
+    """The positions at rest are exactly equal, and say nothing about the noise while it moves."""
+    times = np.arange(0.0, 900.0, 0.1)
+    driven = np.clip(times - 900 * parked, 0, None)
+    moving = driven > 0
+    way = np.where(driven < 10, 0.5 * driven**2, 50 + 10 * (driven - 10))
+    right = np.stack([40 * np.sin(way / 40), 40 - 40 * np.cos(way / 40), 0 * way], axis=1)
+    positions = right + noise * moving[:, None] * np.random.default_rng(0).standard_normal(right.shape)
+    fitted = qt.fit_route(qt.Track(times, positions))
+    errors = np.linalg.norm(np.asarray(qt.evaluate(fitted.path, times, ("position",)).position) - right, axis=1)
+    assert errors.max() < 0.08
+    assert len(fitted.outliers) <= 8
+    [[start, end]] = np.asarray(fitted.stops)
+    assert (start, end) == pytest.approx((0.0, 900 * parked), abs=1.0)
+
+
+@pytest.mark.parametrize("gap", [600.0, 2000.0, 1e5])
+def test_a_gap_of_any_length_is_bridged(gap):
+    times = np.concatenate([TIMES, TIMES + 60 + gap])
+    positions = np.concatenate([DRIVE, DRIVE + np.array([600.0, 50.0, 0.0])])
+    positions = positions + NOISE * np.random.default_rng(0).standard_normal(positions.shape)
+    fitted = qt.fit_route(qt.Track(times, positions))
+    assert len(fitted.gaps) == 1
+    assert float(fitted.residual.maximum) < 0.2
+
+
+@pytest.mark.parametrize("count", [8, 10, 15, 20])
+@pytest.mark.parametrize("rate", [0.15, 0.3])
+def test_a_short_recording_at_one_hertz(count, rate):
+    times = np.arange(float(count))
+    right = circle(times, 40.0, rate)
+    positions = right + NOISE * np.random.default_rng(1).standard_normal(right.shape)
+    fitted = qt.fit_route(qt.Track(times, positions))
+    errors = np.linalg.norm(np.stack([fitted.path(t) for t in times]) - right, axis=1)
+    assert errors.max() < 0.15
+    assert len(fitted.outliers) == 0

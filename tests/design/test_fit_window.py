@@ -110,3 +110,18 @@ def test_standard_deviations_of_samples_are_those_of_the_window():
     fitted = qt.fit_route(recorded(2), window=(30.0, 60.0), position_sigma=sigma)
     covariance = np.asarray(fitted.covariance())
     assert covariance[-1, 0, 0] > 2 * covariance[0, 0, 0]
+
+
+def test_a_window_that_starts_with_outliers_has_the_error_of_the_others():
+    track = recorded(3)
+    positions = np.array(track.positions)
+    positions[300:312] += [0.0, 60.0, 0.0]
+    fitted = qt.fit_route(qt.Track(TIMES, positions), window=(30.0, 60.0))
+    assert fitted.outliers.tolist() == list(range(12))
+    assert float(fitted.residual.distance_rms) < 0.05
+
+
+@pytest.mark.parametrize("count", [301, 900 - 1])
+def test_standard_deviations_belong_to_the_samples_of_the_recording(count):
+    with pytest.raises(ValueError, match=r"shape \(900,\)"):
+        qt.fit_route(recorded(0), window=(30.0, 60.0), position_sigma=np.full(count, 0.02))

@@ -81,3 +81,26 @@ def test_a_rotor_of_a_drone_at_full_speed_for_twenty_minutes():
     table = qt.evaluate(path, np.linspace(0.0, 1200.0, 7), ("curvature", "defined"))
     np.testing.assert_allclose(table.curvature, 1 / 0.12, rtol=1e-12)
     assert np.asarray(table.defined).all()
+
+
+@pytest.mark.parametrize("turns", [10, 1000])
+def test_a_path_of_the_user_and_a_retimed_path_may_be_long(turns):
+    class Circle(qt.AbstractHodograph):
+        duration: jax.Array
+
+        def derivatives(self, t, order):
+            orders = jnp.arange(order + 1, dtype=self.duration.dtype)
+            angle = 0.5 * jnp.asarray(t, self.duration.dtype) + 0.5 * jnp.pi * orders
+            return 50 * 0.5 ** orders[:, None] * jnp.stack([jnp.cos(angle), jnp.sin(angle), 0 * angle], axis=1)
+
+    path = Circle(np.float32(4 * np.pi * turns))
+    times = np.linspace(0.0, 0.99, 5, dtype=np.float32) * path.duration
+    table = qt.evaluate(path, times, ("curvature", "defined"))
+    np.testing.assert_allclose(table.curvature, 0.02, rtol=1e-4)
+    assert np.asarray(table.defined).all()
+    line = qt.SpiralHelix(*(np.array(x, np.float64) for x in ([50.0], [0.0, 0.5], [0.0], 4 * np.pi * turns)))
+    timed = qt.retime(line, qt.Limits(speed=10.0, longitudinal_acceleration=1.0), start_speed=10.0, end_speed=10.0)
+    times = np.linspace(0.0, float(timed.path.duration), 5)
+    table = qt.evaluate(timed.path, times, ("curvature", "defined"))
+    np.testing.assert_allclose(table.curvature, 0.02, rtol=1e-6)
+    assert np.asarray(table.defined).all()

@@ -9,13 +9,9 @@ angular rate and v the velocity of the body's origin. With the twist U = ω + s 
 A dual quaternion is an array (8,) with λ first. Leading axes of the arrays are batch axes.
 """
 
-from jaxtyping import Array, Float
-
 from qtraj.algebra import quaternion
 from qtraj.foundation.namespace import of_arrays, xp
-from qtraj.foundation.types import Quat, Vec3
-
-DualQuat = Float[Array, "8"]
+from qtraj.foundation.types import DualQuat, Quat, Vec3
 
 
 @of_arrays

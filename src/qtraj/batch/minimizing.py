@@ -14,6 +14,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm
 from qtraj.batch.body_forces import path_force
 from qtraj.batch.task import Task
+from qtraj.foundation.arrays import is_traced
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.dynamics import torque
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -43,7 +44,13 @@ def frame_outputs(
     if not task.batched:
         return _ordered(task, _along(FrameProgram(paths, frame), times, names, task.axes, vehicle), 1)
     rows = jnp.broadcast_to(times, (paths.duration.shape[0], times.shape[-1]))
-    return _ordered(task, _many(paths, frame, rows, names, task.axes, vehicle), 2)
+    values = _many(paths, frame, rows, names, task.axes, vehicle)
+    if not is_traced(values, paths, times) and any(bool(jnp.isnan(x).any()) for x in values.values()):
+        raise ValueError(
+            "a path of this batch turns too fast for the number of anchors that the paths of a batch have, or is not "
+            "finite: evaluate its paths one by one, or divide them into windows"
+        )
+    return _ordered(task, values, 2)
 
 
 def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:

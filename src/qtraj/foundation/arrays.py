@@ -199,6 +199,8 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
     if last is None or isinstance(times, Tracer):
         return
     low, high = (_extreme(times, least) for least in (True, False))
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise ValueError("times must be finite, but some are NaN or infinite")
     slack = 4 * np.finfo(np.float32).eps * np.abs(last)
     early, late = np.broadcast_arrays(low < -slack, high > last + slack)
     if early.any() or late.any():
@@ -211,7 +213,7 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
 
 def _extreme(times: Any, least: bool) -> np.ndarray:
     """Return the first or the last instant of each row; an accelerator reduces its own arrays."""
-    if isinstance(times, jax.Array) and times.devices() != set(jax.devices("cpu")[:1]):
+    if isinstance(times, jax.Array) and any(device.platform != "cpu" for device in times.devices()):
         with jax.ensure_compile_time_eval():
             return np.asarray(times.min(axis=-1) if least else times.max(axis=-1))
     values = np.asarray(times)

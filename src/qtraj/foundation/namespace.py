@@ -159,7 +159,7 @@ def of_arrays(function: Function) -> Function:
             with np.errstate(all="ignore"):
                 return function(*args)
         names, values = tuple(kwargs), [as_floats(x) for x in (*args, *kwargs.values())]
-        require_trailing(function, shapes, values[: len(args)])
+        require_trailing(function, shapes, values[: len(args)], dict(zip(names, values[len(args) :], strict=True)))
         if needs_jax(values):
             values = [jnp.asarray(x) if type(x) is np.ndarray else x for x in values]
             return function(*values[: len(args)], **dict(zip(names, values[len(args) :], strict=True)))

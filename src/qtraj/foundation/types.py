@@ -15,6 +15,7 @@ Scalar = TypeAliasType("Scalar", Float[Array, ""])
 Flag = TypeAliasType("Flag", Bool[Array, ""])
 Vec3 = TypeAliasType("Vec3", Float[Array, "3"])
 Quat = TypeAliasType("Quat", Float[Array, "4"])
+DualQuat = TypeAliasType("DualQuat", Float[Array, "8"])
 Mat3 = TypeAliasType("Mat3", Float[Array, "3 3"])
 Mat4 = TypeAliasType("Mat4", Float[Array, "4 4"])
 

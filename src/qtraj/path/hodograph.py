@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+PART = 1e-3
+"""Span of a path that is neither polynomial nor a route, relative to its duration (see `regularity`)."""
+
+
 class AbstractHodograph(eqx.Module):
     """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`."""
 
@@ -55,8 +59,11 @@ class AbstractHodograph(eqx.Module):
         return None
 
     def span(self, t: Array) -> Array:
-        """Return how long [s] the derivatives at the times `t` are of their present size; see `regularity`."""
-        return self.duration
+        """Return how long [s] the derivatives at the times `t` are of their present size; see `regularity`.
+
+        Here it is a small part of the duration, because the path may oscillate often in it.
+        """
+        return self.duration * PART
 
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
@@ -128,10 +135,6 @@ _compiled_length = eqx.filter_jit(_arc_length)
 _length = in_numpy(_arc_length, _compiled_length)
 
 
-PART = 1e-3
-"""Span of a `Curve`, relative to its duration (see `regularity`)."""
-
-
 class Curve(AbstractHodograph):
     """A path defined by any differentiable function t -> (3,), with derivatives by nested forward differentiation.
 
@@ -156,13 +159,6 @@ class Curve(AbstractHodograph):
 
     def __repr__(self) -> str:
         return shown(self, duration="s")
-
-    def span(self, t: Array) -> Array:
-        """Return how long [s] the derivatives are of their present size: a small part of the duration.
-
-        The function may oscillate often in the duration.
-        """
-        return self.duration * PART
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""

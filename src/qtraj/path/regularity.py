@@ -4,7 +4,7 @@ The functions accept numbers or triples of arrays, as in `frenet`.
 
 The decisions depend on the present motion only. Its `span` [s] is how long the derivatives are of their present size:
 on a polynomial path, the duration divided by the angle by which the path rotates in it; on a route, the duration of the
-segment; on a curve, whose function may oscillate, a thousandth of the duration.
+segment; on any other path, which may oscillate often, a thousandth of the duration.
 """
 
 import functools
@@ -25,8 +25,8 @@ DEFINED_TOLERANCE = 4096
 
 The curvature counts as zero if, at the current rate, the direction of r' would change by less than the tolerance [rad]
 over the span, or if the angle between the lines of r' and r'' is less than the tolerance. The speed counts as zero if
-it is less than the tolerance times the change of speed that r'' and r''' can cause over the span. At the tolerance, the
-principal normal is still accurate to three digits.
+it is less than the tolerance times the change of speed that r'' and r''' can cause over the time τ of `Regularity`. At
+the tolerance, the principal normal is still accurate to three digits.
 """
 
 SHORT = 1 / 1024

@@ -64,3 +64,19 @@ def test_the_sign_of_the_quaternion_is_continuous_on_long_paths(duration):
     table = qt.evaluate(path, times, ("quaternion",), qt.Natural(), continuous=True)
     for k in (1, len(times) // 3, len(times) - 1):
         np.testing.assert_allclose(program(times[k]).quaternion, table.quaternion[k], atol=1e-9)
+
+
+def test_a_batch_of_long_paths_is_refused():
+    def table(durations):
+        paths = jax.vmap(helix)(np.array(durations))
+        return qt.evaluate(paths, [0.0, 1.0], ("quaternion",), frame=qt.RotationMinimizing())
+
+    assert np.isfinite(table([10.0, 20.0]).quaternion).all()
+    with pytest.raises(ValueError, match="turns too fast"):
+        table([10.0, 2e4])
+
+
+def test_anchors_of_a_route_must_fit_its_joints():
+    route = qt.fit_route(qt.Track(np.arange(30.0), np.stack([np.arange(30.0) * 5] * 3, axis=1))).path
+    with pytest.raises(ValueError, match="the anchors of a route must be"):
+        qt.FrameProgram(route, qt.Upright(), anchors=np.tile([1.0, 0, 0, 0], (100, 1)))

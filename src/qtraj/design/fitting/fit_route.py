@@ -20,8 +20,9 @@ from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.noise_free import without_smoothing
 from qtraj.design.fitting.recording import Recording, read_recording
 from qtraj.design.fitting.route_choice import Problem
-from qtraj.design.fitting.route_knots import Grid, equal_knots, read_knots, with_stops
+from qtraj.design.fitting.route_knots import Grid, equal_knots, read_knots, with_stops, without_gaps
 from qtraj.design.fitting.route_outliers import SMOOTHING, without_outliers
+from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_solution import solution, with_inliers
 from qtraj.design.fitting.route_stops import Standing, find_stops
 from qtraj.design.fitting.route_system import in_seconds, predict, sample_system, solve
@@ -34,9 +35,9 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.rate_residual import compare_upright
-from qtraj.path.residual import compare
+from qtraj.path.residual import Residual, compare
 from qtraj.path.route import Route
-from qtraj.path.track import STANDSTILL, Track, require_track, to_float64
+from qtraj.path.track import MIN_SAMPLES, STANDSTILL, Track, require_track, to_float64
 
 MAX_HALVINGS, MIN_GAIN = 3, 0.03
 """Maximum number of halvings of the knot spacing, and the minimum relative decrease of the score by a halving."""
@@ -54,7 +55,7 @@ def fit_route(
     velocity_sigma: ArrayInput | None = None,
     *,
     stop_speed: float | int | None = None,
-    stop_distance: float | int = STANDSTILL,
+    stop_distance: float | int | None = STANDSTILL,
     window: Sequence[float | int] | None = None,
     throw: bool = False,
 ) -> FittedRoute:
@@ -68,11 +69,12 @@ def fit_route(
     as samples of a formula, is fitted without smoothing. Fewer than eight samples are waypoints: the route passes
     through them with minimum jerk.
 
-    The fit scales with the recording: its unit of time is how long the vehicle typically drives almost straight, about
-    one second for a car in a town. Knots are at most one unit apart, held-out intervals last at least 1.5 units, and a
-    stop lasts at least one unit and four time steps of the recording. A stop is an interval in which the vehicle stays
-    within `stop_distance` [m] of its mean position and is not faster than `stop_speed` [m/s], by default 0.5 % of its
-    largest speed. At a stop the velocity and acceleration of the route are exactly zero.
+    Apart from `stop_distance`, the fit scales with the recording: its unit of time is how long the vehicle typically
+    drives almost straight, about one second for a car in a town. Knots are at most one unit apart, held-out intervals
+    last at least 1.5 units, and a stop lasts at least one unit and four time steps of the recording. A stop is an
+    interval in which the vehicle stays within `stop_distance` [m] of its mean position and is not faster than
+    `stop_speed` [m/s], by default 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are
+    exactly zero.
 
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
     distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The
@@ -96,12 +98,14 @@ def fit_route(
     them with fewer than eight samples, standard deviations of the wrong shape, or a `velocity_sigma` without recorded
     velocities. RuntimeError with `throw` if the result is not finite.
     """
+    stop_distance = STANDSTILL if stop_distance is None else stop_distance
     _require(tolerance=tolerance, smoothing=smoothing, stop_speed=stop_speed, stop_distance=stop_distance)
     require_track(track)
     if window is not None and knots is not None and np.ndim(knots):
         raise ValueError("with a window, knots must be a spacing [s], because other knots are used beyond its ends")
     wide = widened(track, window)
-    sigmas = (_chosen_sigma(sigma, wide.chosen) for sigma in (position_sigma, velocity_sigma))
+    given_sigmas = {"position_sigma": position_sigma, "velocity_sigma": velocity_sigma}
+    sigmas = (_chosen_sigma(sigma, name, wide.chosen) for name, sigma in given_sigmas.items())
     track, few = wide.track, len(wide.track.times) < FEW
     recording = read_recording(track, *sigmas)
     unit = recording.units
@@ -133,7 +137,7 @@ def fit_route(
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path), track)
     fitted = FittedRoute(
         path,
-        compare(path, _part(track, inliers)),
+        _residual(path, track, inliers),
         float("nan") if few else _prediction_error(recording, problem, best) * unit.length,
         stretch_error * unit.length,
         best * unit.time**5,
@@ -161,8 +165,9 @@ class _Choice(NamedTuple):
     ends: tuple[float, ...] = ()
 
 
-def _chosen_sigma(sigma: Any, chosen: np.ndarray) -> Any:
+def _chosen_sigma(sigma: Any, name: str, chosen: np.ndarray) -> Any:
     """Return the standard deviations of the chosen samples, if there is one for each sample of the recording."""
+    read_sigmas(sigma, name, len(chosen))  # checks them
     shape = np.shape(sigma) if sigma is not None else ()
     return np.asarray(sigma)[chosen] if shape[:1] == chosen.shape and not chosen.all() else sigma
 
@@ -200,7 +205,7 @@ def _chosen(recording: Recording, stops: list[tuple[float, float]], given: _Choi
         best, min_score = choice.best_smoothing(problem, start)
         for _ in range(0 if fixed else MAX_HALVINGS):
             spacing /= 2
-            finer = on(equal_knots(duration, spacing))
+            finer = on(without_gaps(equal_knots(duration, spacing), recording.times))
             if choice.score(finer, best) > min_score * (1 - MIN_GAIN):
                 break
             problem = finer
@@ -228,24 +233,29 @@ def _gaps(recording: Recording, knots: np.ndarray) -> Float[np.ndarray, "j 2"]:
     return np.stack([times[before], times[before + 1]], axis=1)
 
 
-def _part(track: Track, inliers: np.ndarray) -> Track:
-    """Return the inliers of `track`.
+def _residual(path: Route, track: Track, inliers: np.ndarray) -> Residual:
+    """Compare the route with the inliers of the track.
 
-    The first sample is always included, because the comparison with the route starts at time 0 of the route. If the
-    first sample is an outlier, the recorded velocities are omitted.
+    **Raises:** ValueError if there are too few.
     """
     if inliers.all():
-        return track
-    kept = inliers.copy()
-    velocities = None if track.velocities is None else to_float64(track.velocities)[kept]
-    if not kept[0]:
-        kept[0], velocities = True, None
-    return Track(to_float64(track.times)[kept], to_float64(track.positions)[kept], velocities)
+        return compare(path, track)
+    if inliers.sum() < MIN_SAMPLES:
+        raise ValueError(
+            f"only {int(inliers.sum())} of {len(inliers)} samples are not outliers, but at least {MIN_SAMPLES} are "
+            "needed: pass a wider window, or standard deviations"
+        )
+    times = to_float64(track.times)
+    start = float(times[inliers][0] - times[0])
+    rest = path.window(start, float(path.duration)) if start > 0 else path
+    velocities = None if track.velocities is None else to_float64(track.velocities)[inliers]
+    return compare(rest, Track(times[inliers], to_float64(track.positions)[inliers], velocities))
 
 
 def _require(**numbers: float | int | None) -> None:
     for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value > 0):
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if value is not None and not (number and np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, but {value!r} was given")
     if sum(numbers.get(name) is not None for name in ("tolerance", "smoothing")) == 2:
         raise ValueError(

@@ -43,7 +43,7 @@ BRIDGE = 1e-10
 """Minimum weight of the jerk, relative to the samples of a segment, where held-out samples leave a gap."""
 
 STOP_WEIGHT = 1e8
-"""Weight of the equations of a stop, relative to the sum of the weights of all samples."""
+"""Weight of the equations of a stop, relative to the weights of the samples of a segment."""
 
 
 class Fold(NamedTuple):
@@ -105,7 +105,7 @@ def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds:
         return Fold(system, at, values[fold], sigmas.part(fold), recording.weights[fold])
 
     samples = sample_system(positions, recording.positions, recording.position_weights)
-    stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()))
+    stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()) / len(is_stop))
     parts = [held_out(fold) for fold in folds]
     return Problem(knots, positions, samples, jerk_system(knots), stops, parts)
 

@@ -48,6 +48,13 @@ def _median_of_known(predictions: Float[np.ndarray, "3 n 3"], otherwise: np.ndar
     return result
 
 
+def at_rest(recording: Recording) -> Bool[np.ndarray, " n"]:
+    """Return a mask of samples that repeat the positions before and after them, which says nothing about the noise."""
+    moved = np.diff(recording.positions, axis=0).any(axis=1)
+    rest = ~(np.append(False, moved) | np.append(moved, False))
+    return rest if not rest.all() else np.zeros(len(rest), bool)
+
+
 def displaced(jumps: Float[np.ndarray, "steps 3"]) -> Bool[np.ndarray, " n"]:
     """Return a mask of samples that may be displaced together, between a jump and an equal jump back."""
     marked = np.zeros(len(jumps) + 1, bool)

@@ -33,12 +33,12 @@ def read_knots(knots: Any, times: Float[np.ndarray, " n"], step: float, unit: fl
     duration = float(times[-1])
     if knots is None:
         spacing = max(SPACING, STEPS * step)
-        return Grid(equal_knots(duration, spacing), spacing, False)
+        return Grid(without_gaps(equal_knots(duration, spacing), times), spacing, False)
     values = np.asarray(concrete(knots), float)
     if values.ndim == 0:
         require_positive(as_float(values), "knots", "s")
         spacing = min(float(values) / unit, duration)
-        return Grid(equal_knots(duration, spacing), spacing, True)
+        return Grid(without_gaps(equal_knots(duration, spacing), times), spacing, True)
     grid = _checked_knots(values, duration * unit) / unit
     grid[-1] = duration
     return Grid(grid, float(np.median(np.diff(grid))), True)
@@ -47,6 +47,12 @@ def read_knots(knots: Any, times: Float[np.ndarray, " n"], step: float, unit: fl
 def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
     """Return knots from 0 to the duration at equal intervals of about `spacing`."""
     return np.linspace(0.0, duration, max(1, round(duration / spacing)) + 1)
+
+
+def without_gaps(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+    """Remove the knots between two segments without samples: one segment bridges a gap with minimum jerk."""
+    empty = np.histogram(times, knots)[0] == 0
+    return knots[np.concatenate([[True], ~(empty[:-1] & empty[1:]), [True]])]
 
 
 def with_stops(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.fitting.recording import Recording
-from qtraj.design.fitting.route_jumps import MIN_SCALE, displaced, jumps, lengths
+from qtraj.design.fitting.route_jumps import MIN_SCALE, at_rest, displaced, jumps, lengths
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 
 SMOOTHING = 1e-4
@@ -55,39 +55,41 @@ def without_outliers(recording: Recording, grid: Float[np.ndarray, " m"]) -> Rec
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
         return recording.position_sigmas.scaled(predict(at, states) - recording.positions)
 
-    steps = jumps(recording)
+    steps, telling = jumps(recording), ~at_rest(recording)
     trusted = ~displaced(steps)
     distances = lengths(residuals(np.ones(len(trusted))))
-    if trusted.all() and distances.max() <= QUIET * max(float(np.median(distances)), MIN_SCALE):
+    if trusted.all() and distances.max() <= QUIET * max(float(np.median(distances[telling])), MIN_SCALE):
         return recording
-    weights = _robust_weights(residuals, trusted)
+    weights = _robust_weights(residuals, trusted, telling)
     errors = residuals(weights)
-    marked = outliers(errors, steps, outlier_bound(lengths(errors)[weights > LEAST_WEIGHT]))
+    marked = outliers(errors, steps, outlier_bound(lengths(errors)[telling & (weights > LEAST_WEIGHT)]))
     for _ in range(MAX_ROUNDS):
         errors = residuals((~marked).astype(float))
-        again = outliers(errors, steps, outlier_bound(lengths(errors)[~marked]))
+        again = outliers(errors, steps, outlier_bound(lengths(errors)[telling & ~marked]))
         if np.array_equal(again, marked):
             break
         marked = again
     return recording._replace(weights=(~marked).astype(float))
 
 
-def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.ndarray) -> np.ndarray:
+def _robust_weights(
+    residuals: Callable[[np.ndarray], np.ndarray], trusted: np.ndarray, telling: np.ndarray
+) -> np.ndarray:
     """Return the weights (n,) of a robust fit: first of the smallest sum of distances, then redescending weights.
 
-    Samples that are not `trusted` have no weight in the first fits.
+    Samples that are not `trusted` have no weight in the first fits; the median distance is that of `telling` samples.
     """
     weights, last = trusted.astype(float), np.inf
     for _ in range(CONVEX):
         distances = lengths(residuals(weights))
-        scale = max(float(np.median(distances)), MIN_SCALE)
+        scale = max(float(np.median(distances[telling])), MIN_SCALE)
         weights = trusted * scale / np.maximum(distances, scale)
         if abs(scale - last) < SETTLED * scale:
             break
         last = scale
     for _ in range(REDESCENDING):
         distances, before = lengths(residuals(weights)), weights
-        scale = max(float(np.median(distances)), MIN_SCALE)
+        scale = max(float(np.median(distances[telling])), MIN_SCALE)
         biweights = np.maximum(1 - (distances / (BIWEIGHT * scale)) ** 2, 0.0) ** 2
         weights = np.maximum(biweights, LEAST_WEIGHT * scale / np.maximum(distances, scale))
         if np.abs(weights - before).max() < SETTLED:
@@ -97,7 +99,7 @@ def _robust_weights(residuals: Callable[[np.ndarray], np.ndarray], trusted: np.n
 
 def outlier_bound(distances: np.ndarray) -> float:
     """Return the distance above which a sample can be an outlier, from the distances of the other samples."""
-    return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_SCALE)
+    return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)) if len(distances) else 0.0, MIN_SCALE)
 
 
 def outliers(residuals: np.ndarray, jumps: np.ndarray, bound: float) -> np.ndarray:
@@ -110,7 +112,8 @@ def outliers(residuals: np.ndarray, jumps: np.ndarray, bound: float) -> np.ndarr
     of consecutive samples are excluded first, because the others may only be beside them.
     """
     sizes = lengths(jumps)
-    bound = max(bound, float(np.quantile(sizes, USUAL)))
+    moved = sizes[sizes > MIN_SCALE]
+    bound = max(bound, float(np.quantile(moved, USUAL))) if len(moved) else bound
     marked = np.zeros(len(residuals), bool)
     for _ in range(MAX_ROUNDS):
         rest = np.flatnonzero(~marked)

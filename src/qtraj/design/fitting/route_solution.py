@@ -6,7 +6,7 @@ import numpy as np
 
 from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_choice import Problem
-from qtraj.design.fitting.route_jumps import jumps
+from qtraj.design.fitting.route_jumps import at_rest, jumps
 from qtraj.design.fitting.route_outliers import outlier_bound, outliers
 from qtraj.design.fitting.route_system import design, predict, sample_system, solve
 
@@ -66,7 +66,7 @@ def with_inliers(
     if (recording.weights > 0).all():
         return recording, found
     residuals = recording.position_sigmas.scaled(predict(problem.positions, found.states) - recording.positions)
-    bound = outlier_bound(np.linalg.norm(residuals[recording.weights > 0], axis=1))
+    bound = outlier_bound(np.linalg.norm(residuals[(recording.weights > 0) & ~at_rest(recording)], axis=1))
     weights = (~outliers(residuals, jumps(recording), bound)).astype(float)
     if np.array_equal(weights, recording.weights):
         return recording, found

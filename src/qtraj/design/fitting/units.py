@@ -13,9 +13,9 @@ TURN = 0.11
 """Change of the mean velocity from one interval of almost straight motion to the next, relative to the mean speed."""
 
 SHARE = 0.75
-"""Quantile of the changes and of the speeds, so that a vehicle may stand, or drive straight, most of the time."""
+"""Quantile of the changes and of the speeds of a moving vehicle, so that it may drive straight most of the time."""
 
-STEPS, MIN_STEPS = 10, 4
+STEPS, MIN_STEPS = 10, 2
 """Usual and minimum unit of time in time steps."""
 
 SHORTEST, LONGEST = 1 / 3, 1.25
@@ -73,9 +73,13 @@ def _change(times: np.ndarray, positions: np.ndarray, lag: int) -> tuple[float, 
     nodes = [starts + k * lag for k in range(3)]
     spans = np.diff([times[node] for node in nodes], axis=0)
     velocities = np.diff([_without_spikes(positions, node) for node in nodes], axis=0) / spans[..., None]
+    moving = velocities.any(axis=(0, 2))  # not at rest, or held by a logger that is faster than its receiver
+    if not moving.any():
+        return float(np.median(spans)), 0.0, 0.0
+    velocities = velocities[:, moving]
     speed = float(np.quantile(np.linalg.norm(velocities, axis=-1), SHARE))
     change = float(np.quantile(np.linalg.norm(velocities[1] - velocities[0], axis=-1), SHARE))
-    return float(np.median(spans)), change / speed if speed > 0 else 0.0, speed
+    return float(np.median(spans)), change / speed, speed
 
 
 def _without_spikes(positions: Float[np.ndarray, "n 3"], at: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:

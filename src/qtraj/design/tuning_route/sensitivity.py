@@ -36,7 +36,7 @@ from qtraj.path.route import Route, from_segments
 STEPS = 60
 """Maximum number of Newton steps with which the last search is continued."""
 
-BARRIERS, LEAST, TOLERANCE = (1e-3, 1e-5, 1e-7), 1e-7, 3e-10
+BARRIERS, LEAST, TOLERANCE = (1e-3, 1e-5, 1e-7), 1e-7, 1e-10
 """Initial barrier parameters, tried from the largest down until one leads to convergence; the final barrier parameter,
 for which the conditions are differentiated; and the largest residual accepted there. A smaller final parameter would
 noticeably increase the rounding errors of the derivatives."""

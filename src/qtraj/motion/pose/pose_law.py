@@ -16,11 +16,10 @@ from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
 from qtraj.algebra import dual_quaternion
-from qtraj.algebra.dual_quaternion import DualQuat
 from qtraj.foundation.arrays import concrete, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
+from qtraj.foundation.types import ArrayInput, DualQuat, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, output_times
 from qtraj.motion.control.hysteresis import require_continuous_law

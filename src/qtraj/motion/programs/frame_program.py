@@ -24,9 +24,10 @@ from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 NODES = 513
 """Smallest number of anchors of a path that is not a route; they are equally spaced in time (see `FrameProgram`)."""
 
-TURN, LARGE_TURN = 0.4, 1.0
-"""Largest turn [rad] of a frame between two anchors. The second number applies to traced paths, for which the number of
-anchors cannot depend on the path. A turn of 0.4 rad causes errors of about 1e-12 rad, and one of 1 rad of 1e-6 rad."""
+TURN, LARGE_TURN = 0.4, 0.6
+"""Largest turn [rad] of a frame between two anchors; the second number applies where the number of anchors cannot
+follow the path, because it is traced or too long. On a helix of many turns, 0.4 rad between anchors cause an error of
+1e-12 rad in total, and 0.7 rad one of 1e-6 rad."""
 
 USUAL = 0.9
 """Quantile of the turns of a frame that determine the number of anchors of its sign; near inflections they are huge."""
@@ -49,9 +50,9 @@ class FrameProgram(AbstractProgram):
     instant. The `anchors` (n, 4) determine the sign of the quaternion, and also the attitude of a rotation-minimizing
     frame. They are quaternions at n equally spaced times on [0, duration], at least 513; on a route, at least four in
     each segment. The anchors are computed once, when the program is created, and stored with the program. Their number
-    is such that the frame turns by less than 0.4 rad between two of them, but at most 256 times the smallest number;
-    beyond that, a warning is given. For traced paths it is the smallest number, and the quaternion of a
-    rotation-minimizing frame is NaN if the path turns by more than 1 rad between two anchors.
+    is such that the frame turns by less than 0.4 rad between two of them, but at most 256 times the smallest number.
+    Beyond 0.6 rad (half a turn for the other frames), a warning is given. For traced paths it is the smallest number,
+    and the quaternion of a rotation-minimizing frame is NaN if the path turns by more than 0.6 rad between two anchors.
 
     The program is not defined where the frame is not defined. Examples are the natural frame on a straight path, the
     upright frame where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames
@@ -85,6 +86,12 @@ class FrameProgram(AbstractProgram):
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
             raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but shape {self.anchors.shape} was given")
+        joints = path.nodes()
+        if joints is not None and (self.anchors.shape[0] - 1) % (joints.shape[0] - 1):
+            raise ValueError(
+                f"the anchors of a route must be {joints.shape[0]}, or such that equally many are in each interval of "
+                f"`path.nodes()`, but {self.anchors.shape[0]} were given"
+            )
 
     def __repr__(self) -> str:
         return shown(self)
@@ -117,7 +124,8 @@ def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
         k = xp.maximum(xp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
         return times[k], program.anchors[k]
     last = program.anchors.shape[0] - 1
-    index = stop_gradient(xp.round(xp.clip(t / program.duration, 0.0, 1.0) * last))
+    share = stop_gradient(xp.clip(t / program.duration, 0.0, 1.0))
+    index = xp.round(xp.where(share >= 0, share, 0.0) * last)  # 0 for NaN
     return program.duration * (index / last), program.anchors[index.astype(int)]
 
 
@@ -137,8 +145,9 @@ def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing)
     parts = 2 ** int(np.ceil(np.log2(min(largest / TURN, MOST_PARTS))))
     if largest > parts * (LARGE_TURN if minimizing else np.pi):
         warnings.warn(
-            f"the frame turns by {largest / parts:.3g} rad between two of the {parts * len(anchors)} anchors of this "
-            "program, so its quaternion may be wrong: divide the path into windows, and create a program for each.",
+            f"the frame turns by {largest / parts:.3g} rad between two of the {parts * (len(anchors) - 1) + 1} anchors "
+            "of this program, so its quaternion may be wrong: divide the path into windows, and create a program for "
+            "each.",
             stacklevel=3,
         )
     return compute(path, given, parts)[0]
