@@ -193,10 +193,10 @@ def warn_if_coarse(x: ArrayInput, name: str) -> None:
 def require_inside(times: Any, duration: Any, what: str) -> None:
     """Raise a ValueError if concrete instants [s] are outside [0, duration] by more than rounding in float32.
 
-    `times` are (n,) or (b, n), and `duration` is () or (b,).
+    `times` are (n,) or (b, n), and `duration` is () or (b,). A path whose duration is not finite has no times to check.
     """
     last = concrete(duration)
-    if last is None or isinstance(times, Tracer):
+    if last is None or isinstance(times, Tracer) or not np.isfinite(last).all():  # the result of a failed search
         return
     low, high = (_extreme(times, least) for least in (True, False))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):

@@ -24,10 +24,10 @@ from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 NODES = 513
 """Smallest number of anchors of a path that is not a route; they are equally spaced in time (see `FrameProgram`)."""
 
-TURN, LARGE_TURN = 0.4, 0.6
-"""Largest turn [rad] of a frame between two anchors; the second number applies where the number of anchors cannot
-follow the path, because it is traced or too long. On a helix of many turns, 0.4 rad between anchors cause an error of
-1e-12 rad in total, and 0.7 rad one of 1e-6 rad."""
+TURN, LONG_TURN, TRACED_TURN = 0.4, 0.6, 1.0
+"""Largest turn [rad] of a frame between two anchors: usually, on a path that is too long for this, and on a traced
+path, whose number of anchors cannot follow it. On a helix of many turns, 0.4 rad cause an error of 1e-12 rad in total,
+0.7 rad with the largest number of anchors 1e-6 rad, and 1 rad with the smallest number 1e-6 rad."""
 
 USUAL = 0.9
 """Quantile of the turns of a frame that determine the number of anchors of its sign; near inflections they are huge."""
@@ -52,7 +52,7 @@ class FrameProgram(AbstractProgram):
     each segment. The anchors are computed once, when the program is created, and stored with the program. Their number
     is such that the frame turns by less than 0.4 rad between two of them, but at most 256 times the smallest number.
     Beyond 0.6 rad (half a turn for the other frames), a warning is given. For traced paths it is the smallest number,
-    and the quaternion of a rotation-minimizing frame is NaN if the path turns by more than 0.6 rad between two anchors.
+    and the quaternion of a rotation-minimizing frame is NaN if the path turns by more than 1 rad between two anchors.
 
     The program is not defined where the frame is not defined. Examples are the natural frame on a straight path, the
     upright frame where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames
@@ -139,11 +139,11 @@ def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing)
     anchors, turn = compute(path, given, 1)
     largest = concrete(turn)
     if largest is None:
-        return xp.where(turn <= LARGE_TURN, anchors, xp.nan) if minimizing else anchors
+        return xp.where(turn <= TRACED_TURN, anchors, xp.nan) if minimizing else anchors
     if not largest > TURN:
         return anchors
     parts = 2 ** int(np.ceil(np.log2(min(largest / TURN, MOST_PARTS))))
-    if largest > parts * (LARGE_TURN if minimizing else np.pi):
+    if largest > parts * (LONG_TURN if minimizing else np.pi):
         warnings.warn(
             f"the frame turns by {largest / parts:.3g} rad between two of the {parts * (len(anchors) - 1) + 1} anchors "
             "of this program, so its quaternion may be wrong: divide the path into windows, and create a program for "
