@@ -165,11 +165,11 @@ def few_segments(monkeypatch):
 def test_reductions_of_long_rows_agree_with_the_samples(stack, few_segments, count):
     shared = np.linspace(0.0, 4.0, count) ** 1.1
     for times in (shared, np.stack([shared, 0.5 * shared, 4.0 - shared])):
-        table = qt.evaluate(stack, times, ["speed", "rate"])
+        table = outside(stack, times, ["speed", "rate"])
         speed, rate = np.asarray(table.speed), np.asarray(table.rate)
         row_times = np.broadcast_to(times, speed.shape)
         for reduce, over, which in (("max", np.max, np.argmax), ("min", np.min, np.argmin)):
-            peak = qt.evaluate(stack, times, ["speed", "rate"], reduce=reduce)
+            peak = outside(stack, times, ["speed", "rate"], reduce=reduce)
             close(peak["speed"], over(speed, axis=1))
             close(peak["rate"], over(rate, axis=1))
             at = which(speed, axis=1)
