@@ -93,6 +93,13 @@ class ExactPolynomial:
             power *= number
         return ExactPolynomial(numbers, self.exponent + common)._reduced()
 
+    def composed(self, inner: ExactPolynomial) -> ExactPolynomial:
+        """Return the polynomial p(inner(u)), by Horner's rule."""
+        result = ExactPolynomial(self.numbers[-1:], self.exponent)
+        for number in self.numbers[-2::-1]:
+            result = result * inner + ExactPolynomial([number], self.exponent)
+        return result
+
     def reflected(self) -> ExactPolynomial:
         """Return the polynomial p(1 − u)."""
         numbers = list(self.numbers)

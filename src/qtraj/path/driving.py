@@ -209,4 +209,5 @@ def segments_of(route: Route) -> Segments:
         raise ValueError(f"one Route was expected, but {kind} was given")
     count = route.segments
     starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
-    return Segments(starts, c, np.diff(np.asarray(route.times, float)))
+    own = None if route.progress is None else np.asarray(route.progress, float)[:count]
+    return Segments(starts, c, np.diff(np.asarray(route.times, float)), own)

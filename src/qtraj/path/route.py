@@ -12,30 +12,35 @@ from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
-from qtraj.path import pieces, route_input, route_length, route_nearest
+from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route_nearest import Nearest
+from qtraj.path.stops import Segments
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-JOINED = 1e-6
-"""Maximum gap [m] between routes to be joined, or a few rounding errors of the coordinates if these are larger."""
-
-
 def _fields(route: Any) -> dict[str, Any]:
     """Return the stored fields of a route, which are its segments without padding."""
     count = route.segments
-    return {
+    fields = {
         "starts": np.asarray(route.starts)[:count],
         "coefficients": np.asarray(route.coefficients)[:count],
         "duration": np.asarray(route.duration),
         "origin": np.asarray(route.origin),
     }
+    return fields if route.progress is None else fields | {"progress": np.asarray(route.progress)[:count]}
 
 
-def _restored(starts: ArrayInput, coefficients: ArrayInput, duration: ArrayInput, origin: ArrayInput) -> "Route":
-    return from_segments(*(np.asarray(x, float) for x in (starts, coefficients, duration, origin)))
+def _restored(
+    starts: ArrayInput,
+    coefficients: ArrayInput,
+    duration: ArrayInput,
+    origin: ArrayInput,
+    progress: ArrayInput | None = None,
+) -> "Route":
+    own = None if progress is None else np.asarray(progress, float)
+    return from_segments(*(np.asarray(x, float) for x in (starts, coefficients, duration, origin)), own)
 
 
 @stored_as(_fields, _restored)
@@ -54,6 +59,11 @@ class Route(AbstractHodograph, AbstractResult):
     with infinite starts, so that routes of similar length share executables and can be stacked. At a joint the later
     segment is used. Outside [0, duration] the first and the last segment are extrapolated.
 
+    `progress` (rows, 4) is None, or, for a drive with stops, the cubic w of each segment. A segment is then R(w), where
+    R is the curve with these coefficients and w is a cubic in the time since the start of the segment, with w(t) = t
+    except next to stops. At a stop the derivative of w is zero, but R has a direction and a curvature. `fit_route`
+    creates such segments, and segments next to each other may share a curve.
+
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly.
     """
 
@@ -61,6 +71,7 @@ class Route(AbstractHodograph, AbstractResult):
     coefficients: Float[Array, "rows terms 3"]
     duration: Scalar
     origin: Vec3
+    progress: Float[Array, "rows 4"] | None
     supports_numpy: ClassVar[bool] = True
 
     def __init__(
@@ -73,6 +84,7 @@ class Route(AbstractHodograph, AbstractResult):
     ):
         orders = [position, velocity, acceleration, *([] if jerk is None else [jerk])]
         self.starts, self.coefficients, self.duration, self.origin = route_input.from_states(times, orders)
+        self.progress = None
         warn_if_coarse(position, "the position of a route")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
@@ -82,7 +94,9 @@ class Route(AbstractHodograph, AbstractResult):
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
         i = pieces.index(self.starts, t)
-        rows = pieces.values(self.coefficients[i], t - self.starts[i], order)
+        c, s = self.coefficients[i], t - self.starts[i]
+        own = self.progress
+        rows = pieces.values(c, s, order) if own is None else progress.values(c, own[i], s, order)
         return [rows[0] + self.origin.reshape((1,) * t.ndim + (3,)), *rows[1:]]
 
     def span(self, t: Array) -> Array:
@@ -115,20 +129,32 @@ class Route(AbstractHodograph, AbstractResult):
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
         """Return position and derivatives up to `order` at all joints; at inner joints the later segment is used."""
-        starts, c = (_concrete(x)[: self.segments] for x in (self.starts, self.coefficients))
-        first = np.stack(pieces.values(c, np.zeros(len(c), c.dtype), order), axis=1)
-        last = np.stack(pieces.values(c[-1], _concrete(self.duration) - starts[-1], order))
-        states = np.concatenate([first, last[None]])
+        s = self._segments()
+        first = s.rows(s.starts, order)
+        last = s.rows(np.asarray([_concrete(self.duration)]), order)
+        states = np.concatenate([np.stack(x, axis=1) for x in (first, last)])
         states[:, 0] += _concrete(self.origin)
         return like(states, self.coefficients)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
         """Return the jumps of r and its derivatives at each inner joint (value after minus value before the joint)."""
-        h = np.diff(_concrete(self.times))
-        c = _concrete(self.coefficients)[: self.segments]
-        ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
-        starts = np.stack(pieces.values(c[1:], np.zeros_like(h[1:]), order), axis=1)
-        return like(starts - ends, self.coefficients)
+        s = self._segments()
+        after, before = (np.stack(s.rows(s.starts[1:], order, side), axis=1) for side in ("right", "left"))
+        return like(after - before, self.coefficients)
+
+    def in_time(self) -> Float[Array, "rows terms 3"]:
+        """Return the coefficients of the segments as polynomials in the time since the start of the segment."""
+        return self.coefficients if self.progress is None else progress.in_time(self.coefficients, self.progress)
+
+    def _segments(self) -> Segments:
+        """Return the segments without padding, in NumPy.
+
+        **Raises:** ValueError inside a trace.
+        """
+        count = self.segments
+        own = None if self.progress is None else _concrete(self.progress)[:count]
+        starts, c = (_concrete(x)[:count] for x in (self.starts, self.coefficients))
+        return Segments(starts, c, np.diff(_concrete(self.times)), own)
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.
@@ -136,12 +162,12 @@ class Route(AbstractHodograph, AbstractResult):
         The method is Gauss–Legendre quadrature in each segment. The error is only round-off, except where the speed is
         zero or nearly zero inside a segment: there it is about 1e-5 of the length of the segment.
         """
-        return route_length.total(self.starts, self.coefficients, self.duration)
+        return route_length.total(self.starts, self.in_time(), self.duration)
 
     def arc_length(self, t: ScalarLike) -> Scalar:
         """Return the arc length [m] from the start to the time `t` [s], 0 ≤ t ≤ duration, as accurately as `length`."""
         t = one_instant(t).astype(self.duration.dtype)
-        return route_length.until(self.starts, self.coefficients, self.duration, t)
+        return route_length.until(self.starts, self.in_time(), self.duration, t)
 
     def time_at(self, length: ScalarLike) -> Scalar:
         """Return the time [s] at which the arc length reaches `length` [m]; at a stop, the start of the stop.
@@ -150,7 +176,7 @@ class Route(AbstractHodograph, AbstractResult):
         result is differentiable; its derivative dt/ds is the inverse of the speed.
         """
         s = one_instant(length).astype(self.duration.dtype)
-        return route_length.inverse(self.starts, self.coefficients, self.duration, s)
+        return route_length.inverse(self.starts, self.in_time(), self.duration, s)
 
     def nearest(self, point: ArrayInput) -> Nearest:
         """Find the point on the route nearest to `point` (3,) [m], and its time, position and distance; world axes.
@@ -159,7 +185,7 @@ class Route(AbstractHodograph, AbstractResult):
         The distance is differentiable (envelope theorem).
         """
         local = real_vector(point, "the point", 3).astype(self.duration.dtype) - self.origin
-        time, position, distance = route_nearest.nearest(self.starts, self.coefficients, self.duration, local)
+        time, position, distance = route_nearest.nearest(self.starts, self.in_time(), self.duration, local)
         return Nearest(time, position + self.origin, distance)
 
     def segment(self, i: int) -> "Route":
@@ -170,52 +196,26 @@ class Route(AbstractHodograph, AbstractResult):
         count = self.segments
         if not -count <= i < count:
             raise IndexError(f"segment {i} does not exist: the route has {count} segments")
-        c = _concrete(self.coefficients)[i % count][None]
-        return from_segments(np.zeros(1, c.dtype), c, np.diff(_concrete(self.times))[i % count], _concrete(self.origin))
+        return from_segments(*route_parts.one(self._segments(), i % count, _concrete(self.origin)))
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
         """Return the interval from `t0` to `t1` [s] as a route that starts at time 0; joints inside it are kept.
 
         **Raises:** ValueError if t0 ≥ t1 or the window is not within the route.
         """
-        start, end, duration = (float(np.asarray(x)) for x in (t0, t1, _concrete(self.duration)))
-        if not 0 <= start < end <= duration:
-            raise ValueError(
-                f"a window must lie within the route, from 0 to {duration:.9g} s, and end after it starts, "
-                f"but {start:.9g} to {end:.9g} s was given"
-            )
-        starts, c = (_concrete(x)[: self.segments] for x in (self.starts, self.coefficients))
-        first = int(np.searchsorted(starts, start, "right")) - 1
-        last = int(np.searchsorted(starts, end, "left"))
-        c, new_starts = c[first:last].copy(), starts[first:last] - start
-        c[:1] = pieces.shifted(c[:1], -new_starts[:1])
-        new_starts[0] = 0.0
-        return from_segments(new_starts, c, np.asarray(end - start, c.dtype), _concrete(self.origin))
+        known = _concrete(self.duration), _concrete(self.origin)
+        return from_segments(*route_parts.window(self._segments(), t0, t1, *known))
 
     def reversed(self) -> "Route":
         """Return the same curve in the opposite direction, with the same durations of the segments."""
-        c = pieces.time_reversed(_concrete(self.coefficients)[: self.segments], np.diff(_concrete(self.times)))[::-1]
-        starts = _concrete(self.duration) - _concrete(self.times)[:0:-1]
-        return from_segments(starts, c, _concrete(self.duration), _concrete(self.origin))
+        known = _concrete(self.duration), _concrete(self.origin)
+        return from_segments(*route_parts.backwards(self._segments(), *known))
 
     def __add__(self, other: "Route") -> "Route":
         if not isinstance(other, Route):
             return NotImplemented
-        start, end = _concrete(other.joints(0))[0, 0], _concrete(self.joints(0))[-1, 0]
-        gap, size = float(np.linalg.norm(start - end)), float(np.max(np.abs(start)))
-        if gap > max(JOINED, 16 * size * float(np.finfo(start.dtype).eps)):
-            raise ValueError(
-                f"the second route starts at {start.tolist()}, but the first ends at {end.tolist()}, {gap:.6g} m away. "
-                "Routes can be joined only if the second starts where the first ends."
-            )
-        degree = max(x.coefficients.shape[-2] for x in (self, other))
-        parts = [_concrete(x.coefficients)[: x.segments] for x in (self, other)]
-        parts = [np.pad(c, [(0, 0), (0, degree - c.shape[1]), (0, 0)]) for c in parts]
-        parts[1][:, 0] += _concrete(other.origin) - _concrete(self.origin)
-        duration, origin = _concrete(self.duration), _concrete(self.origin)
-        later = duration + _concrete(other.starts)[: other.segments]
-        starts = np.concatenate([_concrete(self.starts)[: self.segments], later])
-        return from_segments(starts, np.concatenate(parts), duration + _concrete(other.duration), origin)
+        origins = _concrete(self.origin), _concrete(other.origin)
+        return from_segments(*route_parts.joined(self._segments(), other._segments(), origins))
 
     @classmethod
     def from_piecewise(cls, spline: Any) -> "Route":
@@ -247,7 +247,7 @@ class Route(AbstractHodograph, AbstractResult):
         """Convert the route to SciPy's PPoly over time [s], in world axes [m]; the addition of `origin` is rounded."""
         from scipy.interpolate import PPoly
 
-        c = _concrete(self.coefficients)[: self.segments].astype(float)
+        c = np.array(_concrete(self.in_time())[: self.segments], float)
         c[:, 0] += _concrete(self.origin)
         return PPoly(np.moveaxis(c, 0, 1)[::-1], np.asarray(self.times, float))
 
@@ -258,13 +258,18 @@ class Route(AbstractHodograph, AbstractResult):
         """
         count = self.segments
         starts, c = np.asarray(self.starts)[..., :count], np.asarray(self.coefficients)[..., :count, :, :]
-        meaning = "coefficients relative to the origin, world axes; the coefficient of (t − start)^k is in m s^-k"
+        variable = "t − start" if self.progress is None else "progress"
+        meaning = f"coefficients relative to the origin, world axes; the coefficient of ({variable})^k is in m s^-k"
         variables = {
             "start": Quantity(starts, "s", "time at which a segment starts", ("segment",)),
             "coefficients": Quantity(c, "m", meaning, ("segment", "power", "world")),
             "duration": Quantity(self.duration, "s", "duration of the path"),
             "origin": Quantity(self.origin, "m", "origin of the coefficients, world axes", ("world",)),
         }
+        if self.progress is not None:
+            own = np.asarray(self.progress)[..., :count, :]
+            meaning = "progress along the curve of a segment; the coefficient of (t − start)^k is in s^(1-k)"
+            variables["progress"] = Quantity(own, "s", meaning, ("segment", "power_of_time"))
         shape = f"{count} segments of degree {c.shape[-2] - 1}, {extent(self.duration, 's')}"
         return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
@@ -274,18 +279,26 @@ def _derivatives(route: Route, t: Scalar, order: int) -> Float[Array, "{order}+1
     return xp.stack(method(route, "sampled")(t, order))
 
 
-def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
-    """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin."""
+def from_segments(starts: Any, c: Any, duration: Any, origin: Any, own: Any = None) -> Route:
+    """Create a route from unpadded segments: starts (n,), coefficients (n, terms, 3), duration and origin.
+
+    `own` (n, 4) is the progress of the segments, or None.
+    """
     if c.ndim != 3 or c.shape[2] != 3 or c.shape[0] != starts.shape[0] or c.shape[1] > pieces.TERMS[-1]:
         raise ValueError(
             f"the coefficients must have shape ({starts.shape[0]}, terms, 3), one row per segment, with at most "
             f"{pieces.TERMS[-1]} terms, but an array of shape {c.shape} was given"
         )
+    if own is not None and own.shape != (starts.shape[0], progress.TERMS):
+        raise ValueError(f"the progress must have shape ({starts.shape[0]}, {progress.TERMS}), not {own.shape}")
     route = object.__new__(Route)  # `Route()` requires joint states, but segments may be discontinuous at the joints
-    starts, c = pieces.padded(starts, c)
-    fields = {"starts": starts, "coefficients": c, "duration": duration, "origin": origin}
+    padded = pieces.padded(starts, c)
+    more = padded[0].shape[0] - starts.shape[0]
+    own = None if own is None else pieces.arithmetic(own).pad(own, [(0, more), (0, 0)])
+    fields = {"starts": padded[0], "coefficients": padded[1], "duration": duration, "origin": origin}
     for name, value in fields.items():
         object.__setattr__(route, name, as_float(value))
+    object.__setattr__(route, "progress", None if own is None else as_float(own))
     return route
 
 

@@ -1,12 +1,12 @@
 """Find the stops of a route, which are the intervals in which its speed is at most a threshold."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from qtraj.path import pieces
+from qtraj.path import pieces, progress
 
 SAMPLES = 33
 """Number of instants in each segment at which the speed is sampled."""
@@ -21,11 +21,44 @@ GOLDEN = (5**0.5 - 1) / 2
 
 
 class Segments(NamedTuple):
-    """Unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s]."""
+    """Unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s].
+
+    `progress` (n, 4) is None if the coefficients are those of powers of the time (see `qtraj.path.progress`).
+    """
 
     starts: Float[np.ndarray, " n"]
     coefficients: Float[np.ndarray, "n terms 3"]
     durations: Float[np.ndarray, " n"]
+    progress: Float[np.ndarray, "n 4"] | None = None
+
+    def part(self, rows: Any) -> "Segments":
+        """Return some of the segments."""
+        return Segments(*(None if x is None else x[rows] for x in self))
+
+    def known_progress(self) -> Float[np.ndarray, "n 4"]:
+        """Return the progress of all segments, also of those that are polynomials in the time."""
+        if self.progress is not None:
+            return self.progress
+        return np.tile(progress.IDENTITY.astype(self.starts.dtype), (len(self.starts), 1))
+
+    @property
+    def composed(self) -> Bool[np.ndarray, " n"]:
+        """Whether a segment is a curve with a progress, and not a polynomial in the time."""
+        return (self.known_progress() != progress.IDENTITY).any(axis=1)
+
+    def in_time(self) -> "Segments":
+        """Return the segments as polynomials in the time since their start."""
+        if self.progress is None:
+            return self
+        return Segments(self.starts, progress.in_time(self.coefficients, self.progress), self.durations)
+
+    def values(self, i: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
+        """Return position and derivatives up to `order` of the segments `i` (...) at local times `s` (...) [s]."""
+        # One contiguous array for each power: faster than slices of an array (m, terms, 3).
+        terms = np.moveaxis(np.ascontiguousarray(np.moveaxis(self.coefficients, 1, 0))[:, i], 0, -2)
+        if self.progress is None:
+            return pieces.values(terms, s, order)
+        return progress.values(terms, self.progress[i], s, order)
 
     def rows(self, t: np.ndarray, order: int, side: str = "right") -> list[np.ndarray]:
         """Return position and derivatives up to `order`, each (m, 3), at times `t` (m,) [s].
@@ -34,12 +67,10 @@ class Segments(NamedTuple):
         """
         i = np.searchsorted(self.starts, t, side=side) - 1  # type: ignore[call-overload]
         i = np.clip(i, 0, len(self.starts) - 1)
-        # One contiguous array for each power: faster than slices of an array (m, terms, 3).
-        terms = np.ascontiguousarray(np.moveaxis(self.coefficients, 1, 0))[:, i]
-        return pieces.values(np.moveaxis(terms, 0, 1), t - self.starts[i], order)
+        return self.values(i, t - self.starts[i], order)
 
     def sampled(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 3"]]:
-        """Return sampled instants [s], each joint once, and the velocities [m/s] at these instants."""
+        """Return sampled instants [s], each joint once, and the velocities [m/s], for polynomials in the time."""
         n, terms, _ = self.coefficients.shape
         k = np.arange(1, terms)
         u = np.linspace(0.0, 1.0, SAMPLES)
@@ -67,7 +98,7 @@ class Segments(NamedTuple):
 
 def fastest(segments: Segments) -> float:
     """Return the largest sampled speed [m/s]."""
-    return float(np.sqrt(_dots(*2 * [segments.sampled()[1]]).max()))
+    return float(np.sqrt(_dots(*2 * [segments.in_time().sampled()[1]]).max()))
 
 
 def stops(segments: Segments, threshold: float, relative: bool = False) -> list[tuple[float, float]]:
@@ -77,6 +108,7 @@ def stops(segments: Segments, threshold: float, relative: bool = False) -> list[
     of every segment. If the direction of the velocity changes by 90° or more between two samples, the minimum of the
     speed between them is located.
     """
+    segments = segments.in_time()
     t, v = segments.sampled()
     dots, squares = _dots(v[1:], v[:-1]), _dots(v, v)
     threshold = threshold * float(np.sqrt(squares.max())) if relative else threshold

@@ -12,10 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.fitting import route_choice as choice
+from qtraj.design.fitting.curves_at_stops import Curves, segments, with_curves
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.noise_free import without_smoothing
 from qtraj.design.fitting.recording import Recording, read_recording
@@ -26,7 +28,7 @@ from qtraj.design.fitting.route_sigmas import read_sigmas
 from qtraj.design.fitting.route_solution import solution, with_inliers
 from qtraj.design.fitting.route_stops import Standing, find_stops
 from qtraj.design.fitting.route_system import in_seconds, predict, sample_system, solve
-from qtraj.design.fitting.route_window import Cut, clipped, cut, widened
+from qtraj.design.fitting.route_window import Cut, Widened, clipped, cut, widened
 from qtraj.design.fitting.units import Units
 from qtraj.design.fitting.waypoints import FEW, knots_and_smoothing
 from qtraj.foundation.arrays import as_array
@@ -36,7 +38,7 @@ from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.rate_residual import compare_upright
 from qtraj.path.residual import Residual, compare
-from qtraj.path.route import Route
+from qtraj.path.route import Route, from_segments
 from qtraj.path.track import MIN_SAMPLES, STANDSTILL, Track, require_track, to_float64
 
 MAX_HALVINGS, MIN_GAIN = 3, 0.03
@@ -131,7 +133,13 @@ def fit_route(
 
     part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)
     origin = to_float64(track.positions)[0]
-    path, track = _route(wide.inner, origin, part, unit), wide.inner
+    curves = with_curves(recording, problem, found, stops, best)
+    if curves is None:
+        path = _route(wide.inner, origin, part, unit)
+    else:
+        path = _curved(wide, origin, curves, unit)
+        recording, problem = curves.recording, curves.problem
+    track = wide.inner
     inliers = (recording.weights > 0)[wide.inside]
     stops, gaps = (unit.time * np.reshape(x, (-1, 2)) for x in (stops, _gaps(recording, problem.knots)))
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path), track)
@@ -180,6 +188,17 @@ def _route(track: Track, origin: np.ndarray, part: Cut, unit: Units) -> Route:
     orders = [part.states[:, k] * unit.length / unit.time**k for k in range(3)]
     orders[0] = orders[0] + origin
     return Route(*(as_array(x, dtype) for x in (times, *orders)))
+
+
+def _curved(wide: Widened, origin: np.ndarray, curves: Curves, unit: Units) -> Route:
+    """Return the window of a route with curves at its stops; `origin` [m] is the first position."""
+    starts, c, own = segments(curves, unit)
+    recorded, dtype = to_float64(wide.track.times), wide.track.positions.dtype
+    arrays = starts, c, np.asarray(recorded[-1] - recorded[0]), origin, own
+    route = from_segments(*arrays)
+    if wide.track is not wide.inner:
+        route = route.window(wide.start, min(wide.end, float(arrays[2])))
+    return jax.tree.map(lambda x: as_array(x, dtype), route)
 
 
 def _chosen(recording: Recording, stops: list[tuple[float, float]], given: _Choice) -> tuple[Problem, float, float]:

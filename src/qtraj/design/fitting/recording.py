@@ -14,7 +14,8 @@ from qtraj.path.track import Track, to_float64
 class Recording(NamedTuple):
     """The n samples of a recording in its own units: times and positions relative to the first sample, and velocities.
 
-    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations.
+    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations. In a
+    fit along the course of a drive, the times are its parameters, and `rates` their derivatives; otherwise None.
     """
 
     times: Float[np.ndarray, " n"]
@@ -24,6 +25,7 @@ class Recording(NamedTuple):
     position_sigmas: Sigmas
     velocity_sigmas: Sigmas
     units: Units
+    rates: Float[np.ndarray, " n"] | None = None
 
     @property
     def position_weights(self) -> Float[np.ndarray, "n *axes"]:

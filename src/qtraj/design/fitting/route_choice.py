@@ -91,8 +91,17 @@ class Problem(NamedTuple):
         return BRIDGE * float(np.median(np.diff(self.knots))) ** 5 * len(self.positions.segment) / len(self.knots)
 
 
-def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds: list[np.ndarray]) -> Problem:
-    """Build the least-squares problem for `knots` (m,), where `is_stop` (m − 1,) marks the segments that are stops."""
+def problem(
+    recording: Recording,
+    knots: np.ndarray,
+    is_stop: np.ndarray,
+    folds: list[np.ndarray],
+    stiffness: np.ndarray | float = 1.0,
+) -> Problem:
+    """Build the least-squares problem for `knots` (m,), where `is_stop` (m − 1,) marks the segments that are stops.
+
+    `stiffness` (m − 1,) are weights of the jerk in the segments.
+    """
     positions = design(knots, recording.times)
 
     def held_out(fold: np.ndarray) -> Fold:
@@ -100,14 +109,15 @@ def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds:
         system = sample_system(at, recording.positions[fold], recording.position_weights[fold])
         values, sigmas = recording.positions, recording.position_sigmas
         if recording.velocities is not None:
-            at = design(knots, recording.times[fold], 1)
+            rates = None if recording.rates is None else recording.rates[fold]
+            at = design(knots, recording.times[fold], 1).scaled(rates)
             values, sigmas = recording.velocities, recording.velocity_sigmas
         return Fold(system, at, values[fold], sigmas.part(fold), recording.weights[fold])
 
     samples = sample_system(positions, recording.positions, recording.position_weights)
     stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()) / len(is_stop))
     parts = [held_out(fold) for fold in folds]
-    return Problem(knots, positions, samples, jerk_system(knots), stops, parts)
+    return Problem(knots, positions, samples, jerk_system(knots, stiffness), stops, parts)
 
 
 def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:

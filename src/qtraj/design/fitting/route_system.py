@@ -66,6 +66,10 @@ class Design:
         """Return the rows of the samples in the mask `samples`."""
         return Design(self.segment[samples], self.factors[samples], self.knots)
 
+    def scaled(self, factors: Float[np.ndarray, " n"] | None) -> "Design":
+        """Return the design matrix with its rows multiplied by `factors`; None means 1."""
+        return self if factors is None else Design(self.segment, self.factors * factors[:, None], self.knots)
+
     @cached_property
     def matrix(self) -> Any:
         """The design matrix (n, 3·knots) as a sparse array of SciPy."""
@@ -124,8 +128,8 @@ def sample_system(at: Design, values: Float[np.ndarray, "n 3"], weights: Float[n
     return System(_banded(blocks), at.matrix.T @ (weights[:, None] * values))
 
 
-def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
-    """Return the normal equations of ∫ |r'''|² dt, with smaller weights in the segments at both ends.
+def jerk_system(knots: Float[np.ndarray, " m"], stiffness: Float[np.ndarray, " segments"] | float = 1.0) -> System:
+    """Return the normal equations of ∫ |r'''|² dt times `stiffness`, with smaller weights in the segments at both ends.
 
     The minimum of the integral has zero jerk at the ends, which the motion does not have. With full weights, the
     derivatives there would be more than three times as inaccurate as their covariance states; with much smaller ones,
@@ -136,7 +140,7 @@ def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
     if len(h) > 3 * SOFT:
         weights[:SOFT] = SOFTEST ** (1 - np.arange(SOFT) / SOFT)
         weights[-SOFT:] = weights[SOFT - 1 :: -1]
-    squares = JERK[:, :, None] * scales.T[:, None] * scales.T[None] * (weights / h**5)
+    squares = JERK[:, :, None] * scales.T[:, None] * scales.T[None] * (stiffness * weights / h**5)
     return System(_banded(squares), np.zeros((3 * len(knots), 3)))
 
 

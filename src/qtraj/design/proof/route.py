@@ -10,8 +10,7 @@ from qtraj.design.proof.judge import Limit
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_segments import findings, worst
 from qtraj.foundation.arrays import is_traced
-from qtraj.path import pieces
-from qtraj.path.driving import require_one_direction
+from qtraj.path.driving import require_one_direction, segments_of
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
@@ -43,9 +42,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     if limits.on_road:
         require_one_direction(route, limits.vehicle)
     bounds_by_name = {name: float(np.asarray(x)) for name, x in limits.given().items()}
-    count = route.segments
-    starts, c = np.asarray(route.starts)[:count], np.asarray(route.coefficients)[:count]
-    segments = Segments(starts, c, np.diff(np.asarray(route.times)))
+    segments = segments_of(route)
+    count, starts = len(segments.starts), segments.starts
     names, bounds = tuple(bounds_by_name), np.array([*bounds_by_name.values()])
     if not names:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
@@ -79,16 +77,18 @@ def _intervals(
     """
     if not rows.size:
         return []
-    c, h = segments.coefficients[rows], segments.durations[rows]
+    own = segments.part(rows)
+    h, every = own.durations, np.arange(len(rows))[:, None]
     s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), peaks[:, None]], axis=1), axis=1)
-    parked: Any = ~c[:, 1:].any(axis=(1, 2))
-    above = _exceeds(c, s, name, bound, road) | (s == peaks[:, None]) | parked[:, None]
+    parked: Any = ~own.coefficients[:, 1:].any(axis=(1, 2))
+    above = _exceeds(own.values, every, s, name, bound, road) | (s == peaks[:, None]) | parked[:, None]
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
     u = np.arange(1, PARTS) / PARTS
     for _ in range(DIVISIONS):
         width = high - low
-        same = _exceeds(c[row], low[:, None] + width[:, None] * u, name, bound, road) == first[:, None]
+        inner = low[:, None] + width[:, None] * u
+        same = _exceeds(own.values, row[:, None], inner, name, bound, road) == first[:, None]
         count = np.sum(np.logical_and.accumulate(same, axis=1), axis=1)
         low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
     intervals: list[tuple[float, float]] = []
@@ -106,12 +106,14 @@ def _intervals(
     return intervals
 
 
-def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
-    """Check whether a quantity exceeds its bound at the times `s` (segments, instants).
+def _exceeds(
+    values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None
+) -> np.ndarray:
+    """Check whether a quantity exceeds its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
 
-    The times are measured from the start of the segment.
+    The times are measured from the start of the segment, and `values` returns the derivatives.
     """
     entry = quantity(name)
-    derivatives = pieces.values(c[:, None], s, max(entry.order, 1))
+    derivatives = values(np.broadcast_to(rows, s.shape), s, max(entry.order, 1))
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
     return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))

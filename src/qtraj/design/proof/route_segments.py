@@ -1,8 +1,9 @@
 """Compute the findings on each segment of a route, including segments that start or end at a stop.
 
 Next to a stop, quantities that depend only on the direction of the velocity, and components of the acceleration, are
-computed from a vector in the direction of the velocity (see `standing`). This is impossible for the curvature, which is
-unbounded near a stop unless the path is straight there.
+computed from a vector in the direction of the velocity (see `standing`). This is impossible for the curvature and other
+quantities of the shape, which are unbounded near a stop unless the path is straight there, or the segment is a curve with
+a progress (see `composed`).
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import numpy as np
 from jaxtyping import Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
+from qtraj.design.proof.composed import composed_source, times_along
 from qtraj.design.proof.judge import Findings, Limit, judge
 from qtraj.design.proof.sources import PolynomialSource, Source
-from qtraj.design.proof.standing import ZERO, StandingSource, standing
+from qtraj.design.proof.standing import ZERO, standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.standstill import ORDER, driven_invariants
@@ -46,17 +48,24 @@ def findings(segments: Segments, limits: Sequence[Limit], road: RoadParameters |
     Each of `limits` has one bound and one factor, and `road` contains the parameters of the vehicle, or is None.
     """
     count, moving = len(segments.durations), segments.coefficients[:, 1:].any(axis=(1, 2))
-    stops = standing(segments)
+    stops, composed = standing(segments), segments.composed & moving
     result = Findings(*(np.zeros((count, len(limits)), dtype) for dtype in (np.int32, float, float)))
-    regular, stopping = moving & ~stops.any(axis=1), np.flatnonzero(stops.any(axis=1))
+    stopping = stops.any(axis=1) & ~composed
+    regular, stopping = moving & ~stopping & ~composed, np.flatnonzero(stopping)
     every = np.arange(len(limits))
     _judge(result, segments, np.flatnonzero(regular), every, limits, road, _regular)
     kinds = np.array([_kind(limit) for limit in limits])
     _judge(result, segments, stopping, every[kinds == "path"], limits, road, _regular)
     for kind, keep in (("direction", False), ("component", True)):
-        source = lambda segments, rows, keep=keep: StandingSource(segments, rows, keep)  # noqa: E731
+        source = lambda segments, rows, keep=keep: standing_source(segments, rows, keep)  # noqa: E731
         _judge(result, segments, stopping, every[kinds == kind], limits, road, source)
-    undefined = np.ix_(stopping, every[kinds == "undefined"])
+    for kind in ("path", "direction", "component", "shape"):
+        source = lambda segments, rows, kind=kind: composed_source(segments, rows, kind)  # noqa: E731
+        _judge(result, segments, np.flatnonzero(composed), every[kinds == kind], limits, road, source)
+    on_curve = np.ix_(composed, kinds == "shape")
+    fractions = result.times[on_curve] / segments.durations[composed][:, None]
+    result.times[on_curve] = times_along(segments, np.flatnonzero(composed), fractions)
+    undefined = np.ix_(stopping, every[kinds == "shape"])
     result.codes[undefined], result.values[undefined] = UNDEFINED, np.nan
     result.times[undefined] = np.where(stops[stopping, 0], 0.0, segments.durations[stopping])[:, None]
     result.codes[~moving], result.values[~moving] = _at_rest(limits, road)
@@ -69,7 +78,7 @@ def _kind(limit: Limit) -> str:
         return "path"
     if limit.entry.name in DIRECTIONS:
         return "direction"
-    return "component" if limit.entry.name in COMPONENTS else "undefined"
+    return "component" if limit.entry.name in COMPONENTS else "shape"
 
 
 def _judge(

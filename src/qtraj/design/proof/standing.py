@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.polynomial import horner
+from qtraj.algebra.sparse import is_one, mul
 from qtraj.design.proof.sources import Derivatives, Instants, Source, power_of_two
 from qtraj.path.stops import Segments
 
@@ -24,19 +26,19 @@ size of the segment; for the acceleration, the product with the squared duration
 
 Vector = list[ExactPolynomial]
 
+Directed = tuple[Vector, Any]
+"""The vector q and the pace r'/q, which may be the integer 1."""
 
-class StandingSource(Source):
-    """Segments with a stop at one end or at both ends; all polynomials are exact.
 
-    The first derivative is q, and `pace` is r'/q. The higher derivatives are those of q or, if `keep_acceleration`,
-    those of the velocity r'.
+class DirectedSource(Source):
+    """Segments whose velocity is r' = pace·q, with exact polynomials q and pace; q does not vanish at stops.
+
+    The first derivative is q. The higher derivatives are those of q or, if `keep_acceleration`, those of the velocity.
     """
 
-    def __init__(self, segments: Segments, rows: np.ndarray, keep_acceleration: bool):
-        self.duration = segments.durations[rows]
-        self._given = [_divided(_velocity(segments, int(i))) for i in rows]
-        self._keep = keep_acceleration
-        sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in self._given]
+    def __init__(self, given: list[Directed], duration: np.ndarray, keep_acceleration: bool = False):
+        self.duration, self._given, self._keep = duration, given, keep_acceleration
+        sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in given]
         self.length = power_of_two(np.array(sizes, float))
         self._floats: dict[int, Any] = {}
 
@@ -47,22 +49,40 @@ class StandingSource(Source):
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of segment k as exact polynomials."""
         q, pace = self._given[k]
-        vector = [pace * p for p in q] if self._keep else q
+        vector = [mul(pace, p) for p in q] if self._keep else q
         rows: list[Any] = [None, tuple(q)]
         for _ in range(order - 1):
             vector = [p.derivative() for p in vector]
             rows.append(tuple(vector))
         return Derivatives(rows, pace)
 
+    def bounded(self, order: int) -> Derivatives:
+        """Return the same in floats, each rounded once."""
+        rows, pace = self._stacked(order)
+        vectors = [tuple(BoundedPolynomial(c, k=1) for c in row) for row in rows]
+        return Derivatives([None, *vectors], 1 if is_one(pace) else BoundedPolynomial(pace, k=1))
+
     def at(self, u: Instants, order: int) -> Derivatives:
         """Return the derivatives at the fractions `u` of the durations, in floats."""
+        rows, pace = self._stacked(order)
+        zero = np.zeros_like(u)
+        vectors = [tuple(horner([*c], u) + zero for c in row) for row in rows]
+        return Derivatives([None, *vectors], 1 if is_one(pace) else horner([*pace], u))
+
+    def _stacked(self, order: int) -> Any:
+        """Return the coefficients (terms, n) of all derivatives, and of the pace, or the integer 1 without one."""
         if order not in self._floats:
             each = [self.exact(k, order) for k in range(self.count)]
             rows = [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(1, order + 1)]
-            self._floats[order] = [[c / self.length for c in row] for row in rows], _stacked([x.pace for x in each])
-        rows, pace = self._floats[order]
-        zero = np.zeros_like(u)
-        return Derivatives([None, *(tuple(horner([*c], u) + zero for c in row) for row in rows)], horner([*pace], u))
+            pace = 1 if is_one(each[0].pace) else _stacked([x.pace for x in each])
+            self._floats[order] = [[c / self.length for c in row] for row in rows], pace
+        return self._floats[order]
+
+
+def standing_source(segments: Segments, rows: np.ndarray, keep_acceleration: bool) -> DirectedSource:
+    """Return segments with a stop at one end or at both ends."""
+    given = [_divided(_velocity(segments, int(i))) for i in rows]
+    return DirectedSource(given, segments.durations[rows], keep_acceleration)
 
 
 def standing(segments: Segments) -> Bool[np.ndarray, "segments 2"]:

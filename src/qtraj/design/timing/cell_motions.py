@@ -100,11 +100,11 @@ class CellMotions(NamedTuple):
         if own is None:
 
             def of_cell(c: Columns) -> ExactPolynomial:
-                return _substituted(ExactPolynomial.from_floats(c[:, k]).substituted(float(self.duration[k])), place)
+                return ExactPolynomial.from_floats(c[:, k]).substituted(float(self.duration[k])).composed(place)
 
             return _motion(_derivatives(self.position, of_cell, order), None, (timing, rest))
-        q = tuple(_substituted(p, place) for p in own.direction)
-        factor = _substituted(own.factor, place) * ExactPolynomial.of(self.half[k])
+        q = tuple(p.composed(place) for p in own.direction)
+        factor = own.factor.composed(place) * ExactPolynomial.of(self.half[k])
         return _motion(_slopes(tuple(factor * p for p in q), order), (_slopes(q, order), factor), (timing, rest))
 
 
@@ -126,11 +126,6 @@ def _slopes(vector: tuple[Any, ...], order: int) -> list[Any]:
     for _ in range(order - 1):
         rows.append(tuple(p.derivative() for p in rows[-1]))
     return rows
-
-
-def _substituted(p: ExactPolynomial, place: ExactPolynomial) -> ExactPolynomial:
-    """Return the polynomial p(place(x))."""
-    return _composed([ExactPolynomial([number], p.exponent) for number in p.numbers], place)
 
 
 def _composed(coefficients: list[Any], place: Any) -> Any:

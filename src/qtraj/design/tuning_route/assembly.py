@@ -173,7 +173,7 @@ def gradient(problem: RouteProblem, turns: Float[np.ndarray, "joints 10 10"], s:
     total = np.zeros((len(turns), BLOCK))
     for k, (joints, sign) in enumerate(((np.s_[:-1], -1), (np.s_[1:], 1))):
         total[joints, :9] += states[:, k]
-        total[joints, 9] += sign * h
+        total[joints, 9] += sign * h * _per_time(problem)
     return np.einsum("nij,ni->nj", turns, circuit.gathered(problem, total))
 
 
@@ -199,7 +199,14 @@ def hessian(
     return Chain(back @ diagonal @ turns + unit, back[1:] @ lower @ turns[:-1], border)
 
 
-def segment_hessian(s: Segments, first: Local, second: LocalSecond) -> Float[np.ndarray, "n 2 10 2 10"]:
+def _per_time(problem: RouteProblem) -> Float[np.ndarray, " n"]:
+    """Return the change of the durations for a change of the time, of the segments that may change."""
+    return np.where(problem.per_time > 0, problem.per_time, 1.0)
+
+
+def segment_hessian(
+    problem: RouteProblem, s: Segments, first: Local, second: LocalSecond
+) -> Float[np.ndarray, "n 2 10 2 10"]:
     """Convert second derivatives to those with respect to the states and times of both joints, in world axes."""
     n = len(s.h)
     factor, grown = powers(s.h), _POWERS * s.ends / s.h
@@ -211,6 +218,7 @@ def segment_hessian(s: Segments, first: Local, second: LocalSecond) -> Float[np.
     states = second.ends * (factor * factor[:, 0])[:, :, None, None]
     states = states.transpose(4, 0, 2, 1, 3).reshape(n, 2, 9, 2, 9)
     mixed = np.moveaxis(mixed, -1, 0).reshape(n, 2, 9)
+    mixed, h = mixed * _per_time(problem)[:, None, None], h * _per_time(problem) ** 2
     sign = np.array([-1.0, 1.0])
     found = np.empty((n, 2, BLOCK, 2, BLOCK))
     found[:, :, :9, :, :9] = states

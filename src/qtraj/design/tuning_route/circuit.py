@@ -15,7 +15,8 @@ from jaxtyping import Float
 from qtraj.design.tuning_route.chain import Border
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.foundation.namespace import xp
-from qtraj.path.route import JOINED, Route
+from qtraj.path.route import Route
+from qtraj.path.route_parts import JOINED
 
 
 def require_closed(route: Route) -> None:

@@ -56,6 +56,22 @@ def derivatives(ends: Float[Any, "6 3 n"], order: int, fine: bool = False) -> Fl
     return xp.moveaxis(found, 2, 1).reshape(3 * order, rows.shape[1], -1)
 
 
+def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"]) -> Float[Any, "q nodes n"]:
+    """Convert derivatives of curves with respect to u to those with respect to the time, in units of the duration.
+
+    `rates` are the derivatives of the progress (see `curves.rates`).
+    """
+    matrix = _chain_rule(rates, len(r) // 3)
+    rows = r.reshape(-1, 3, *r.shape[1:])
+    return xp.concatenate([sum(m * row for m, row in zip(own, rows, strict=False)) for own in matrix])
+
+
+def _chain_rule(rates: Any, order: int) -> list[list[Any]]:
+    """Return the factors of the derivatives with respect to u in those with respect to the time, row by row."""
+    first, second, third = rates
+    return [[first], [second, first**2], [third, 3 * first * second, first**3]][:order]
+
+
 def displacements(change: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "3 nodes n"]:
     """Return the displacements at the nodes for changes of the scaled end states."""
     rows = basis.table(0, fine)[0]
@@ -74,6 +90,9 @@ def values(problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Any,
     if not problem.names:
         return inside
     r = derivatives(s.ends, order_of(problem.names), fine)
+    if problem.composed is not None:
+        changed = in_time(r, problem.fine_rates if fine else problem.rates)
+        r = xp.where(problem.composed, changed, r)
     return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h), inside])
 
 
@@ -108,10 +127,29 @@ def expand(
     """
     away = displacements(s.change) + problem.offset
     r, unit = derivatives(s.ends, order_of(problem.names)), units(problem, s.h)
+    if problem.composed is not None and problem.composed.any():
+        own = problem.composed
+        r[..., own] = in_time(r[..., own], problem.rates[..., own])
     value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))
     curvature = np.zeros((len(r), *r.shape))
     for k, g in enumerate(ratios(problem.names, coordinates(r))):
         value[k], slope[k] = unit[k] * g.value, unit[k] * g.gradient
         curvature += (unit[k] * weights[k]) * g.hessian
         curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
+    if problem.composed is not None and problem.composed.any():
+        own = problem.composed
+        slope[..., own], curvature[..., own] = _in_parameter(slope[..., own], curvature[..., own], problem.rates[..., own])
     return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature
+
+
+def _in_parameter(slope: np.ndarray, curvature: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Convert derivatives with respect to those of the path in time to derivatives with respect to those in u."""
+    order = slope.shape[1] // 3
+    matrix = np.zeros((order, order, *rates.shape[1:]))
+    for k, own in enumerate(_chain_rule(rates, order)):
+        matrix[k, : len(own)] = own
+    first = slope.reshape(len(slope), order, 3, *slope.shape[2:])
+    second = curvature.reshape(order, 3, order, 3, *curvature.shape[2:])
+    first = np.einsum("jkan,pjcan->pkcan", matrix, first)
+    second = np.einsum("jkan,lman,jcldan->kcmdan", matrix, matrix, second, optimize=True)
+    return first.reshape(slope.shape), second.reshape(curvature.shape)

@@ -132,9 +132,9 @@ def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
     The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
     """
     xp = pieces.arithmetic(z, states, h, problem.axes)
-    scale, axes, moving = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.moving))
+    scale, axes, per_time = (xp.asarray(x) for x in (problem.scale, problem.axes, problem.per_time))
     move = z * scale[None]
-    return states + xp.matmul(move[:, :9].reshape(-1, 3, 3), axes), h + moving * xp.diff(move[:, 9])
+    return states + xp.matmul(move[:, :9].reshape(-1, 3, 3), axes), h + per_time * xp.diff(move[:, 9])
 
 
 def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any]:

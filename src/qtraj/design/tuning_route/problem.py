@@ -38,7 +38,9 @@ class RouteProblem(NamedTuple):
     in the user's units. `free` (joints, 10): whether a variable may change; `scale` (10,) converts variables to SI.
     `axes` (joints, 3, 3): unit vectors along, to the left of and above the original path (joint, unit vector,
     component). `seam`: the index of the last joint of a closed route, which has the state of the first joint; otherwise
-    None.
+    None. `per_time` (n,): the change of a duration for a change of the time; 1, except that curves with a progress have
+    a parameter of their own, and 0 for segments that do not change. `composed` (n,) marks these curves, and `rates`,
+    `fine_rates` (3, nodes, n) are the derivatives of their progress (see `curves.rates`); None without such curves.
     """
 
     names: tuple[str, ...]
@@ -62,15 +64,21 @@ class RouteProblem(NamedTuple):
     scale: Float[Any, " 10"]
     axes: Float[Any, "joints 3 3"]
     seam: int | None = None
+    per_time: Any = None
+    composed: Any = None
+    rates: Any = None
+    fine_rates: Any = None
 
     def part(self, k: slice) -> "RouteProblem":
         """Return the data of some segments, with the data of all joints."""
-        return self._replace(**{name: getattr(self, name)[..., k] for name in _OF_SEGMENTS})
+        return self._replace(**{
+            name: getattr(self, name)[..., k] for name in _OF_SEGMENTS if getattr(self, name) is not None
+        })
 
 
 _OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
-    *("shortest", "longest", "near", "pace", "jerk", "time"),
+    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates"),
 )
 
 
@@ -111,7 +119,7 @@ def moved(problem: RouteProblem, z: Float[Any, "joints 10"]) -> tuple[Float[Any,
     move = z * problem.scale[None]
     world = matmul(move[:, :9].reshape(-1, 3, 3), problem.axes)
     both = xp.concatenate([world[:-1], world[1:]], axis=1)
-    return xp.moveaxis(both, 0, -1), problem.moving * (move[1:, 9] - move[:-1, 9])
+    return xp.moveaxis(both, 0, -1), problem.per_time * (move[1:, 9] - move[:-1, 9])
 
 
 def objective(problem: RouteProblem, s: Segments) -> Float[Any, ""]:

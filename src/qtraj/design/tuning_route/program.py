@@ -136,7 +136,7 @@ def _expanded(
     first = _sum(alone, assembly.constraints_first(problem, s, expansion, *weights))
     second = assembly.constraints_second(problem, s, expansion, curvature, weights[0], *stiffness)
     second = _sum(assembly.objective_second(problem, s), second)
-    return expansion, alone, first, assembly.segment_hessian(s, first, second)
+    return expansion, alone, first, assembly.segment_hessian(problem, s, first, second)
 
 
 def _joined(parts: Any) -> Any:

@@ -16,12 +16,13 @@ from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import geometry, interior
+from qtraj.design.tuning_route.curves import Curves, largest_of
 from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments, squared_jerk
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import Parts
 from qtraj.design.tuning_route.tube import Displacement
-from qtraj.path.route import Route, from_segments
+from qtraj.path.route import Route
 
 ROUNDS = 10
 """Maximum number of repeated searches."""
@@ -45,14 +46,15 @@ SAFETY = 2e-5
 class Judged(NamedTuple):
     """A route with its certificate.
 
-    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube.
-    `distances` (segments, 2) [m]: the largest horizontal and vertical distances.
+    `curves` relates the segments of the route to its curves. `within` (curves, 2): whether the horizontal and the vertical distance are proved to be within the tube.
+    `distances` (curves, 2) [m]: the largest horizontal and vertical distances.
     """
 
     route: Route
     certificate: RouteCertificate
     within: np.ndarray
     distances: np.ndarray
+    curves: Curves
 
 
 class Found(NamedTuple):
@@ -95,8 +97,9 @@ def solved(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem
         found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at)
         if found.proved or k == ROUNDS or state.steps >= most or not np.isfinite(judged.distances).all():
             return found
-        values = [judged.certificate.segments.worst[name][1] for name in names]
-        above = np.stack([*(np.array(values) / bounds[:, None]), *(judged.distances / tube[:-1]).T])
+        values = [np.asarray(judged.certificate.segments.worst[name][1]) for name in names]
+        values = largest_of(judged.curves, np.reshape(values, (len(names), -1)))
+        above = np.concatenate([values / bounds[:, None], (judged.distances / tube[:-1]).T])
         above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor *= np.where(open_, above, 1.0) ** -2
@@ -137,15 +140,14 @@ def attained(problem: RouteProblem, z: np.ndarray) -> Any:
 def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, z: np.ndarray) -> Judged:
     """Return the certified route for the variables `z`."""
     c, h = geometry.changed(problem, given.c, given.h, given.states, z)
-    starts = np.append(0.0, np.cumsum(h))
-    h = np.diff(starts)
-    new = from_segments(starts[:-1], c, np.asarray(starts[-1]), np.asarray(route.origin))
-    displacement = Displacement(np.asarray(new.coefficients)[: len(h)], h, given.c, given.h)
-    return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest())
+    new = given.rebuilt(c, h, np.asarray(route.origin))
+    displacement = Displacement(c, h, given.c, given.h)
+    return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest(), given.curves)
 
 
 def unproved(judged: Judged, names: tuple[str, ...], moving: np.ndarray) -> np.ndarray:
-    """Return whether the proof for each limit, then for both distances, is missing on each segment that may change."""
+    """Return whether the proof for each limit, then for both distances, is missing on each curve that may change."""
     codes = np.asarray(judged.certificate.segments.codes)
     order = [judged.certificate.names.index(name) for name in names]
-    return np.concatenate([codes[:, order].T != PROVED, ~judged.within.T]) & moving
+    missing = largest_of(judged.curves, (codes[:, order].T != PROVED) * 1.0) > 0
+    return np.concatenate([missing, ~judged.within.T]) & moving

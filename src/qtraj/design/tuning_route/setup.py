@@ -14,10 +14,13 @@ from qtraj.design.tuning_route.geometry import (
     time_scale,
     tube_squares,
 )
+from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
 from qtraj.path import pieces
+from qtraj.path.driving import segments_of
 from qtraj.path.quantity import quantity
-from qtraj.path.route import Route
+from qtraj.path.route import Route, from_segments
+from qtraj.path.stops import Segments as RouteSegments
 
 SLOW = 0.02
 """A segment with a speed below this fraction of the highest speed counts as touching a stop and is not changed."""
@@ -35,21 +38,37 @@ LEAST_JERK = 1e-12
 
 
 class Parts(NamedTuple):
-    """The segments of the original route: coefficients `c` (n, terms, 3), durations `h` (n,), and states of the joints.
+    """The curves of the original route: coefficients `c` (n, terms, 3), durations `h` (n,), and states of the joints.
 
-    The axes of `states` (n + 1, 3, 3) are the joint, the order of the derivative and the component.
+    The axes of `states` (n + 1, 3, 3) are the joint, the order of the derivative and the component. `curves` relates
+    them to the `segments` of the route. In this package, the curves are called segments (see `curves`).
     """
 
     c: np.ndarray
     h: np.ndarray
     states: np.ndarray
+    curves: Curves
+    segments: RouteSegments
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """The durations in seconds, relative to `h`."""
+        return stretch(self.curves, self.segments, self.h)
+
+    def rebuilt(self, c: np.ndarray, h: np.ndarray, origin: np.ndarray) -> Route:
+        """Return the route with these coefficients and durations of the curves."""
+        s = self.segments
+        durations, rows, own = rebuilt(self.curves, s.durations, s.progress, self.h, c, h)
+        times = np.append(0.0, np.cumsum(durations))
+        return from_segments(times[:-1], rows, np.asarray(times[-1]), origin, own)
 
 
 def parts(route: Route, closed: bool = False) -> Parts:
     """Return the segments of a route; the first and the last joint of a `closed` route have the same state."""
-    count = route.segments
-    c, h = np.asarray(route.coefficients)[:count], np.diff(np.asarray(route.times))
-    return Parts(c, h, joint_states(c, h, standing(c, h), closed))
+    s = segments_of(route)
+    curves = curves_of(s)
+    c, h = chain(curves, s.coefficients, s.durations, s.progress)
+    return Parts(c, h, joint_states(c, h, standing(c, h), closed), curves, s)
 
 
 def standing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -76,11 +95,12 @@ def problem_of(
     one.
     """
     moving = ~standing(given.c, given.h) * 1.0
+    stretched = given.stretch
     held = _held(fixed, moving, closed)
     smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving)
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
-    fields = smooth | _objective(objective, ends, h, moving, tube, float(np.sum(given.h)))
+    fields = smooth | _objective(objective, ends, h, moving, stretched, tube, float(np.sum(given.h)))
     fine_offset = offsets(given.c, given.h, given.states, moving, basis.FINE_NODES)
     return RouteProblem(**fields | {
         "names": names,
@@ -94,7 +114,23 @@ def problem_of(
         "free": _free(held, moving, timed, closed),
         "scale": _scale(speeds(ends, h), h, moving, tube),
         "seam": len(h) if closed else None,
+        "per_time": moving / stretched,
+        **_rates(given),
     })  # fmt: skip
+
+
+def _rates(given: Parts) -> dict[str, np.ndarray]:
+    """Return the rates of the progress at the nodes and at the fine nodes."""
+    curves = given.curves
+    if not curves.composed.any():
+        return {}
+    fields, count = {"composed": curves.composed}, len(given.h)
+    for name, nodes in (("rates", basis.NODES), ("fine_rates", basis.FINE_NODES)):
+        found = np.zeros((3, len(nodes), count))
+        found[0] = 1.0
+        found[..., curves.composed] = rates(curves, given.segments, given.h, nodes)
+        fields[name] = found
+    return fields
 
 
 def _held(fixed: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
@@ -152,7 +188,13 @@ def _length(tube: np.ndarray) -> float:
 
 
 def _objective(
-    objective: str, ends: np.ndarray, h: np.ndarray, moving: np.ndarray, tube: np.ndarray, duration: float
+    objective: str,
+    ends: np.ndarray,
+    h: np.ndarray,
+    moving: np.ndarray,
+    stretched: np.ndarray,
+    tube: np.ndarray,
+    duration: float,
 ) -> dict[str, Any]:
     """Return the weights of the objective, without dimension, and its unit."""
     zero = 0.0 * h
@@ -165,7 +207,7 @@ def _objective(
         jerks = np.sum(np.einsum("lm,mcn->lcn", basis.gram(3), ends) * ends, axis=(0, 1)) * h**-5 * moving
         unit = max(float(np.sum(jerks)), LEAST_JERK * length**2 / segment**5) / max(np.sum(moving), 1.0)
         return fields | {"jerk": moving / unit, "unit": np.asarray(unit)}
-    return fields | {"time": moving / (TIME * segment), "unit": np.asarray(TIME * segment)}
+    return fields | {"time": moving * stretched / (TIME * segment), "unit": np.asarray(TIME * segment)}
 
 
 def _exact(offset: np.ndarray, size: float) -> np.ndarray:

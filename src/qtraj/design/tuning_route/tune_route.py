@@ -9,6 +9,7 @@ import numpy as np
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.tuning_route import circuit, rounds
+from qtraj.design.tuning_route.curves import joints_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.sensitivity import Solution, differentiable
@@ -18,6 +19,7 @@ from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.driving import segments_of
 from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.route import Route
 
@@ -117,8 +119,10 @@ def _solution(
     if closed:
         circuit.require_closed(route)
     given = parts(route, closed)
-    joints = len(given.h) + 1
-    widths, held = _widths(tube, joints, closed), _fixed(fixed, joints, closed)
+    joints, rows = len(given.segments.starts) + 1, given.curves.joint_rows()
+    widths = _widths(tube, joints, closed)[[own.start for own in rows]]
+    every = _fixed(fixed, joints, closed)
+    held = np.stack([every[own].any(axis=0) for own in rows])
     bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
     problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
     found = _unchanged(route, given, limits, widths, problem)
@@ -154,18 +158,27 @@ def _result(
 ) -> TunedRoute:
     judged = found.judged
     states, h = moved_states(problem, given.states, given.h, found.z)
+    duration = float(judged.route.duration)
     return TunedRoute(
         judged.route,
         judged.certificate,
-        np.sum(h) if objective == "fastest" else rounds.attained(problem, found.z),
-        judged.distances,
-        judged.within.all(axis=1),
-        states[:, 0] - given.states[:, 0],
-        np.sum(h - given.h),
-        ~moving,
+        duration if objective == "fastest" else rounds.attained(problem, found.z),
+        spread(given.curves, judged.distances, 0.0),
+        spread(given.curves, judged.within.all(axis=1), True),
+        _displacement(judged.route, given, states[:, 0] - given.states[:, 0]),
+        np.sum(given.stretch * (h - given.h)),
+        spread(given.curves, ~moving, False),
         _code(found, names),
         found.steps,
     )
+
+
+def _displacement(route: Route, given: Parts, of_joints: np.ndarray) -> np.ndarray:
+    """Return the displacements of all joints of the route, some of which are inside curves or at a stop."""
+    if not given.curves.composed.any():
+        return of_joints
+    old, new = joints_of(given.segments), joints_of(segments_of(route))
+    return new - old
 
 
 def _code(found: rounds.Found, names: tuple[str, ...]) -> ResultCode:

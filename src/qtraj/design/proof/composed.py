@@ -1,0 +1,55 @@
+"""Segments of a route that are curves with a progress (see `qtraj.path.progress`), for proofs in exact integers.
+
+The velocity is q·w', where q is the derivative of the curve at w(t). The curve is regular, so q does not vanish at a
+stop. Quantities of the shape, such as the curvature, do not depend on the progress: they are proved on the curve itself,
+whose parameter is the fraction of the interval that the progress covers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.algebra.exact import ExactPolynomial
+from qtraj.design.proof.standing import DirectedSource, Vector
+from qtraj.path import pieces, progress
+from qtraj.path.stops import Segments
+
+def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> DirectedSource:
+    """Return the source of the proofs of one kind of limits: "path", "direction", "component" or "shape".
+
+    The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
+    """
+    given: list[Any] = []
+    for i in rows:
+        place = _progress(segments, int(i))
+        if kind == "shape":
+            start = ExactPolynomial.of(place.floats()[0])
+            place = start + (_at_one(place) - start) * ExactPolynomial([0, 1])
+        q, pace = [p.composed(place) for p in _slope(segments, int(i))], place.derivative()
+        given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
+    return DirectedSource(given, segments.durations[rows], kind == "component")
+
+
+def _progress(segments: Segments, i: int) -> ExactPolynomial:
+    """Return the progress as a function of the fraction of the duration."""
+    return ExactPolynomial.from_floats(segments.known_progress()[i]).substituted(float(segments.durations[i]))
+
+
+def _slope(segments: Segments, i: int) -> Vector:
+    """Return the derivative of a curve with respect to its parameter."""
+    c = segments.coefficients[i]
+    return [ExactPolynomial.from_floats(c[:, axis]).derivative() for axis in range(3)]
+
+
+def _at_one(p: ExactPolynomial) -> ExactPolynomial:
+    return ExactPolynomial([sum(p.numbers)], p.exponent)
+
+
+def times_along(segments: Segments, rows: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Return the times [s] in the segments `rows` (n,) at which the `fraction` (n, k) of the curve is covered."""
+    own, h = segments.known_progress()[rows][:, None], segments.durations[rows][:, None]
+    start, end = (pieces.values(own[..., None], t, 0)[0][..., 0] for t in (0.0 * h, h))
+    found = progress.times_at(own + np.zeros((*fraction.shape, 1)), h, start + fraction * (end - start))
+    return np.where(fraction >= 1, h, found)
