@@ -58,7 +58,7 @@ def test_a_fitted_route_scales(fitted, length, time):
         got, right = (float(getattr(x, name)) for x in (scaled, reference))
         assert got / length == pytest.approx(right, rel=tolerance, abs=1e-6)
     factor = np.outer(length / time ** np.arange(3), length / time ** np.arange(3))
-    middle = len(path.times) // 2
+    middle = len(scaled.knots) // 2
     got, right = (np.asarray(x.covariance())[middle] for x in (scaled, reference))
     if float(reference.position_sigma) > 1e-6:
         np.testing.assert_allclose(got / factor, right, rtol=1e-3, atol=1e-6 * np.abs(right).max())

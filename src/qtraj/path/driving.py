@@ -7,14 +7,14 @@ rates after the stop. If the direction of the velocity changes by more than 90°
 between forward motion and reverse. In reverse, the forward axis is opposite to the tangent.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.vector import cross
-from qtraj.foundation.arrays import as_float, concrete, is_traced, real_scalar, real_vector
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
@@ -74,22 +74,22 @@ class Driving(AbstractFrame):
         return UPRIGHT
 
     @classmethod
-    def along(cls, route: Route, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None) -> "Driving":
-        """Create the frame of a vehicle that drives along `route`, initially forwards.
+    def along(cls, route: AbstractHodograph, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None) -> "Driving":
+        """Create the frame of a vehicle that drives along `route`, a `Route` or the path of `retime`, initially forwards.
 
         `hold_below` [m/s] is the speed threshold of a stop, by default 1 % of the largest speed.
 
-        **Raises:** ValueError if `route` is not a single `Route` with concrete values, `up` is zero, or `hold_below` is
+        **Raises:** ValueError if `route` is not a single path of these kinds with concrete values, `up` is zero, or `hold_below` is
         not positive and finite.
         """
-        segments = segments_of(route)
+        motion = _motion_of(route)
         threshold = None
         if hold_below is not None:
             threshold = float(np.asarray(real_scalar(hold_below, "hold_below")))
             if not 0 < threshold < np.inf:
                 raise ValueError(f"hold_below must be positive [m/s], but {threshold} was given")
         upright = Upright(up)
-        rows = headings.along(segments, np.asarray(upright.up, float), threshold)
+        rows = headings.along(motion, np.asarray(upright.up, float), threshold)
         n_padding = pieces.padded_size(len(rows.starts)) - len(rows.starts)
         starts = np.append(rows.starts, np.full(n_padding, np.inf))
         signs = np.append(rows.signs, np.zeros(n_padding))
@@ -153,27 +153,20 @@ def _combined(a: Triple, x: Array, b: Triple, y: Array) -> Triple:
 def default_frame(path: AbstractHodograph) -> AbstractFrame:
     """Return `Driving` for a route with stops, `Upright` for any other route, and `Natural` for any other path.
 
-    For a traced route or a batch of routes, the result is always `Upright`.
+    The same applies to retimed routes. For a traced route or a batch of routes, the result is always `Upright`.
     """
-    if not isinstance(path, Route):
+    if not isinstance(getattr(path, "path", path), Route):
         return Natural()
-    if not _is_single_concrete(path):
+    if path.driven() is None:
         return Upright()
     frame = Driving.along(path)
     return frame if np.any(np.asarray(frame.signs)[np.isfinite(np.asarray(frame.starts))] <= 0) else Upright()
 
 
-def _is_single_concrete(route: Route) -> bool:
-    """Return whether `route` is one route, not a batch, with concrete values."""
-    return route.duration.ndim == 0 and not is_traced(route)
-
-
 def require_moving(path: AbstractHodograph) -> None:
     """Raise a ValueError if `path` is a concrete route that stops, because it has no tangent at the stop."""
-    if not isinstance(path, Route) or not _is_single_concrete(path):
-        return
-    segments = segments_of(path)
-    stop_intervals = stops(segments, ZERO_SPEED * fastest(segments))
+    motion = path.driven()
+    stop_intervals = [] if motion is None else stops(motion, ZERO_SPEED * fastest(motion))
     if stop_intervals:
         raise ValueError(
             f"the route stops at t = {stop_intervals[0][0]:.4g} s, where it has no tangent, so a rotation-minimizing "
@@ -187,7 +180,7 @@ def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> N
     In reverse the same road has the opposite bank angle, because this angle is relative to the direction of motion.
     """
     bank = None if vehicle is None else concrete(vehicle.bank)
-    if bank is None or not np.any(bank) or not isinstance(path, Route) or not _is_single_concrete(path):
+    if bank is None or not np.any(bank) or path.driven() is None:
         return
     frame = Driving.along(path)
     reverse = np.flatnonzero(np.asarray(frame.signs) < 0)
@@ -204,10 +197,18 @@ def segments_of(route: Route) -> Segments:
 
     **Raises:** ValueError for any other path, or a batch of routes.
     """
-    if not isinstance(route, Route) or route.duration.ndim:
-        kind = "a batch of routes" if isinstance(route, Route) else f"a {type(route).__name__}"
-        raise ValueError(f"one Route was expected, but {kind} was given")
-    count = route.segments
-    starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
-    own = None if route.progress is None else np.asarray(route.progress, float)[:count]
-    return Segments(starts, c, np.diff(np.asarray(route.times, float)), own)
+    found = route.driven() if isinstance(route, Route) else None
+    if found is None:
+        raise ValueError(f"one Route was expected, but {_kind(route)} was given")
+    return found
+
+
+def _motion_of(path: AbstractHodograph) -> Any:
+    found = path.driven() if isinstance(path, AbstractHodograph) else None
+    if found is None:
+        raise ValueError(f"one Route, or a retimed Route, was expected, but {_kind(path)} was given")
+    return found
+
+
+def _kind(path: Any) -> str:
+    return "a batch of routes" if isinstance(path, Route) else f"a {type(path).__name__}"

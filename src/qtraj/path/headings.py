@@ -51,7 +51,7 @@ def along(segments: Segments, up: Float[np.ndarray, "3"], threshold: float | Non
 
     A stop is an interval in which the speed is at most `threshold` [m/s], by default 1 % of the largest speed.
     """
-    end = float(segments.starts[-1] + segments.durations[-1])
+    end = segments.end
     intervals = stops(segments, STOP_SPEED, relative=True) if threshold is None else stops(segments, threshold)
     rows = _rows(segments, intervals, end, basis(up))
     coefficients = np.zeros((len(rows), 2, 6))

@@ -58,6 +58,13 @@ class AbstractHodograph(eqx.Module):
         """
         return None
 
+    def driven(self) -> Any:
+        """Return the motion of a vehicle on a single concrete route, for the frame `Driving`, or None for other paths.
+
+        The motion has the methods of `qtraj.path.stops.Segments` that find stops and the states next to them.
+        """
+        return None
+
     def span(self, t: Array) -> Array:
         """Return how long [s] the derivatives at the times `t` are of their present size; see `regularity`.
 

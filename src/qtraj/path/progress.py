@@ -29,21 +29,20 @@ def values(c: Any, progress: Any, s: Any, order: int) -> list[Any]:
     """Return position and derivatives (..., 3) with respect to the time, at local times `s` (...), as a list."""
     rates = [x[..., 0] for x in pieces.values(progress[..., None], s, order)]
     about = pieces.values(c, rates[0], order)
-    # Taylor's series of R about w(s), at the series of w without its first term, by Horner's rule in truncated series.
-    step = [0.0 * rates[0], *(x / math.factorial(k) for k, x in enumerate(rates[1:], start=1))]
-    series = [about[order] / math.factorial(order), *[0.0 * about[0]] * order]
-    for k in range(order - 1, -1, -1):
-        series = _product(series, step, order)
-        series[0] = series[0] + about[k] / math.factorial(k)
-    return [math.factorial(k) * x for k, x in enumerate(series)]
+    factorials = [math.factorial(k) for k in range(order + 1)]
+    change = [x[..., None] / k for x, k in zip(rates, factorials, strict=True)]
+    found = composed([x / k for x, k in zip(about, factorials, strict=True)], change)
+    return [x * k for x, k in zip(found, factorials, strict=True)]
 
 
-def _product(vectors: list[Any], scalars: list[Any], order: int) -> list[Any]:
-    """Return the product of two series up to `order`; the first term of `scalars` is zero."""
-    found = [0.0 * vectors[0]]
-    for k in range(1, order + 1):
-        found.append(sum(scalars[j][..., None] * vectors[k - j] for j in range(1, k + 1)))
-    return found
+def composed(curve: list[Any], change: list[Any]) -> list[Any]:
+    """Return the truncated Taylor coefficients of Σ curve_j δ^j with δ = Σ change_k t^k, where change_0 counts as zero."""
+    zero = 0.0 * curve[0]
+    result = [curve[-1], *[zero] * (len(curve) - 1)]
+    for row in curve[-2::-1]:
+        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(len(curve))]
+        result = [product[0] + row, *product[1:]]
+    return result
 
 
 def in_time(c: Any, progress: Any) -> Any:

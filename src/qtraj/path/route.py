@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.arrays import as_float, concrete, like, one_instant, real_vector, warn_if_coarse
+from qtraj.foundation.arrays import as_float, concrete, is_traced, like, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, xp
-from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, batch_prefix, extent
+from qtraj.foundation.record import Record
+from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
-from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts
+from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts, route_record
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route_nearest import Nearest
 from qtraj.path.stops import Segments
@@ -102,6 +102,10 @@ class Route(AbstractHodograph, AbstractResult):
     def span(self, t: Array) -> Array:
         """Return the durations [s] of the segments at the times `t`."""
         return pieces.durations(self.starts, self.duration)[pieces.index(self.starts, t)]
+
+    def driven(self) -> Segments | None:
+        """Return the segments of a single concrete route, for the frame `Driving`."""
+        return None if self.duration.ndim or is_traced(self) else self._segments().in_double()
 
     def index(self, t: ScalarLike) -> Int[Array, ""]:
         """Return the index of the segment at the time `t` [s]; at a joint, the index of the later segment."""
@@ -256,22 +260,7 @@ class Route(AbstractHodograph, AbstractResult):
 
         To sample the route, call `qtraj.evaluate(route, times).to_xarray()`.
         """
-        count = self.segments
-        starts, c = np.asarray(self.starts)[..., :count], np.asarray(self.coefficients)[..., :count, :, :]
-        variable = "t − start" if self.progress is None else "progress"
-        meaning = f"coefficients relative to the origin, world axes; the coefficient of ({variable})^k is in m s^-k"
-        variables = {
-            "start": Quantity(starts, "s", "time at which a segment starts", ("segment",)),
-            "coefficients": Quantity(c, "m", meaning, ("segment", "power", "world")),
-            "duration": Quantity(self.duration, "s", "duration of the path"),
-            "origin": Quantity(self.origin, "m", "origin of the coefficients, world axes", ("world",)),
-        }
-        if self.progress is not None:
-            own = np.asarray(self.progress)[..., :count, :]
-            meaning = "progress along the curve of a segment; the coefficient of (t − start)^k is in s^(1-k)"
-            variables["progress"] = Quantity(own, "s", meaning, ("segment", "power_of_time"))
-        shape = f"{count} segments of degree {c.shape[-2] - 1}, {extent(self.duration, 's')}"
-        return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
+        return route_record.record(self, self.segments)
 
 
 @in_numpy

@@ -35,11 +35,20 @@ class Segments(NamedTuple):
         """Return some of the segments."""
         return Segments(*(None if x is None else x[rows] for x in self))
 
+    def in_double(self) -> "Segments":
+        """Return the segments in float64."""
+        return Segments(*(None if x is None else np.asarray(x, float) for x in self))
+
     def known_progress(self) -> Float[np.ndarray, "n 4"]:
         """Return the progress of all segments, also of those that are polynomials in the time."""
         if self.progress is not None:
             return self.progress
         return np.tile(progress.IDENTITY.astype(self.starts.dtype), (len(self.starts), 1))
+
+    @property
+    def end(self) -> float:
+        """The end [s] of the last segment."""
+        return float(self.starts[-1] + self.durations[-1])
 
     @property
     def composed(self) -> Bool[np.ndarray, " n"]:

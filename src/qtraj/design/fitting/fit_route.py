@@ -133,7 +133,7 @@ def fit_route(
 
     part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)
     origin = to_float64(track.positions)[0]
-    curves = with_curves(recording, problem, found, stops, best)
+    curves = with_curves(recording, problem, found, stops, best) if exact is None else None
     if curves is None:
         path = _route(wide.inner, origin, part, unit)
     else:
@@ -157,6 +157,7 @@ def fit_route(
         ResultCode.successful if np.isfinite(found.states).all() else ResultCode.not_finite,
         attitude,
         compare_upright(path, track),
+        as_array(part.knots * unit.time, path.duration.dtype),
     )
     return fitted.check() if throw else fitted
 

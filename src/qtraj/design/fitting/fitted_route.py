@@ -40,6 +40,8 @@ class FittedRoute(AbstractOutcome):
       it is the square root of the harmonic mean of their squares, and RMS distances of held-out samples are weighted.
     - `information` (6, 3 n): the diagonals of the normal matrix for n knots, in units of position_sigma^-2;
       (3, 6, 3 n) if the standard deviations of x, y and z differ. `covariance` uses them.
+    - `knots` (n,) [s]: the times of these knots. They are the joints of the route, except next to stops (see
+      `fit_route`).
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the route, and the mounting
       of the recorder relative to this frame; otherwise None.
     - `rates`: for a recording with angular rates, their difference from the rates of the upright frame of the route,
@@ -59,6 +61,7 @@ class FittedRoute(AbstractOutcome):
     code: Int[Array, ""]
     attitude: AttitudeResidual | None
     rates: RateResidual | None
+    knots: Float[Array, " n"]
 
     def __init__(
         self,
@@ -75,6 +78,7 @@ class FittedRoute(AbstractOutcome):
         code: ArrayInput = ResultCode.successful,
         attitude: AttitudeResidual | None = None,
         rates: RateResidual | None = None,
+        knots: ArrayInput | None = None,
     ):
         self.path, self.residual, self.attitude, self.rates = path, residual, attitude, rates
         self.prediction_error, self.stretch_error = as_float(prediction_error), as_float(stretch_error)
@@ -84,11 +88,7 @@ class FittedRoute(AbstractOutcome):
         diagonals = np.asarray(information, float)
         self.information = as_float(diagonals if diagonals.ndim == 3 else diagonals.reshape(6, -1))
         self.code = as_array(int(np.asarray(code)), np.int32)
-
-    @property
-    def knots(self) -> Float[Array, " n"]:
-        """The times of the knots [s]."""
-        return self.path.times
+        self.knots = path.times if knots is None else as_float(knots)
 
     def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
         """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.

@@ -23,13 +23,18 @@ def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> Directed
     """
     given: list[Any] = []
     for i in rows:
-        place = _progress(segments, int(i))
-        if kind == "shape":
-            start = ExactPolynomial.of(place.floats()[0])
-            place = start + (_at_one(place) - start) * ExactPolynomial([0, 1])
-        q, pace = [p.composed(place) for p in _slope(segments, int(i))], place.derivative()
+        q, pace = directed(segments, int(i), kind == "shape")
         given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
     return DirectedSource(given, segments.durations[rows], kind == "component")
+
+
+def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, ExactPolynomial]:
+    """Return q and w' of a segment with respect to the fraction of its duration, or with `evenly` of its curve."""
+    place = _progress(segments, i)
+    if evenly:
+        start = ExactPolynomial.of(place.floats()[0])
+        place = start + (_at_one(place) - start) * ExactPolynomial([0, 1])
+    return [p.composed(place) for p in _slope(segments, i)], place.derivative()
 
 
 def _progress(segments: Segments, i: int) -> ExactPolynomial:

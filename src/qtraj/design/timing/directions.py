@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.timing.grid import path_derivatives
+from qtraj.design.proof.composed import directed
 from qtraj.foundation.namespace import namespace
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
@@ -38,13 +39,17 @@ class Direction(NamedTuple):
 def directions(s: Segments, standing: Bool[Any, "segments 2"]) -> dict[int, Direction]:
     """Return the directions of the moving segments that start or end at a stop, by the index of the segment.
 
-    `standing` indicates whether the velocity is zero at the start and at the end.
+    `standing` indicates whether the velocity is zero at the start and at the end. Segments that are curves with a
+    progress are included, because they are products of this form: the derivative of a curve does not vanish.
     """
-    moving = s.coefficients[:, 1:].any(axis=(1, 2))
-    return {
-        int(i): _direction(s.coefficients[i], float(s.durations[i]), standing[i])
-        for i in np.flatnonzero(standing.any(axis=1) & moving)
-    }
+    moving, composed = s.coefficients[:, 1:].any(axis=(1, 2)), s.composed
+    found = {int(i): _direction(s.coefficients[i], float(s.durations[i]), standing[i]) for i in np.flatnonzero(
+        standing.any(axis=1) & moving & ~composed
+    )}
+    for i in np.flatnonzero(composed & moving):
+        q, factor = directed(s, int(i))
+        found[int(i)] = Direction(tuple(q), factor)
+    return found
 
 
 def _direction(c: Float[Any, "terms 3"], duration: float, standing: np.ndarray) -> Direction:

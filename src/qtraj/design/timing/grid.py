@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
-from qtraj.path import pieces
+from qtraj.path import pieces, progress
 from qtraj.path.components import rotated_z
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
@@ -91,11 +91,9 @@ def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any
     path = shape.path
     if isinstance(path, Route):
         segment, middle, half = (xp.asarray(x)[cell] for x in grid[1:])
-        starts, duration, c = (xp.asarray(x) for x in (path.starts, path.duration, path.coefficients))
+        starts, duration = (xp.asarray(x) for x in (path.starts, path.duration))
         span = pieces.durations(starts, duration)[segment]
-        local = 0.5 * span * (1 + middle + half * (2 * place - 1))
-        rows: Any = pieces.values(c[segment], local, ORDER)
-        return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
+        return _of_route(xp, path, segment, 0.5 * span * (1 + middle + half * (2 * place - 1)))
     knots = xp.asarray(grid.knots)
     x = knots[cell] + place * (knots[cell + 1] - knots[cell])
     return path_derivatives(path, shape.start + x * shape.per_cell)
@@ -107,9 +105,9 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any,
     xp: Any = jnp if traced else np
     polynomials = path.polynomials()
     if isinstance(path, Route):
-        starts, c = (xp.asarray(x) for x in (path.starts, path.coefficients))
+        starts = xp.asarray(path.starts)
         i = xp.maximum(xp.searchsorted(starts, u, side="right") - 1, 0)
-        return xp.moveaxis(xp.stack(pieces.values(c[i], u - starts[i], ORDER)[1:]), 1, 2)
+        return _of_route(xp, path, i, u - starts[i])
     if polynomials is None:
         rows = _of_any_path(path, u)
         return xp.moveaxis(xp.asarray(rows), 0, 2)
@@ -126,6 +124,13 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any,
         return local
     columns = [xp.asarray(polynomials.placement.to_world(axis)) for axis in np.eye(3)]  # type: ignore[union-attr]
     return xp.einsum("jx,kjm->kxm", xp.stack(columns), local)
+
+
+def _of_route(xp: Any, route: Route, i: Int[Any, " m"], local: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
+    """Return the derivatives of a route in the segments `i`, at times `local` since their starts."""
+    c, own = xp.asarray(route.coefficients)[i], route.progress
+    rows = pieces.values(c, local, ORDER) if own is None else progress.values(c, xp.asarray(own)[i], local, ORDER)
+    return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
 
 
 @eqx.filter_jit

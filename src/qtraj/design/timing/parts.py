@@ -11,6 +11,7 @@ from qtraj.design.timing.grid import Grid, of_segments, uniform
 from qtraj.design.timing.standstill import with_stops
 from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path import pieces
+from qtraj.path.driving import segments_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
@@ -87,27 +88,26 @@ def known_segments(route: Route) -> Segments:
             "retime needs a route with concrete values: call it once for each route, without jit, grad or vmap over "
             "the route. The limits may be traced."
         )
-    count = route.segments
-    starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
-    return Segments(starts, c, np.diff(np.append(starts, float(np.asarray(route.duration)))))
+    return segments_of(route)
 
 
 def standing_ends(s: Segments) -> np.ndarray:
     """Return whether the velocity is zero at the start and at the end of each segment, (n, 2)."""
-    speeds = _speeds(s)
+    speeds = np.linalg.norm(_velocities(s), axis=-1)
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)
 
 
-def _speeds(s: Segments) -> Float[Any, "n samples"]:
-    local = s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-    c = np.broadcast_to(s.coefficients[:, None], (*local.shape, *s.coefficients.shape[1:]))
-    return np.linalg.norm(pieces.values(c, local, 1)[1], axis=-1)
+def _velocities(s: Segments) -> Float[Any, "n samples 3"]:
+    local = _instants(s)
+    return s.values(np.arange(len(local))[:, None] + np.zeros(SAMPLES, int), local, 1)[1]
+
+
+def _instants(s: Segments) -> Float[Any, "n samples"]:
+    return s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
 
 
 def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
-    local = s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-    c = np.broadcast_to(s.coefficients[:, None], (*local.shape, *s.coefficients.shape[1:]))
-    v = pieces.values(c, local, 1)[1]
+    local, v = _instants(s), _velocities(s)
     speeds = np.linalg.norm(v, axis=-1)
     v[speeds <= STANDS * speeds.max(axis=1, keepdims=True)] = 0.0  # rounding
     turns = np.sum(v[:, 1:] * v[:, :-1], axis=-1) < 0
@@ -133,6 +133,7 @@ def _advice(s: Segments, at: float) -> str:
 
 
 def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
+    s = s.in_time()
     ends = pieces.values(s.coefficients[:-1], s.durations[:-1], 2)
     for order, name in ((1, "velocity"), *(((2, "acceleration"),) if jerk else ())):
         after = s.coefficients[1:, order] * (1, 1, 2)[order]

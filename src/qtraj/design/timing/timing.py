@@ -23,12 +23,15 @@ from qtraj.design.timing.cell_times import (
     stretching,
     unstretched,
 )
+from qtraj.design.timing.retimed_motion import RetimedMotion
 from qtraj.foundation.arrays import as_float, is_traced, one_instant, part
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.progress import composed
+from qtraj.path.route import Route
 
 ROUNDINGS = 8
 """A time later than the end by at most this number of rounding errors is treated as the end."""
@@ -81,11 +84,16 @@ class Timing(eqx.Module):
 
     def taylor(self, u: ScalarLike) -> Float[Any, " 4"]:
         """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
-        cells, u = self._with(one_instant(u))
+        found = self.taylor_at(one_instant(u))
+        return as_float(namespace(*found).stack(found))
+
+    def taylor_at(self, u: Float[Any, " n"]) -> list[Float[Any, " n"]]:
+        """Return the Taylor coefficients of the function a(u) at an array of parameters, orders 0 to 3."""
+        cells, u = self._with(u)
         cell, place = cells.locate(u)
-        c = cells.form(cell)
+        c, length = cells.form(cell), cells.length(cell)
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
-        return as_float(cells.xp.stack([x / cells.length(cell) ** k for k, x in enumerate(shifted)]))
+        return [x / length**k for k, x in enumerate(shifted)]
 
     def time(self, u: ScalarLike) -> Scalar:
         """Return the time [s] at which the parameter is `u`; outside the knots, return the time of the nearer end."""
@@ -105,14 +113,19 @@ class Timing(eqx.Module):
 
     def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
-        cells, s = self._with(one_instant(t))
+        u, rate = self.motion_at(one_instant(t))
+        return as_float(u), as_float(rate)
+
+    def motion_at(self, t: Float[Any, "*m"]) -> tuple[Float[Any, "*m"], Float[Any, "*m"]]:
+        """Return the result of `motion` for an array of times, in NumPy unless the arguments are traced."""
+        cells, s = self._with(t)
         # An end that was computed elsewhere, with other roundings, is not outside; the derivatives depend on this.
         s = clipped(s, 0.0, cells.times[-1] * (1 + ROUNDINGS * float(np.finfo(s.dtype).eps)))
         cell = cells.xp.clip(cells.xp.searchsorted(cells.times, s, side="right") - 1, 0, cells.count - 1)
         length, kinds = cells.length(cell), cells.kinds(cell)
         z = _position(self, s, cell) if cells.xp is jnp else newton(cells, s, cell)
         rate = length * stretching(z, *kinds) / pace(cells.form(cell), length, *kinds, z)
-        return as_float(cells.knots[cell] + length * stretched(z, *kinds)), as_float(rate)
+        return cells.knots[cell] + length * stretched(z, *kinds), rate
 
     def _with(self, x: Any) -> tuple[Cells, Any]:
         """Return the cells, and the argument of a method: NumPy arrays unless one of them is traced."""
@@ -189,6 +202,11 @@ class RetimedPath(AbstractHodograph):
         """The duration of the whole path [s]."""
         return self.timing.duration
 
+    @property
+    def supports_numpy(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether the original path supports NumPy."""
+        return self.path.supports_numpy
+
     def nodes(self) -> Float[Any, " nodes"]:
         """Return the times of the knots [s]; the path is smooth between them."""
         return self.timing.times
@@ -201,7 +219,24 @@ class RetimedPath(AbstractHodograph):
         if not is_traced(rate, taylor, rows):
             rate, taylor, rows = (np.asarray(x) for x in (rate, taylor, rows))
         factorials = np.array([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
-        return as_float(_composed(rows / factorials, _increments(rate, taylor, order)) * factorials)
+        return as_float(namespace(rows, rate).stack(composed([*(rows / factorials)], _increments(rate, taylor, order))) * factorials)
+
+
+    def sampled(self, t: Float[Any, " n"], order: int) -> list[Float[Any, "n 3"]]:
+        """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""
+        if is_traced(self, t):
+            return super().sampled(t, order)
+        u, rate = self.timing.motion_at(t)
+        taylor, rows = self.timing.taylor_at(u), self.path.sampled(u, order)
+        factorials = [float(math.factorial(k)) for k in range(order + 1)]
+        shape = [np.asarray(row) / k for row, k in zip(rows, factorials, strict=True)]
+        found = composed(shape, [np.asarray(x)[..., None] for x in _increments(rate, taylor, order)])
+        return [row * k for row, k in zip(found, factorials, strict=True)]
+
+    def driven(self) -> RetimedMotion | None:
+        """Return the motion of a vehicle on a single concrete route, for the frame `Driving`."""
+        single = self.duration.ndim == 0 and not is_traced(self) and isinstance(self.path, Route)
+        return RetimedMotion(self) if single else None
 
 
 def _increments(rate: Scalar, a: Float[Any, " 4"], order: int) -> list[Scalar]:
@@ -216,14 +251,3 @@ def _increments(rate: Scalar, a: Float[Any, " 4"], order: int) -> list[Scalar]:
         slope = (a[1] if k == 0 else zero) + 2 * a[2] * change[k] + 3 * a[3] * square
         change.append(slope / (2 * (k + 1) * (k + 2)))
     return change[: order + 1]
-
-
-def _composed(shape: Float[Any, "orders 3"], change: list[Scalar]) -> Float[Any, "orders 3"]:
-    """Return the truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
-    xp, orders = namespace(shape, *change), shape.shape[0]
-    zero = xp.zeros_like(shape[0])
-    result = [shape[-1], *[zero] * (orders - 1)]
-    for row in shape[-2::-1]:
-        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), zero) for k in range(orders)]
-        result = [product[0] + row, *product[1:]]
-    return xp.stack(result)
