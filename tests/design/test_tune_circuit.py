@@ -156,7 +156,7 @@ def test_the_lap_is_faster_than_any_lap_along_the_centre_line(lap):
 
 def test_iterates_keep_the_limits_at_the_nodes():
     program = RouteProgram(problem_of(ellipse(SHORT)))
-    first = Search(interior.start(program, np.zeros(program.problem.free.shape), rounds.BARRIER), rounds.BARRIER)
+    first = Search(interior.start(program, np.zeros(program.problem.free.shape), 1.0, rounds.BARRIER), rounds.BARRIER)
     rules = interior.Rules(np.ones_like(program.full), rounds.ROUGH, inside=True)
     worst, times = [], []
     for most in range(1, 26, 2):

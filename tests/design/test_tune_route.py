@@ -109,7 +109,7 @@ def test_the_optimum_at_the_nodes_is_that_of_slsqp(kind):
     bounds = (0.0212, 9.5, 1.4 if kind == "nearest" else 1.6)
     given, problem = problem_of(drive(4, 15.0), kind, bounds)
     program = RouteProgram(problem)
-    first = Search(interior.start(program, np.zeros(problem.free.shape), 0.1), 0.1, renewals=RENEWALS)
+    first = Search(interior.start(program, np.zeros(problem.free.shape), 1.0, 0.1), 0.1, renewals=RENEWALS)
     search = interior.solve(program, first, interior.Rules(np.ones_like(program.full), rounds.LEAST), 300)
     assert search.done
     free, rows = np.flatnonzero(problem.free), np.flatnonzero(problem.used)

@@ -127,7 +127,12 @@ class ResultCode(enum.IntEnum):
         FAILURES + 12,
         "no route that stays within the tube and satisfies the limits was found; a local search cannot prove that "
         "no such route exists. Widen the tube, raise the limits that are not proved to be satisfied, or fix fewer "
-        "states. If the objective is 'smoothest', which keeps the duration, try 'nearest'.",
+        "states.",
+    )
+    limits_contradict = (
+        FAILURES + 18,
+        "no route within the tube was found that satisfies every limit; a local search cannot prove that none exists. "
+        "The result violates the limits below and satisfies all others.",
     )
     broken_at_stops = (
         FAILURES + 13,

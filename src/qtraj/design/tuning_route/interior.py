@@ -6,6 +6,9 @@ keeps the slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter
 multiple of the identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s|, with the objective f
 and the penalty ν, ensures progress.
 
+Inequalities with a finite price ρ are *elastic* (Nocedal and Wright, chapter 18.5): they may be violated by e ≥ 0 at the
+cost ρ·e. Then g − e + s = 0, and the multipliers of s and e, which sum to ρ, satisfy λ s = μ and (ρ − λ) e = μ.
+
 The inequalities are values(z) ≤ margins. The problem enters only through the methods of `RouteProgram` and `Linear`, so
 the structure of its matrix does not matter here.
 """
@@ -15,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from qtraj.design.tuning_route.chain import Solver
 from qtraj.design.tuning_route.program import Linear, PerConstraint, RouteProgram, Variables
 
 TOLERANCE = 1e-7
@@ -52,18 +56,30 @@ SETTLED, NEAR = 5e-6, 0.1
 slacks below `NEAR` change by at most `SETTLED`."""
 
 
+HOPELESS, APART = 1e4, 1e-2
+"""Multipliers above the first number mean that the constraints contradict each other, if a constraint is still violated
+by more than the second number; those of solvable problems are about a hundred times smaller."""
+
+
 class Iterate(NamedTuple):
-    """The variables, slacks and multipliers, and the `margins`, the tightened bounds on the values."""
+    """The variables, slacks and multipliers, and the `margins`, the tightened bounds on the values.
+
+    `excess` contains the violations e of elastic constraints, and is None if no constraint is elastic.
+    """
 
     z: Variables
     slacks: PerConstraint
     multipliers: PerConstraint
     margins: PerConstraint
+    excess: PerConstraint | None = None
 
 
 @dataclass(frozen=True)
 class Search:
-    """The state of a search; it is `done` if the tolerance is reached, and `stuck` if no step makes progress."""
+    """The state of a search; it is `done` if the tolerance is reached, and `stuck` if no step makes progress.
+
+    `hopeless`: the constraints seem to contradict each other.
+    """
 
     at: Iterate
     mu: float
@@ -74,6 +90,7 @@ class Search:
     renewals: int = 0
     done: bool = False
     stuck: bool = False
+    hopeless: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,13 +118,20 @@ class Step(NamedTuple):
     multipliers: PerConstraint
     slope: float
     curvature: float
+    excess: PerConstraint | None = None
 
 
-def start(program: RouteProgram, z: Variables, mu: float) -> Iterate:
-    """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks."""
-    margins = program.full
-    slacks = np.maximum(margins - program.evaluate(z)[1], LEAST_SLACK)
-    return Iterate(z, slacks, mu / slacks, margins)
+def start(program: RouteProgram, z: Variables, factor: PerConstraint | float, mu: float) -> Iterate:
+    """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks.
+
+    The full margins are multiplied by `factor`.
+    """
+    margins = program.full * factor
+    left = margins - program.evaluate(z)[1]
+    if program.price is None:
+        slacks = np.maximum(left, LEAST_SLACK)
+        return Iterate(z, slacks, mu / slacks, margins)
+    return _relaxed(program, Iterate(z, left, left, margins), left, LEAST_SLACK, mu)
 
 
 def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
@@ -115,28 +139,53 @@ def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
 
     With tiny slacks, the steps would be too short.
     """
-    slacks = np.maximum(at.margins - program.evaluate(at.z)[1], mu / np.maximum(at.multipliers, 1e-3))
+    left = at.margins - program.evaluate(at.z)[1]
+    if program.price is not None:
+        return _relaxed(program, at, left, mu, mu)
+    slacks = np.maximum(left, mu / np.maximum(at.multipliers, 1e-3))
     return at._replace(slacks=slacks, multipliers=mu / slacks)
+
+
+def _relaxed(program: RouteProgram, at: Iterate, left: PerConstraint, least: float, mu: float) -> Iterate:
+    """Return an iterate of elastic constraints whose slacks minus violations are what is `left` of the margins."""
+    excess = np.where(np.isfinite(program.price), np.maximum(-left, 0.0) + least, 0.0)
+    slacks = np.where(np.isfinite(program.price), left + excess, np.maximum(left, least))
+    return at._replace(slacks=slacks, multipliers=np.minimum(mu / slacks, 0.5 * program.price), excess=excess)
 
 
 def solve(program: RouteProgram, search: Search, rules: Rules, most: int) -> Search:
     """Continue a search, decreasing the barrier parameter, in at most `most` steps."""
     with np.errstate(all="ignore"):  # a failed search ends with NaN
-        while not (search.done or search.stuck) and search.steps < most:
+        while not (search.done or search.stuck or search.hopeless) and search.steps < most:
             search = _iteration(program, search, rules)
     return search
 
 
 def linearised(program: RouteProgram, at: Iterate) -> Linear:
     """Return the values and derivatives at an iterate."""
-    return program.linearise(at.z, at.multipliers, at.multipliers / at.slacks)
+    return program.linearise(at.z, at.multipliers, _stiffness(program, at))
+
+
+def _stiffness(program: RouteProgram, at: Iterate) -> PerConstraint:
+    """Return the changes of the multipliers for changes of the constraints, at constant complementarity."""
+    if at.excess is None:
+        return at.multipliers / at.slacks
+    return 1.0 / (at.slacks / at.multipliers + at.excess / (program.price - at.multipliers))
+
+
+def _gaps(at: Iterate, values: PerConstraint) -> PerConstraint:
+    gaps = values - at.margins + at.slacks
+    return gaps if at.excess is None else gaps - at.excess
 
 
 def residual(at: Iterate, linear: Linear, mu: float) -> float:
     """Return the largest residual of the optimality conditions for the barrier parameter `mu`."""
     scale = max(float(np.mean(at.multipliers)), 1.0)
     products = _size(at.slacks * at.multipliers - mu)
-    return max(_size(linear.residual) / scale, _size(linear.values - at.margins + at.slacks), products / scale)
+    if at.excess is not None:
+        elastic = np.isfinite(linear.program.price)
+        products = max(products, _size((at.excess * (linear.program.price - at.multipliers) - mu)[elastic]))
+    return max(_size(linear.residual) / scale, _size(_gaps(at, linear.values)), products / scale)
 
 
 def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinite: bool = False) -> Step | None:
@@ -147,7 +196,9 @@ def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinit
     solver = linear.solver(shift, indefinite)
     if solver is None:
         return None
-    gaps = linear.values - at.margins + at.slacks
+    if at.excess is not None:
+        return _elastic_newton(at, linear, mu, solver)
+    gaps = _gaps(at, linear.values)
     right = -(linear.gradient + linear.pulled((mu + at.multipliers * gaps) / at.slacks))
     dz = solver(right)
     curvature = float(np.sum(dz * right))
@@ -156,6 +207,24 @@ def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinit
     multipliers = (mu - at.multipliers * slacks) / at.slacks - at.multipliers
     slope = float(np.sum(linear.gradient * dz) - mu * np.sum(slacks / at.slacks))
     return Step(dz, slacks, multipliers, slope, curvature) if np.isfinite(slope + curvature) else None
+
+
+def _elastic_newton(at: Iterate, linear: Linear, mu: float, solver: Solver) -> Step | None:
+    price, excess = linear.program.price, at.excess
+    elastic, other = np.isfinite(price), price - at.multipliers
+    stiffness = _stiffness(linear.program, at)
+    less = np.where(elastic, mu / other - excess, 0.0)
+    shift = _gaps(at, linear.values) + mu / at.multipliers - at.slacks - less
+    right = -(linear.gradient + linear.pulled(at.multipliers + stiffness * shift))
+    dz = solver(right)
+    curvature = float(np.sum(dz * right))
+    dz = linear.completed(dz)
+    multipliers = stiffness * (linear.pushed(dz) + shift)
+    slacks = mu / at.multipliers - at.slacks - at.slacks / at.multipliers * multipliers
+    more = np.where(elastic, less + excess / other * multipliers, 0.0)
+    slope = float(np.sum(linear.gradient * dz) - mu * np.sum(slacks / at.slacks))
+    slope += float(np.sum((more * (price - mu / excess))[elastic]))
+    return Step(dz, slacks, multipliers, slope, curvature, more) if np.isfinite(slope + curvature) else None
 
 
 def longest(values: PerConstraint, changes: PerConstraint, keep: float) -> float:
@@ -214,41 +283,60 @@ def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
 def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:
     """Return the search after the longest step, of those tried, that reduces the merit function enough."""
     at, mu = search.at, search.mu
-    gap = float(np.sum(np.abs(linear.values - at.margins + at.slacks)))
+    gaps = np.abs(_gaps(at, linear.values))
+    gap = float(np.sum(gaps))
+    if at.excess is None and np.max(at.multipliers) > HOPELESS and np.max(gaps) > APART:
+        search = replace(search, hopeless=True)
     penalty = search.penalty
     if gap > 1e-14:
         penalty = max(penalty, (step.slope + 0.5 * step.curvature) / (0.9 * gap))
     search = replace(search, penalty=penalty)
-    initial = linear.objective - mu * float(np.sum(np.log(at.slacks))) + penalty * gap
+    initial = linear.objective + _barrier(program, mu, at.slacks, at.excess) + penalty * gap
     slope, keep = step.slope - penalty * gap, max(0.99, 1.0 - mu)
     bounded = rules.inside and bool(np.all(linear.values <= program.full))
     part = longest(at.slacks, step.slacks, keep)
+    if step.excess is not None:
+        elastic = np.isfinite(program.price)
+        part = min(part, longest(at.excess[elastic], step.excess[elastic], keep))
     for _ in range(TRIALS):
-        z, slacks, merit = _trial(program, search, step, part, bounded)
+        z, slacks, excess, merit = _trial(program, search, step, part, bounded)
         if np.isfinite(merit) and merit <= initial + SUFFICIENT * part * slope + 1e-13 * abs(initial):
             break
         part *= 0.5
     else:
         return replace(search, stuck=True)
     dual = longest(at.multipliers, step.multipliers, keep)
+    if excess is not None:
+        dual = min(dual, longest(program.price - at.multipliers, -step.multipliers, keep))
     multipliers = np.clip(at.multipliers + dual * step.multipliers, mu / (CAP * slacks), CAP * mu / slacks)
-    return replace(search, at=Iterate(z, slacks, multipliers, at.margins), steps=search.steps + 1)
+    return replace(search, at=Iterate(z, slacks, multipliers, at.margins, excess), steps=search.steps + 1)
+
+
+def _barrier(program: RouteProgram, mu: float, slacks: PerConstraint, excess: PerConstraint | None) -> float:
+    """Return the barrier terms of slacks and violations, and the cost of the violations."""
+    found = -mu * float(np.sum(np.log(slacks)))
+    if excess is None:
+        return found
+    elastic = np.isfinite(program.price)
+    own = excess[elastic]
+    return found + float(np.sum(program.price[elastic] * own) - mu * np.sum(np.log(own)))
 
 
 def _trial(
     program: RouteProgram, search: Search, step: Step, part: float, bounded: bool
-) -> tuple[Variables, PerConstraint, float]:
-    """Return the variables and slacks after a part of a step, and the merit function there.
+) -> tuple[Variables, PerConstraint, PerConstraint | None, float]:
+    """Return the variables, slacks and violations after a part of a step, and the merit function there.
 
     With `bounded`, the merit function is infinite where the constraints with full margins are violated.
     """
     at, mu, penalty = search.at, search.mu, search.penalty
     z, slacks = at.z + part * step.z, at.slacks + part * step.slacks
+    excess = None if step.excess is None else at.excess + part * step.excess
     objective, values = program.evaluate(z)
     if bounded and not np.all(values <= program.full):
-        return z, slacks, np.inf
-    excess = values - at.margins
+        return z, slacks, excess, np.inf
+    above = values - at.margins - (0.0 if excess is None else excess)
     # Set the slack s of a clearly satisfied constraint to −g, so that |g + s| is zero in the merit function.
-    slacks = np.where(-excess > np.maximum(mu / penalty, 0.01 * at.slacks), -excess, slacks)
-    gap = float(np.sum(np.abs(excess + slacks)))
-    return z, slacks, objective - mu * float(np.sum(np.log(slacks))) + penalty * gap
+    slacks = np.where(-above > np.maximum(mu / penalty, 0.01 * at.slacks), -above, slacks)
+    gap = float(np.sum(np.abs(above + slacks)))
+    return z, slacks, excess, objective + _barrier(program, mu, slacks, excess) + penalty * gap

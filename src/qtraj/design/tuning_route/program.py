@@ -24,10 +24,14 @@ PerConstraint = Float[np.ndarray, " m"]
 
 
 class RouteProgram:
-    """The problem of a route: minimise the objective under the constraints values ≤ margins."""
+    """The problem of a route: minimise the objective under the constraints values ≤ margins.
 
-    def __init__(self, problem: RouteProblem):
-        """Store the problem and the arrays that do not depend on the variables."""
+    `price` contains the prices of violations of the constraints, which are infinite unless limits may be violated;
+    None if none may be.
+    """
+
+    def __init__(self, problem: RouteProblem, price: float | None = None):
+        """Store the problem and the arrays that do not depend on the variables; `price` is that of limits."""
         self.problem = problem
         self.turns = assembly.frames(problem)
         self.moving = np.flatnonzero(problem.moving)
@@ -36,6 +40,11 @@ class RouteProgram:
         size = min(PART, CACHED // at_each)
         slices = [slice(k, k + size) for k in range(0, len(problem.moving), size)]
         self.parts = [(k, problem.part(k)) for k in slices]
+        self.price: Any = None
+        if price is not None:
+            nodes = np.full(problem.used.shape, np.inf)
+            nodes[:-2] = price
+            self.price = self.flat(nodes, np.full((2, len(problem.moving)), np.inf))
 
     @property
     def full(self) -> PerConstraint:

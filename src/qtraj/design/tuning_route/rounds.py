@@ -39,6 +39,16 @@ ROUGH, SMOOTHING = 1e-3, 1e-3
 the search adds a term proportional to the integral of the squared jerk once the barrier parameter has reached `ROUGH`.
 At that point the term is the fraction `SMOOTHING` of the duration."""
 
+PRICES = (3e2, 3e3)
+"""The prices of violations, one after the other, if the limits contradict each other: with a high price from the start,
+the steps of the search would be short."""
+
+VIOLATED = 1e-5
+"""A limit counts as violated if the squared quantity exceeds the squared limit by more than this fraction of it."""
+
+VISIBLE, RAISED = 1.003, 1.01
+"""After an unfinished search, limits that are violated by more than the first factor are raised by the second one."""
+
 SAFETY = 2e-5
 """Margins are reduced by this fraction, which doubles with each repetition."""
 
@@ -61,7 +71,8 @@ class Found(NamedTuple):
     """The variables, the certified route, and whether the limits are `proved` on all segments that may change.
 
     `optimal`: whether the last search converged. `exhausted`: whether a search stopped because no steps were left.
-    `at`: the last iterate; None if there was no search. `problem`: the problem of the last search.
+    `at`: the last iterate; None if there was no search. `problem`: the problem of the last search. `missed` (limits + 2,
+    segments): the limits that cannot be satisfied on a segment together with the others; None if all are.
     """
 
     z: Any
@@ -72,38 +83,115 @@ class Found(NamedTuple):
     optimal: bool = True
     exhausted: bool = False
     at: Iterate | None = None
+    missed: np.ndarray | None = None
 
 
 def solved(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> Found:
-    """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m]."""
+    """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m].
+
+    If the limits contradict each other, they are violated as little as possible.
+    """
+    found = _solved(route, given, limits, tube, problem, most)
+    if found.proved or found.exhausted or not problem.names:
+        return found
+    relaxed = _solved(route, given, limits, tube, problem, most, PRICES[0])
+    steps = found.steps + relaxed.steps
+    if relaxed.proved and relaxed.missed is not None:
+        sharper = _solved(route, given, limits, tube, problem, most, PRICES[1], relaxed.at)
+        steps += sharper.steps
+        relaxed = sharper if sharper.proved else relaxed
+    elif relaxed.missed is not None:
+        raised = _raised(relaxed, problem)
+        repeated = _solved(route, given, limits, tube, problem, most, raised=raised)
+        steps += repeated.steps
+        if repeated.proved:
+            open_ = unproved(repeated.judged, problem.names, problem.moving > 0)
+            relaxed = repeated._replace(optimal=False, missed=open_)
+    return relaxed._replace(steps=steps)
+
+
+def _raised(found: Found, problem: RouteProblem) -> np.ndarray:
+    """Return factors (limits + 2, n) on the squared limits, with which an unfinished search could violate them."""
+    moving = problem.moving > 0
+    open_ = unproved(found.judged, problem.names, moving)
+    open_[-2:] = False
+    ratio = _ratios(found.judged, problem.names, np.sqrt(problem.squares))
+    own = np.where(open_ & (ratio > VISIBLE), (RAISED * ratio) ** 2, 1.0)
+    # A joint is constrained in one of its segments only, so the neighbours are raised, too.
+    wide = np.pad(own, [(0, 0), (1, 1)], constant_values=1.0)
+    return np.maximum(own, np.maximum(wide[:, :-2], wide[:, 2:]))
+
+
+def _ratios(judged: Judged, names: tuple[str, ...], bounds: np.ndarray) -> np.ndarray:
+    """Return the largest values of the limited quantities relative to their limits, and 1 for the tube."""
+    values = [np.asarray(judged.certificate.segments.worst[name][1]) for name in names]
+    values = largest_of(judged.curves, np.reshape(values, (len(names), -1)))
+    return np.concatenate([np.nan_to_num(values / bounds[:, None], nan=1.0), np.ones((2, values.shape[1]))])
+
+
+def feasible(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> bool:
+    """Return whether a search finds a route that satisfies every limit."""
+    return _solved(route, given, limits, tube, problem, most).proved
+
+
+def _solved(
+    route: Route,
+    given: Parts,
+    limits: Limits,
+    tube: np.ndarray,
+    problem: RouteProblem,
+    most: int,
+    price: float | None = None,
+    start: Iterate | None = None,
+    raised: np.ndarray | None = None,
+) -> Found:
+    """Return the tuned route; with a `price`, limits may be violated. `start` is the result of a lower price.
+
+    `raised` (limits + 2, n) are factors on the squared limits; those above 1 need not be proved.
+    """
     names, moving = problem.names, problem.moving > 0
-    bounds, factor = np.sqrt(problem.squares), np.ones((len(names) + 2, len(moving)))
-    program = RouteProgram(problem)
+    bounds = np.sqrt(problem.squares)
+    factor = np.ones((len(names) + 2, len(moving))) if raised is None else raised
+    program, missed = RouteProgram(problem, price), factor > 1
     mu, k = BARRIER, 0
-    state = Search(interior.start(program, np.zeros(problem.free.shape), mu), mu)
+    if start is None:
+        rules = _rules(program, factor, LEAST)
+        state = Search(interior.start(program, np.zeros(problem.free.shape), rules.factor, mu), mu)
+    else:
+        state = Search(interior.restarted(program, start, ROUGH), ROUGH)
     if np.any(problem.time):
         state = interior.solve(program, state, _rules(program, factor, ROUGH), most)
         problem = _smoothed(problem, state.at.z)
-        program = RouteProgram(problem)
-        state = Search(state.at, ROUGH, steps=state.steps)
+        program = RouteProgram(problem, price)
+        state = Search(state.at, ROUGH, steps=state.steps, hopeless=state.hopeless)
     while True:
         rules = _rules(program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
             state = _again(program, state, rules, mu)
         state = interior.solve(program, state, rules, most)
         judged = judge(route, given, limits, tube, problem, state.at.z)
-        open_ = unproved(judged, names, moving)
-        exhausted = state.steps >= most and not (state.done or state.stuck)
+        missed |= _violated(program, state.at) & moving
+        open_ = unproved(judged, names, moving) & ~missed
+        exhausted = state.steps >= most and not (state.done or state.stuck or state.hopeless)
         found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at)
-        if found.proved or k == ROUNDS or state.steps >= most or not np.isfinite(judged.distances).all():
+        found = found._replace(missed=missed if missed.any() else None)
+        given_up = state.steps >= most or state.hopeless or not np.isfinite(judged.distances).all()
+        if found.proved or k == ROUNDS or given_up:
             return found
-        values = [np.asarray(judged.certificate.segments.worst[name][1]) for name in names]
-        values = largest_of(judged.curves, np.reshape(values, (len(names), -1)))
-        above = np.concatenate([values / bounds[:, None], (judged.distances / tube[:-1]).T])
-        above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
+        above = _ratios(judged, names, bounds)
+        above[-2:] = np.nan_to_num((judged.distances / tube[:-1]).T, nan=1.0)
+        above = np.clip(above, 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
-        factor *= np.where(open_, above, 1.0) ** -2
+        factor = factor * np.where(open_, above, 1.0) ** -2
         k += 1
+
+
+def _violated(program: RouteProgram, at: Iterate) -> np.ndarray:
+    """Return whether a limit is violated at a node of a segment (limits + 2, n)."""
+    shape = program.problem.used.shape
+    if at.excess is None:
+        return np.zeros((shape[0], shape[2]), bool)
+    return program.spread(at.excess)[0].max(axis=1) > VIOLATED
 
 
 def _rules(program: RouteProgram, factor: np.ndarray, least: float, first: bool = True) -> Rules:

@@ -130,6 +130,7 @@ def differentiable(
         result.kept,
         result.code,
         result.iterations,
+        result.advice,
     )
 
 

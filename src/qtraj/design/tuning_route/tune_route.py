@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits, require_limits
-from qtraj.design.proof.certificate import require_float64
+from qtraj.design.proof.certificate import UNDEFINED, require_float64
 from qtraj.design.tuning_route import circuit, rounds
-from qtraj.design.tuning_route.curves import joints_of, spread
+from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.design.tuning_route.remedy import Change, remedy
 from qtraj.design.tuning_route.sensitivity import Solution, differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.tuned_route import TunedRoute
@@ -128,9 +129,31 @@ def _solution(
     found = _unchanged(route, given, limits, widths, problem)
     moving = problem.moving > 0
     smooth = not np.any(problem.offset) and not _jumps(route, given)
-    if moving.any() and not (objective == "nearest" and smooth and found.proved):
+    undefined = _undefined(found, moving)
+    if moving.any() and not undefined and not (objective == "nearest" and smooth and found.proved):
         found = rounds.solved(route, given, limits, widths, problem, max_steps)
-    return Solution(_result(given, problem, found, names, moving, objective), found.problem, found.z, found.at)
+    advice = ""
+    if found.missed is not None and found.proved:
+
+        def solves(change: Change) -> bool:
+            own = held.copy()
+            own[[0, -1]] &= not change.free_ends
+            values = np.array([change.limits[name] for name in names])
+            kept = change.objective == "smoothest"
+            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
+            return rounds.feasible(route, given, Limits(**change.limits), widths, changed, max_steps)
+
+        values = dict(zip(names, bounds.tolist(), strict=True))
+        advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
+    code = ResultCode.limits_undefined if undefined else _code(found, names)
+    result = _result(given, problem, found, moving, objective, code, advice)
+    return Solution(result, found.problem, found.z, found.at)
+
+
+def _undefined(found: rounds.Found, moving: np.ndarray) -> bool:
+    """Return whether a limited quantity is undefined on a segment that may change, such as the yaw rate of a lift."""
+    codes = np.asarray(found.judged.certificate.segments.codes)
+    return bool((largest_of(found.judged.curves, (codes == UNDEFINED).T * 1.0) > 0)[:, moving].any())
 
 
 def _jumps(route: Route, given: Parts) -> bool:
@@ -152,9 +175,10 @@ def _result(
     given: Parts,
     problem: RouteProblem,
     found: rounds.Found,
-    names: tuple[str, ...],
     moving: np.ndarray,
     objective: str,
+    code: ResultCode,
+    advice: str,
 ) -> TunedRoute:
     judged = found.judged
     states, h = moved_states(problem, given.states, given.h, found.z)
@@ -168,8 +192,9 @@ def _result(
         _displacement(judged.route, given, states[:, 0] - given.states[:, 0]),
         np.sum(given.stretch * (h - given.h)),
         spread(given.curves, ~moving, False),
-        _code(found, names),
+        code,
         found.steps,
+        advice,
     )
 
 
@@ -187,6 +212,8 @@ def _code(found: rounds.Found, names: tuple[str, ...]) -> ResultCode:
         if not np.isfinite(found.judged.distances).all():
             return ResultCode.not_finite
         return ResultCode.route_not_converged if found.exhausted else ResultCode.route_not_found
+    if found.missed is not None:
+        return ResultCode.limits_contradict
     if any(certificate.status[name] not in ("proved", "undefined") for name in names):
         return ResultCode.broken_at_stops
     if not found.optimal:

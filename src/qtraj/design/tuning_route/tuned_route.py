@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -31,7 +32,7 @@ class TunedRoute(AbstractOutcome):
     - `delay` [s]: the change of the duration.
     - `kept` (segments,): whether a segment touches a stop and is not changed.
     - `objective`: the attained value, in the unit given in `tune_route`. `iterations`: the number of steps of all
-      searches.
+      searches. `advice`: if the limits contradict each other, a change with which they do not.
     """
 
     path: Route
@@ -44,6 +45,7 @@ class TunedRoute(AbstractOutcome):
     kept: Bool[Array, " segments"]
     code: Int[Array, ""]
     iterations: Int[Array, ""]
+    advice: str = eqx.field(static=True)
 
     def __init__(
         self,
@@ -57,6 +59,7 @@ class TunedRoute(AbstractOutcome):
         kept: ArrayInput = (),
         code: ArrayInput = ResultCode.successful,
         iterations: ArrayInput = 0,
+        advice: str = "",
     ):
         self.path, self.certificate, self.objective = path, certificate, as_float(objective)
         self.distance = as_float(np.reshape(np.asarray(distance, float), (-1, 2)))
@@ -66,6 +69,7 @@ class TunedRoute(AbstractOutcome):
         self.kept = as_array(known if known.size else np.zeros(len(self.within), bool), bool)
         self.code = as_array(int(np.asarray(code)), np.int32)
         self.iterations = as_array(int(np.asarray(iterations)), np.int32)
+        self.advice = advice
 
     @property
     def converged(self) -> bool:
@@ -82,6 +86,8 @@ class TunedRoute(AbstractOutcome):
         open_ = self.unproved()
         if open_:
             texts.append(f"Not proved: {'; '.join(open_)}.")
+        if self.advice:
+            texts.append(self.advice)
         texts.append(
             f"The route moves by at most {away[0]:.3g} m horizontally and {away[1]:.3g} m vertically, and its duration "
             f"changes by {float(self.delay):+.3g} s."
