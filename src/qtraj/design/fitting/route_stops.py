@@ -28,7 +28,8 @@ class Standing(NamedTuple):
 def find_stops(recording: Recording, standing: Standing) -> list[tuple[float, float]]:
     """Return the stops as intervals (start, end), from the recorded speeds, or from the speeds of a preliminary fit.
 
-    At a stop the vehicle is slow and stays near its mean position for the minimum duration.
+    At a stop the vehicle is slow and stays near its mean position for the minimum duration. Slow intervals during which,
+    together, it stays there are one stop.
     """
     inliers = recording.weights > 0
     times, positions = recording.times[inliers], recording.positions[inliers]
@@ -39,11 +40,13 @@ def find_stops(recording: Recording, standing: Standing) -> list[tuple[float, fl
     slow = np.concatenate([[False], speeds <= bound, [False]])
     edges = np.flatnonzero(slow[1:] != slow[:-1])
     shortest = max(MIN_STOP, MIN_STEPS * recording.step)
-    return [
-        (float(times[first]), float(times[last]))
-        for first, last in zip(edges[::2], edges[1::2] - 1, strict=True)
-        if times[last] - times[first] >= shortest and _spread(positions[first : last + 1]) <= standing.distance
-    ]
+    found: list[tuple[int, int]] = []
+    for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
+        if found and _spread(positions[found[-1][0] : last + 1]) <= standing.distance:
+            found[-1] = (found[-1][0], last)  # the speed between them is noise
+        elif _spread(positions[first : last + 1]) <= standing.distance:
+            found.append((first, last))
+    return [(float(times[a]), float(times[b])) for a, b in found if times[b] - times[a] >= shortest]
 
 
 def _spread(positions: Float[np.ndarray, "n 3"]) -> float:
