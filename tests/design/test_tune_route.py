@@ -263,10 +263,6 @@ def test_a_route_within_its_limits_is_not_changed(route):
     [
         ({"max_steps": 2}, qt.ResultCode.not_optimal),
         ({"max_steps": 7}, qt.ResultCode.route_not_converged),
-        (
-            {"limits": qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4), "max_steps": 150},
-            qt.ResultCode.route_not_converged,
-        ),
     ],
 )
 def test_a_search_that_stops_early_is_reported(route, tuned, change, code):

@@ -74,13 +74,15 @@ class Driving(AbstractFrame):
         return UPRIGHT
 
     @classmethod
-    def along(cls, route: AbstractHodograph, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None) -> "Driving":
-        """Create the frame of a vehicle that drives along `route`, a `Route` or the path of `retime`, initially forwards.
+    def along(
+        cls, route: AbstractHodograph, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None
+    ) -> "Driving":
+        """Create the frame of a vehicle on `route`, a `Route` or a retimed one, on which it initially moves forwards.
 
         `hold_below` [m/s] is the speed threshold of a stop, by default 1 % of the largest speed.
 
-        **Raises:** ValueError if `route` is not a single path of these kinds with concrete values, `up` is zero, or `hold_below` is
-        not positive and finite.
+        **Raises:** ValueError if `route` is not a single path of these kinds with concrete values, `up` is zero, or
+        `hold_below` is not positive and finite.
         """
         motion = _motion_of(route)
         threshold = None

@@ -36,7 +36,7 @@ def values(c: Any, progress: Any, s: Any, order: int) -> list[Any]:
 
 
 def composed(curve: list[Any], change: list[Any]) -> list[Any]:
-    """Return the truncated Taylor coefficients of Σ curve_j δ^j with δ = Σ change_k t^k, where change_0 counts as zero."""
+    """Return the truncated Taylor coefficients of Σ curve_j δ^j with δ = Σ change_k t^k, k ≥ 1."""
     zero = 0.0 * curve[0]
     result = [curve[-1], *[zero] * (len(curve) - 1)]
     for row in curve[-2::-1]:
@@ -77,9 +77,9 @@ def slowed(progress: Any, factor: Any) -> Any:
 
 
 def times_at(progress: np.ndarray, h: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Return the local times (...) at which the progress (..., 4) of segments of durations `h` (...) has the values `goal`.
+    """Return the local times (...) at which the progress (..., 4) of segments has the values `goal` (...).
 
-    Each progress must increase.
+    Each progress must increase. `h` (...) are the durations.
     """
     low, high = np.zeros_like(goal), h + np.zeros_like(goal)
     for _ in range(BISECTIONS):

@@ -20,16 +20,12 @@ from qtraj.path.stops import Segments
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
+
 def _fields(route: Any) -> dict[str, Any]:
     """Return the stored fields of a route, which are its segments without padding."""
-    count = route.segments
-    fields = {
-        "starts": np.asarray(route.starts)[:count],
-        "coefficients": np.asarray(route.coefficients)[:count],
-        "duration": np.asarray(route.duration),
-        "origin": np.asarray(route.origin),
-    }
-    return fields if route.progress is None else fields | {"progress": np.asarray(route.progress)[:count]}
+    rows = {name: getattr(route, name) for name in ("starts", "coefficients", "progress")}
+    kept = {name: np.asarray(x)[: route.segments] for name, x in rows.items() if x is not None}
+    return kept | {"duration": np.asarray(route.duration), "origin": np.asarray(route.origin)}
 
 
 def _restored(
@@ -40,7 +36,8 @@ def _restored(
     progress: ArrayInput | None = None,
 ) -> "Route":
     own = None if progress is None else np.asarray(progress, float)
-    return from_segments(*(np.asarray(x, float) for x in (starts, coefficients, duration, origin)), own)
+    known = [np.asarray(x, float) for x in (starts, coefficients, duration, origin)]
+    return from_segments(*known, own=own)
 
 
 @stored_as(_fields, _restored)

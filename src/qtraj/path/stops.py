@@ -33,11 +33,15 @@ class Segments(NamedTuple):
 
     def part(self, rows: Any) -> "Segments":
         """Return some of the segments."""
-        return Segments(*(None if x is None else x[rows] for x in self))
+        return self._each(lambda x: x[rows])
 
     def in_double(self) -> "Segments":
         """Return the segments in float64."""
-        return Segments(*(None if x is None else np.asarray(x, float) for x in self))
+        return self._each(lambda x: np.asarray(x, float))
+
+    def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Segments":
+        own = None if self.progress is None else change(self.progress)
+        return Segments(change(self.starts), change(self.coefficients), change(self.durations), own)
 
     def known_progress(self) -> Float[np.ndarray, "n 4"]:
         """Return the progress of all segments, also of those that are polynomials in the time."""

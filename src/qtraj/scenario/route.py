@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple
 
 from qtraj.design.fitting.fit_route import fit_route
 from qtraj.design.limits import Limits
-from qtraj.design.tuning_route.tune_route import require_suitable, tune_route
+from qtraj.design.tuning_route.arguments import require_suitable
+from qtraj.design.tuning_route.tune_route import tune_route
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report

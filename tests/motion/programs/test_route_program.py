@@ -216,7 +216,7 @@ def test_inside_a_trace_a_route_is_upright_and_differentiable():
 def test_invalid_arguments():
     with pytest.raises(ValueError, match="the route stops at t = 3"):
         qt.FrameProgram(stopping(), qt.RotationMinimizing())
-    with pytest.raises(ValueError, match="one Route was expected"):
+    with pytest.raises(ValueError, match="one Route, or a retimed Route, was expected"):
         qt.Driving.along(qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))
     with pytest.raises(ValueError, match="hold_below must be positive"):
         qt.Driving.along(winding(), hold_below=-1.0)

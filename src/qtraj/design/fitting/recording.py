@@ -14,8 +14,8 @@ from qtraj.path.track import Track, to_float64
 class Recording(NamedTuple):
     """The n samples of a recording in its own units: times and positions relative to the first sample, and velocities.
 
-    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations. In a
-    fit along the course of a drive, the times are its parameters, and `rates` their derivatives; otherwise None.
+    The weights are 0 for outliers and otherwise 1. They are multiplied by the weights from the standard deviations. In
+    a fit along the course of a drive, the times are its parameters, and `rates` their derivatives; otherwise None.
     """
 
     times: Float[np.ndarray, " n"]

@@ -28,8 +28,8 @@ class Standing(NamedTuple):
 def find_stops(recording: Recording, standing: Standing) -> list[tuple[float, float]]:
     """Return the stops as intervals (start, end), from the recorded speeds, or from the speeds of a preliminary fit.
 
-    At a stop the vehicle is slow and stays near its mean position for the minimum duration. Slow intervals during which,
-    together, it stays there are one stop.
+    At a stop the vehicle is slow and stays near its mean position for the minimum duration. Slow intervals during
+    which, together, it stays there are one stop.
     """
     inliers = recording.weights > 0
     times, positions = recording.times[inliers], recording.positions[inliers]

@@ -80,7 +80,10 @@ def progress_in(motion: Motion, zones: list[Zone], noise: float) -> list[ZonePro
     at_stop = {stop: float(np.exp(0.5 * np.mean(np.log(squares)))) for stop, squares in speeds.items()}
     rest = {stop: stop[1] > stop[0] for stop in at_stop}
     stops = [next(stop for stop in at_stop if zone.stop in stop) for zone in zones]
-    return [_progress(zone, x, at_stop[stop], rest[stop], noise) for zone, x, stop in zip(zones, samples, stops, strict=True)]
+    return [
+        _progress(zone, x, at_stop[stop], rest[stop], noise)
+        for zone, x, stop in zip(zones, samples, stops, strict=True)
+    ]
 
 
 def _sampled(motion: Motion, zone: Zone) -> _Samples:

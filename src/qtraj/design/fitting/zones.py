@@ -1,8 +1,8 @@
 """Find the zones of a drive: the last metres before each slow point, and the first metres after it.
 
 Slow points are the stops, and the points at which the vehicle creeps or halts for a moment. A fit in time cannot
-determine the shape of a path there: its noise below walking pace is not a curve that was driven. In a zone, the route is
-therefore a curve with a progress (see `qtraj.path.progress`).
+determine the shape of a path there: its noise below walking pace is not a curve that was driven. In a zone, the route
+is therefore a curve with a progress (see `qtraj.path.progress`).
 """
 
 from typing import NamedTuple
@@ -66,7 +66,7 @@ def with_slow_points(motion: Motion) -> Motion:
     slow = np.flatnonzero(speed < SLOW)
     for k in slow[np.argsort(speed[slow], kind="stable")]:
         if all(abs(way[k] - x) >= APART * LENGTH for x in [*kept, way[0], way[-1]]):
-            kept.append(way[k])
+            kept.append(float(way[k]))
             found.append((float(t[k]), float(t[k])))
     return motion._replace(stops=sorted([*motion.stops, *found]))
 

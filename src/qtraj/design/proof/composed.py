@@ -1,8 +1,8 @@
 """Segments of a route that are curves with a progress (see `qtraj.path.progress`), for proofs in exact integers.
 
 The velocity is q·w', where q is the derivative of the curve at w(t). The curve is regular, so q does not vanish at a
-stop. Quantities of the shape, such as the curvature, do not depend on the progress: they are proved on the curve itself,
-whose parameter is the fraction of the interval that the progress covers.
+stop. Quantities of the shape, such as the curvature, do not depend on the progress: they are proved on the curve
+itself, whose parameter is the fraction of the interval that the progress covers.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.proof.standing import DirectedSource, Vector
 from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
+
 
 def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> DirectedSource:
     """Return the source of the proofs of one kind of limits: "path", "direction", "component" or "shape".

@@ -2,8 +2,8 @@
 
 Next to a stop, quantities that depend only on the direction of the velocity, and components of the acceleration, are
 computed from a vector in the direction of the velocity (see `standing`). This is impossible for the curvature and other
-quantities of the shape, which are unbounded near a stop unless the path is straight there, or the segment is a curve with
-a progress (see `composed`).
+quantities of the shape, which are unbounded near a stop unless the path is straight there, or the segment is a curve
+with a progress (see `composed`).
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.algebra.exact import ExactPolynomial
-from qtraj.design.timing.grid import path_derivatives
 from qtraj.design.proof.composed import directed
+from qtraj.design.timing.grid import path_derivatives
 from qtraj.foundation.namespace import namespace
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
@@ -43,9 +43,10 @@ def directions(s: Segments, standing: Bool[Any, "segments 2"]) -> dict[int, Dire
     progress are included, because they are products of this form: the derivative of a curve does not vanish.
     """
     moving, composed = s.coefficients[:, 1:].any(axis=(1, 2)), s.composed
-    found = {int(i): _direction(s.coefficients[i], float(s.durations[i]), standing[i]) for i in np.flatnonzero(
-        standing.any(axis=1) & moving & ~composed
-    )}
+    found = {
+        int(i): _direction(s.coefficients[i], float(s.durations[i]), standing[i])
+        for i in np.flatnonzero(standing.any(axis=1) & moving & ~composed)
+    }
     for i in np.flatnonzero(composed & moving):
         q, factor = directed(s, int(i))
         found[int(i)] = Direction(tuple(q), factor)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-
-if TYPE_CHECKING:
-    from qtraj.design.timing.timing import RetimedPath
 
 PARTS = 4
 """Number of parts of a cell of the timing at whose ends the velocity is sampled."""
@@ -18,7 +15,8 @@ PARTS = 4
 class RetimedMotion:
     """The same methods as those of `qtraj.path.stops.Segments`; the motion is smooth at the joints."""
 
-    def __init__(self, path: RetimedPath):
+    def __init__(self, path: Any):
+        """Store the `RetimedPath`."""
         self._path = path
 
     @property

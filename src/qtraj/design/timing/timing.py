@@ -219,8 +219,9 @@ class RetimedPath(AbstractHodograph):
         if not is_traced(rate, taylor, rows):
             rate, taylor, rows = (np.asarray(x) for x in (rate, taylor, rows))
         factorials = np.array([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
-        return as_float(namespace(rows, rate).stack(composed([*(rows / factorials)], _increments(rate, taylor, order))) * factorials)
-
+        return as_float(
+            namespace(rows, rate).stack(composed([*(rows / factorials)], _increments(rate, taylor, order))) * factorials
+        )
 
     def sampled(self, t: Float[Any, " n"], order: int) -> list[Float[Any, "n 3"]]:
         """Return r and its time derivatives up to `order`, each (n, 3), at instants `t` (n,), in world axes."""

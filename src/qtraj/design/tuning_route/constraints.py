@@ -138,7 +138,9 @@ def expand(
         curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
     if problem.composed is not None and problem.composed.any():
         own = problem.composed
-        slope[..., own], curvature[..., own] = _in_parameter(slope[..., own], curvature[..., own], problem.rates[..., own])
+        slope[..., own], curvature[..., own] = _in_parameter(
+            slope[..., own], curvature[..., own], problem.rates[..., own]
+        )
     return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature
 
 

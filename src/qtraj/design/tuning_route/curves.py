@@ -16,8 +16,8 @@ from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
 
 INSIDE = 1e-3
-"""Minimum distance of a node from the ends of a curve with a progress, as a fraction of the curve: at a stop, quantities
-that depend on the direction of the velocity are undefined."""
+"""Minimum distance of a node from the ends of a curve with a progress, as a fraction of the curve: at a stop,
+quantities that depend on the direction of the velocity are undefined."""
 
 
 class Curves(NamedTuple):
@@ -116,10 +116,10 @@ def rates(of: Curves, s: Segments, h: Float[np.ndarray, " m"], nodes: np.ndarray
 
 def largest_of(of: Curves, values: Float[np.ndarray, "k segments"]) -> Float[np.ndarray, "k m"]:
     """Return the largest value of the segments of each curve."""
-    found = np.full((len(values), len(of.first)), -np.inf)
+    found = np.full((len(of.first), len(values)), -np.inf)
     mine = of.owner >= 0
-    np.maximum.at(found, (slice(None), of.owner[mine]), values[:, mine])
-    return found
+    np.maximum.at(found, of.owner[mine], values[:, mine].T)
+    return found.T
 
 
 def spread(of: Curves, values: Any, at_stop: Any) -> np.ndarray:

@@ -6,19 +6,16 @@ keeps the slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter
 multiple of the identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s|, with the objective f
 and the penalty ν, ensures progress.
 
-Inequalities with a finite price ρ are *elastic* (Nocedal and Wright, chapter 18.5): they may be violated by e ≥ 0 at the
-cost ρ·e. Then g − e + s = 0, and the multipliers of s and e, which sum to ρ, satisfy λ s = μ and (ρ − λ) e = μ.
-
-The inequalities are values(z) ≤ margins. The problem enters only through the methods of `RouteProgram` and `Linear`, so
-the structure of its matrix does not matter here.
+Some constraints may be elastic (see `elastic`). The inequalities are values(z) ≤ margins. The problem enters only
+through the methods of `RouteProgram` and `Linear`, so the structure of its matrix does not matter here.
 """
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
-from qtraj.design.tuning_route.chain import Solver
+from qtraj.design.tuning_route.elastic import barrier, elastic_newton, gaps_of, relaxed, stiffness
+from qtraj.design.tuning_route.iterate import Iterate, Rules, Search, Step
 from qtraj.design.tuning_route.program import Linear, PerConstraint, RouteProgram, Variables
 
 TOLERANCE = 1e-7
@@ -61,66 +58,6 @@ HOPELESS, APART = 1e4, 1e-2
 by more than the second number; those of solvable problems are about a hundred times smaller."""
 
 
-class Iterate(NamedTuple):
-    """The variables, slacks and multipliers, and the `margins`, the tightened bounds on the values.
-
-    `excess` contains the violations e of elastic constraints, and is None if no constraint is elastic.
-    """
-
-    z: Variables
-    slacks: PerConstraint
-    multipliers: PerConstraint
-    margins: PerConstraint
-    excess: PerConstraint | None = None
-
-
-@dataclass(frozen=True)
-class Search:
-    """The state of a search; it is `done` if the tolerance is reached, and `stuck` if no step makes progress.
-
-    `hopeless`: the constraints seem to contradict each other.
-    """
-
-    at: Iterate
-    mu: float
-    shift: float = 0.0
-    penalty: float = 1.0
-    error: float = np.inf
-    steps: int = 0
-    renewals: int = 0
-    done: bool = False
-    stuck: bool = False
-    hopeless: bool = False
-
-
-@dataclass(frozen=True)
-class Rules:
-    """The rules of one search.
-
-    The barrier parameter decreases to `least`. New margins are multiplied by `factor` < 1. With `inside`, once an
-    iterate satisfies the constraints with full margins, all later iterates satisfy them, too.
-    """
-
-    factor: PerConstraint
-    least: float
-    inside: bool = False
-
-
-class Step(NamedTuple):
-    """A Newton step.
-
-    `slope` is the derivative of the barrier function along the step, and `curvature` is zᵀHz, where H is the matrix of
-    the linear system.
-    """
-
-    z: Variables
-    slacks: PerConstraint
-    multipliers: PerConstraint
-    slope: float
-    curvature: float
-    excess: PerConstraint | None = None
-
-
 def start(program: RouteProgram, z: Variables, factor: PerConstraint | float, mu: float) -> Iterate:
     """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks.
 
@@ -131,7 +68,7 @@ def start(program: RouteProgram, z: Variables, factor: PerConstraint | float, mu
     if program.price is None:
         slacks = np.maximum(left, LEAST_SLACK)
         return Iterate(z, slacks, mu / slacks, margins)
-    return _relaxed(program, Iterate(z, left, left, margins), left, LEAST_SLACK, mu)
+    return relaxed(program, Iterate(z, left, left, margins), left, LEAST_SLACK, mu)
 
 
 def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
@@ -141,16 +78,9 @@ def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
     """
     left = at.margins - program.evaluate(at.z)[1]
     if program.price is not None:
-        return _relaxed(program, at, left, mu, mu)
+        return relaxed(program, at, left, mu, mu)
     slacks = np.maximum(left, mu / np.maximum(at.multipliers, 1e-3))
     return at._replace(slacks=slacks, multipliers=mu / slacks)
-
-
-def _relaxed(program: RouteProgram, at: Iterate, left: PerConstraint, least: float, mu: float) -> Iterate:
-    """Return an iterate of elastic constraints whose slacks minus violations are what is `left` of the margins."""
-    excess = np.where(np.isfinite(program.price), np.maximum(-left, 0.0) + least, 0.0)
-    slacks = np.where(np.isfinite(program.price), left + excess, np.maximum(left, least))
-    return at._replace(slacks=slacks, multipliers=np.minimum(mu / slacks, 0.5 * program.price), excess=excess)
 
 
 def solve(program: RouteProgram, search: Search, rules: Rules, most: int) -> Search:
@@ -163,19 +93,7 @@ def solve(program: RouteProgram, search: Search, rules: Rules, most: int) -> Sea
 
 def linearised(program: RouteProgram, at: Iterate) -> Linear:
     """Return the values and derivatives at an iterate."""
-    return program.linearise(at.z, at.multipliers, _stiffness(program, at))
-
-
-def _stiffness(program: RouteProgram, at: Iterate) -> PerConstraint:
-    """Return the changes of the multipliers for changes of the constraints, at constant complementarity."""
-    if at.excess is None:
-        return at.multipliers / at.slacks
-    return 1.0 / (at.slacks / at.multipliers + at.excess / (program.price - at.multipliers))
-
-
-def _gaps(at: Iterate, values: PerConstraint) -> PerConstraint:
-    gaps = values - at.margins + at.slacks
-    return gaps if at.excess is None else gaps - at.excess
+    return program.linearise(at.z, at.multipliers, stiffness(program, at))
 
 
 def residual(at: Iterate, linear: Linear, mu: float) -> float:
@@ -185,7 +103,7 @@ def residual(at: Iterate, linear: Linear, mu: float) -> float:
     if at.excess is not None:
         elastic = np.isfinite(linear.program.price)
         products = max(products, _size((at.excess * (linear.program.price - at.multipliers) - mu)[elastic]))
-    return max(_size(linear.residual) / scale, _size(_gaps(at, linear.values)), products / scale)
+    return max(_size(linear.residual) / scale, _size(gaps_of(at, linear.values)), products / scale)
 
 
 def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinite: bool = False) -> Step | None:
@@ -197,8 +115,8 @@ def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinit
     if solver is None:
         return None
     if at.excess is not None:
-        return _elastic_newton(at, linear, mu, solver)
-    gaps = _gaps(at, linear.values)
+        return elastic_newton(at, linear, mu, solver)
+    gaps = gaps_of(at, linear.values)
     right = -(linear.gradient + linear.pulled((mu + at.multipliers * gaps) / at.slacks))
     dz = solver(right)
     curvature = float(np.sum(dz * right))
@@ -207,24 +125,6 @@ def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinit
     multipliers = (mu - at.multipliers * slacks) / at.slacks - at.multipliers
     slope = float(np.sum(linear.gradient * dz) - mu * np.sum(slacks / at.slacks))
     return Step(dz, slacks, multipliers, slope, curvature) if np.isfinite(slope + curvature) else None
-
-
-def _elastic_newton(at: Iterate, linear: Linear, mu: float, solver: Solver) -> Step | None:
-    price, excess = linear.program.price, at.excess
-    elastic, other = np.isfinite(price), price - at.multipliers
-    stiffness = _stiffness(linear.program, at)
-    less = np.where(elastic, mu / other - excess, 0.0)
-    shift = _gaps(at, linear.values) + mu / at.multipliers - at.slacks - less
-    right = -(linear.gradient + linear.pulled(at.multipliers + stiffness * shift))
-    dz = solver(right)
-    curvature = float(np.sum(dz * right))
-    dz = linear.completed(dz)
-    multipliers = stiffness * (linear.pushed(dz) + shift)
-    slacks = mu / at.multipliers - at.slacks - at.slacks / at.multipliers * multipliers
-    more = np.where(elastic, less + excess / other * multipliers, 0.0)
-    slope = float(np.sum(linear.gradient * dz) - mu * np.sum(slacks / at.slacks))
-    slope += float(np.sum((more * (price - mu / excess))[elastic]))
-    return Step(dz, slacks, multipliers, slope, curvature, more) if np.isfinite(slope + curvature) else None
 
 
 def longest(values: PerConstraint, changes: PerConstraint, keep: float) -> float:
@@ -283,7 +183,7 @@ def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
 def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:
     """Return the search after the longest step, of those tried, that reduces the merit function enough."""
     at, mu = search.at, search.mu
-    gaps = np.abs(_gaps(at, linear.values))
+    gaps = np.abs(gaps_of(at, linear.values))
     gap = float(np.sum(gaps))
     if at.excess is None and np.max(at.multipliers) > HOPELESS and np.max(gaps) > APART:
         search = replace(search, hopeless=True)
@@ -291,13 +191,13 @@ def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, 
     if gap > 1e-14:
         penalty = max(penalty, (step.slope + 0.5 * step.curvature) / (0.9 * gap))
     search = replace(search, penalty=penalty)
-    initial = linear.objective + _barrier(program, mu, at.slacks, at.excess) + penalty * gap
+    initial = linear.objective + barrier(program, mu, at.slacks, at.excess) + penalty * gap
     slope, keep = step.slope - penalty * gap, max(0.99, 1.0 - mu)
     bounded = rules.inside and bool(np.all(linear.values <= program.full))
     part = longest(at.slacks, step.slacks, keep)
     if step.excess is not None:
-        elastic = np.isfinite(program.price)
-        part = min(part, longest(at.excess[elastic], step.excess[elastic], keep))
+        elastic, before = np.isfinite(program.price), np.asarray(at.excess)
+        part = min(part, longest(before[elastic], step.excess[elastic], keep))
     for _ in range(TRIALS):
         z, slacks, excess, merit = _trial(program, search, step, part, bounded)
         if np.isfinite(merit) and merit <= initial + SUFFICIENT * part * slope + 1e-13 * abs(initial):
@@ -312,16 +212,6 @@ def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, 
     return replace(search, at=Iterate(z, slacks, multipliers, at.margins, excess), steps=search.steps + 1)
 
 
-def _barrier(program: RouteProgram, mu: float, slacks: PerConstraint, excess: PerConstraint | None) -> float:
-    """Return the barrier terms of slacks and violations, and the cost of the violations."""
-    found = -mu * float(np.sum(np.log(slacks)))
-    if excess is None:
-        return found
-    elastic = np.isfinite(program.price)
-    own = excess[elastic]
-    return found + float(np.sum(program.price[elastic] * own) - mu * np.sum(np.log(own)))
-
-
 def _trial(
     program: RouteProgram, search: Search, step: Step, part: float, bounded: bool
 ) -> tuple[Variables, PerConstraint, PerConstraint | None, float]:
@@ -331,7 +221,7 @@ def _trial(
     """
     at, mu, penalty = search.at, search.mu, search.penalty
     z, slacks = at.z + part * step.z, at.slacks + part * step.slacks
-    excess = None if step.excess is None else at.excess + part * step.excess
+    excess = None if step.excess is None else np.asarray(at.excess) + part * step.excess
     objective, values = program.evaluate(z)
     if bounded and not np.all(values <= program.full):
         return z, slacks, excess, np.inf
@@ -339,4 +229,4 @@ def _trial(
     # Set the slack s of a clearly satisfied constraint to −g, so that |g + s| is zero in the merit function.
     slacks = np.where(-above > np.maximum(mu / penalty, 0.01 * at.slacks), -above, slacks)
     gap = float(np.sum(np.abs(above + slacks)))
-    return z, slacks, excess, objective + _barrier(program, mu, slacks, excess) + penalty * gap
+    return z, slacks, excess, objective + barrier(program, mu, slacks, excess) + penalty * gap

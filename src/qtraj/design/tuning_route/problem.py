@@ -71,9 +71,9 @@ class RouteProblem(NamedTuple):
 
     def part(self, k: slice) -> "RouteProblem":
         """Return the data of some segments, with the data of all joints."""
-        return self._replace(**{
-            name: getattr(self, name)[..., k] for name in _OF_SEGMENTS if getattr(self, name) is not None
-        })
+        return self._replace(
+            **{name: getattr(self, name)[..., k] for name in _OF_SEGMENTS if getattr(self, name) is not None}
+        )
 
 
 _OF_SEGMENTS = (

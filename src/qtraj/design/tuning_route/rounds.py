@@ -56,8 +56,9 @@ SAFETY = 2e-5
 class Judged(NamedTuple):
     """A route with its certificate.
 
-    `curves` relates the segments of the route to its curves. `within` (curves, 2): whether the horizontal and the vertical distance are proved to be within the tube.
-    `distances` (curves, 2) [m]: the largest horizontal and vertical distances.
+    `curves` relates the segments of the route to its curves. `within` (curves, 2): whether the horizontal and the
+    vertical distance are proved to be within the tube. `distances` (curves, 2) [m]: the largest horizontal and vertical
+    distances.
     """
 
     route: Route
@@ -71,8 +72,8 @@ class Found(NamedTuple):
     """The variables, the certified route, and whether the limits are `proved` on all segments that may change.
 
     `optimal`: whether the last search converged. `exhausted`: whether a search stopped because no steps were left.
-    `at`: the last iterate; None if there was no search. `problem`: the problem of the last search. `missed` (limits + 2,
-    segments): the limits that cannot be satisfied on a segment together with the others; None if all are.
+    `at`: the last iterate; None if there was no search. `problem`: the problem of the last search. `missed` (limits +
+    2, segments): the limits that cannot be satisfied on a segment together with the others; None if all are.
     """
 
     z: Any

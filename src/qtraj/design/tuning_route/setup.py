@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
     joint_states,
     nearest,
@@ -14,7 +15,6 @@ from qtraj.design.tuning_route.geometry import (
     time_scale,
     tube_squares,
 )
-from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
