@@ -113,6 +113,7 @@ from .path.residual import Residual as Residual
 from .path.route import Route as Route
 from .path.route_nearest import Nearest as Nearest
 from .path.sample_times import sample_times as sample_times
+from .path.shape import Shape as Shape
 from .path.spiral_helix import SpiralHelix as SpiralHelix
 from .path.thrust_aligned import ThrustAligned as ThrustAligned
 from .path.track import Track as Track
