@@ -188,7 +188,7 @@ def _require_regular(route: Route) -> None:
     square = rows[0] * rows[0] + rows[1] * rows[1] + rows[2] * rows[2]
     found = decide(Claim(square - BoundedPolynomial.constant(least**2)), count)
     if not found.proved.all():
-        at = np.linspace(0.0, float(route.duration), 1 + SAMPLES * count)
+        at: Any = np.linspace(0.0, float(route.duration), 1 + SAMPLES * count)
         slowest = int(np.argmin(np.linalg.norm(route.sampled(at, 1)[1], axis=1)))
         place = ", ".join(f"{x:.6g}" for x in np.round(np.asarray(route.position(at[slowest])), 6) + 0.0)
         raise ValueError(
