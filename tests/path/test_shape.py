@@ -173,3 +173,12 @@ def test_route_with_a_stop_or_different_ends_is_no_shape():
 def test_limits_that_need_times_are_refused():
     with pytest.raises(ValueError, match=r"no times, so limits on speed.*qtraj\.retime"):
         qt.certify(qt.Shape.through(ellipse()), qt.Limits(speed=10.0, curvature=0.1))
+
+
+def test_dataset_of_a_shape():
+    widths = np.full((20, 2), [3.0, 4.5])
+    found = qt.Shape.through(ellipse(count=20), widths=widths).to_xarray()
+    np.testing.assert_allclose(found.position.values[:-1], ellipse(count=20), atol=1e-9)
+    np.testing.assert_array_equal(found.widths.sel(side="left"), 4.5)
+    assert found.parameter.attrs["units"] == "m"
+    assert "side" not in qt.Shape.through(ellipse()).to_xarray().coords
