@@ -110,6 +110,7 @@ def retime(
     on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it starts or
     has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
     """
+    of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
         free = start_speed is None and end_speed is None
         path, stop_speed, periodic = path.route, 0.0, path.closed and free if periodic is None else periodic
@@ -135,7 +136,7 @@ def retime(
     if not is_traced(path, bounds, road, speeds):
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     found = _retimed(path, parts, standing, bounds, road, speeds, names, lap)
-    retimed = Retimed(*found, vehicle)
+    retimed = Retimed(*found, vehicle, of_shape)
     return retimed.check() if throw else retimed
 
 

@@ -64,6 +64,15 @@ def read_gpx(
     return ColumnTable(columns, "point"), bounds, (*notes, *([note] if note else []))
 
 
+def has_times(path: Path, data: bytes) -> bool:
+    """Return whether a point of a track or a route has a time.
+
+    **Raises:** ValueError for a file that cannot be read, or without points.
+    """
+    _, parts = _parts(path, _parsed(path, data), True)
+    return any(point.time is not None for part in parts for point in part)
+
+
 def _parsed(path: Path, data: bytes) -> Any:
     require_package("gpxpy", f"{path}: reading GPX files", "exchange")
     import gpxpy
