@@ -89,8 +89,8 @@ class SpeedProfile(AbstractResult):
 
     def record(self) -> Record:
         """Return the samples, cells, limits and stops with the dimensions `time`, `cell`, `limit` and `stop`."""
-        time, limit = ("time",), ("limit",)
-        unit = "m" if np.isnan(np.asarray(self.durations)[..., 0]).any() else "s"  # a shape has no times
+        of_shape = np.isnan(np.asarray(self.durations)[..., 0]).any()
+        time, limit, unit = ("time",), ("limit",), "m" if of_shape else "s"
         variables = {
             "parameter": Quantity(self.parameter, unit, "parameter of the original path", time),
             "distance": Quantity(self.distance, "m", "distance travelled", time),
@@ -126,7 +126,7 @@ class SpeedProfile(AbstractResult):
 
     def _summary(self) -> str:
         before, after = np.asarray(self.durations).tolist()
-        instead = f" instead of {before:.6g} s" if np.isfinite(before) else ""
+        instead = "" if np.isnan(before) else f" instead of {before:.6g} s"
         reached = (f"{name} {100 * share:.3g} %" for name, share in zip(self.names, self.shares.tolist(), strict=True))
         return f"{float(self.distance[-1]):.6g} m in {after:.6g} s{instead}; {', '.join(reached)}"
 
@@ -161,7 +161,6 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     largest = usage.argmax(axis=0)
     active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
     shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
-    before = np.asarray(np.nan if timed.of_shape else timed.path.path.duration, float)
     stops, places = _stops(found.times, distance, still)
     return SpeedProfile(
         names,
@@ -177,7 +176,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         active=as_array(active, jnp.int32),
         limits=as_float(limits),
         shares=as_float(shares),
-        durations=as_float(np.stack([before, np.asarray(timing.duration)])),
+        durations=as_float([np.nan if timed.of_shape else float(timed.path.path.duration), float(timing.duration)]),
         stops=as_float(stops),
         stop_distance=as_float(places),
     )
