@@ -99,7 +99,6 @@ def expected():
     ],
     ids=lambda value: value["type"],
 )
-@pytest.mark.filterwarnings("ignore:1 geometries")
 def test_geojson_is_projected(tmp_path, value):
     shape = qt.read_shape(geojson(tmp_path, value))
     np.testing.assert_allclose(shape.points, expected(), atol=1e-6)

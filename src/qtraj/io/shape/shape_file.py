@@ -102,8 +102,8 @@ def read_line(file: Any, closed: bool | None = None, tolerance: float | None = N
             shape = Shape.through(positions[rows], closed, tolerance, widths)
         except ValueError as error:
             raise ValueError(f"{source.name}: {error}") from error
-    notes = (*source.notes, *(str(x.message) for x in caught))
-    return ShapeRead(shape, _facts(source, chosen, shape, len(positions[rows])), notes)
+    facts = _facts(source, chosen, shape, len(positions[rows]))
+    return ShapeRead(shape, facts, tuple(str(x.message) for x in caught))
 
 
 def _source(file: Any, reading: Reading) -> Source:
@@ -177,12 +177,13 @@ def _facts(source: Source, chosen: Mapping[str, tuple[str, ...]], shape: Shape, 
     used = {name for names in chosen.values() for name in names}
     left = [name for name in source.table.header if name not in used]
     kind = "closed" if shape.closed else "open"
-    omitted = f"; left out: {', '.join(left[:8])}{', …' if len(left) > 8 else ''}" if left else ""
+    omitted = f"left out: {', '.join(left[:8])}{', …' if len(left) > 8 else ''}" if left else ""
+    more = "".join(f"; {text}" for text in (omitted, *source.notes) if text)
     widths = (
         f"widths: {', '.join(chosen['widths'])}, to the right and to the left" if "widths" in chosen else "no widths"
     )
     return (
         f"position: {', '.join(chosen['position'])}{'' if len(chosen['position']) == 3 else ', height 0 m'}",
         widths,
-        f"{kind} curve of {length_text(float(shape.length))} through {count} points, without times{omitted}",
+        f"{kind} curve of {length_text(float(shape.length))} through {count} points, without times{more}",
     )

@@ -64,13 +64,12 @@ def read_gpx(
     return ColumnTable(columns, "point"), bounds, (*notes, *([note] if note else []))
 
 
-def has_times(path: Path, data: bytes) -> bool:
-    """Return whether a point of a track or a route has a time.
-
-    **Raises:** ValueError for a file that cannot be read, or without points.
-    """
-    _, parts = _parts(path, _parsed(path, data), True)
-    return any(point.time is not None for part in parts for point in part)
+def has_times(data: bytes) -> bool:
+    """Return whether a point of a track, otherwise of a route, otherwise a waypoint has a time; nothing is parsed."""
+    for name in (b"trkpt", b"rtept", b"wpt"):
+        if first := re.search(rb"<(\w+:)?" + name + rb"\b", data):
+            return re.search(rb"<(\w+:)?time\b", data[first.end() :]) is not None
+    return True
 
 
 def _parsed(path: Path, data: bytes) -> Any:
