@@ -147,6 +147,17 @@ def test_open_shape_is_timed_between_given_speeds():
     assert float(standing.speeds[0]) == 0
 
 
+@pytest.mark.parametrize("seed", [14, 16, 35, 36])
+def test_sharp_turns_are_not_taken_for_reversals(seed):
+    """Between few points that turn back, the spline turns by more than 90° within a few percent of a segment."""
+    rng = np.random.default_rng(seed)
+    sharp = np.array([[0.0, 0], [10, 0.3], [0.4, 1.0], [12, 2.0]]) + rng.normal(0, 0.05, (4, 2))
+    shape = qt.Shape.through(sharp)
+    timed = qt.retime(shape, qt.Limits(speed=20.0, acceleration=5.0), start_speed=0.0, end_speed=0.0)
+    assert timed.converged, timed.result
+    assert timed.certificate.holds
+
+
 def test_closed_path_that_is_no_shape():
     route = circle().route
     limits = qt.Limits(lateral_acceleration=9.0, longitudinal_acceleration=2.0)

@@ -126,7 +126,7 @@ def retime(
     given = limits.given()
     if isinstance(path, Route):
         path = standing_route(path, *require_stop(stop_speed, stop_distance))
-    parts, standing = of_path(path, knots, "jerk" in given)
+    parts, standing = of_path(path, knots, "jerk" in given, of_shape)
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
