@@ -59,6 +59,11 @@ class Shape(AbstractResult):
         require_type(route, Route, "route", "a Route; for points use qtraj.Shape.through(points)")
         if route.duration.ndim or is_traced(route):
             raise ValueError("a shape needs one route with concrete values: create it outside jit, grad and vmap")
+        if getattr(route, "progress", None) is not None:
+            raise ValueError(
+                "a shape has no stops, but this route stops: create the shape from points along it, with "
+                "qtraj.Shape.through(points)"
+            )
         self.route, self.closed = route, bool(closed)
         own = None if widths is None else checked_widths(widths, route.segments + 1)
         self.widths = None if own is None else as_float(own)
