@@ -118,6 +118,8 @@ def test_derivative_of_the_lap_time():
 
     known = (float(lap(9.0 + step)) - float(lap(9.0 - step))) / (2 * step)
     assert float(jax.grad(lap)(9.0)) == pytest.approx(known, rel=0.02)
+    with pytest.raises(ValueError, match=r"needs concrete values.*once for each shape"):
+        jax.jit(lap)(9.0)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from qtraj.design.limits import Limits
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.retime import retime
-from qtraj.foundation.arrays import concrete, constants
+from qtraj.foundation.arrays import concrete, constants, is_traced
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 
@@ -82,9 +82,15 @@ def _middle(shape: Shape, sides: Float[np.ndarray, "n 2"]) -> tuple[Shape, Float
 def _timed(shape: Shape, limits: Limits) -> Route:
     """Return the shape with its fastest timing as a route with the same joints.
 
-    **Raises:** ValueError if the limits do not bound the speed, or the timing fails.
+    **Raises:** ValueError inside jit or vmap, if the limits do not bound the speed, or if the timing fails.
     """
-    timed = retime(shape, constants(limits.on_timing()))
+    known = constants(limits.on_timing())
+    if is_traced(known):
+        raise ValueError(
+            "tune_route needs concrete values: differentiate it with grad, jvp, jacfwd or jacrev, but call these "
+            "outside jit and vmap, once for each shape"
+        )
+    timed = retime(shape, known)
     if not np.isfinite(np.asarray(timed.timing.times)).all() or not timed.converged:
         raise ValueError(
             f"tune_route starts from the fastest timing of the shape, but the search for it failed: {timed.result}"
