@@ -31,6 +31,7 @@ from .foundation.progress import Progress as Progress
 from .io import exchange as exchange
 from .io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
 from .io.label import label as label
+from .io.shape.shape_file import read_shape as read_shape
 from .io.stored import load as load
 from .io.track.attitude_angles import AttitudeAngles as AttitudeAngles
 from .io.track.tangent_plane import TangentPlane as TangentPlane
@@ -113,6 +114,7 @@ from .path.residual import Residual as Residual
 from .path.route import Route as Route
 from .path.route_nearest import Nearest as Nearest
 from .path.sample_times import sample_times as sample_times
+from .path.shape import Shape as Shape
 from .path.spiral_helix import SpiralHelix as SpiralHelix
 from .path.thrust_aligned import ThrustAligned as ThrustAligned
 from .path.track import Track as Track

@@ -18,6 +18,7 @@ STORED = {
     "path": PATH,
     "route": qt.Route.from_path(PATH),
     "tuned": qt.tune(START, END, qt.Limits(curvature=3.0)),
+    "shape": qt.Shape.through([[0.0, 0], [5, 1], [9, 4], [9, 9]], widths=[[1.0, 2]] * 4),
     "retimed": qt.retime(PATH, qt.Limits(speed=20.0, acceleration=40.0)),
     "turn": qt.EulerTurn([1.0, 0, 0, 0], [1.0, 1, 0, 0], qt.Quintic(duration=2.0)),
     "program": qt.FrameProgram(PATH),

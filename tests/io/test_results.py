@@ -413,6 +413,7 @@ def test_functions_return_results():
         qt.TunedRoute,
     }
     wanted |= {
+        qt.Shape,
         qt.ArmMotion,
         qt.Attitude,
         qt.BodyMotion,

@@ -18,6 +18,7 @@ from qtraj.foundation.number_text import decimals, digits
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.design.fitting.fitted_route import FittedRoute
+    from qtraj.io.shape.shape_file import ShapeRead
     from qtraj.io.track.reading import Recording as ReadTrack
 
 Part = RenderableType | None
@@ -82,6 +83,13 @@ def recording(read: "ReadTrack | None") -> list[Part]:
     if read is None:
         return []
     return [heading("Recording"), *read.facts, *(styled(f"Note: {as_options(note)}", NOTE) for note in read.notes)]
+
+
+def line(read: "ShapeRead | None") -> list[Part]:
+    """Return what was read from a curve without times, and what is odd in it; return an empty list for None."""
+    if read is None:
+        return []
+    return [heading("Shape"), *read.facts, *(styled(f"Note: {note}", NOTE) for note in read.notes)]
 
 
 def fit(fitted: "Fitted | FittedRoute | None", more: Iterable[tuple[str, str]] = ()) -> list[Part]:

@@ -23,14 +23,15 @@ if TYPE_CHECKING:
     "qtraj retime  (the built-in scenario)",
     "qtraj retime bus.toml --out results",
     "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+    "qtraj retime centre_line.csv --limit speed=60 --limit lateral_acceleration=15 --limit longitudinal_acceleration=8",
 )
 def retime(
     watch: Watch,
     scenario: Path | None = typer.Argument(
         None,
         metavar="SCENARIO",
-        help="A scenario (TOML) of a path or a recorded drive, a recording, or a saved path (default: the "
-        "built-in scenario).",
+        help="A scenario (TOML) of a path or a recorded drive, a recording, a curve without times (CSV, GPX, GeoJSON), "
+        "or a saved path (default: the built-in scenario).",
     ),
     limit: list[str] | None = typer.Option(
         None, metavar="NAME=VALUE", help="A limit, such as speed=13.9, in SI units. Overrides the scenario; repeatable."
@@ -51,11 +52,13 @@ def retime(
     """Find the fastest timing along a path of given shape, and prove that the limits are satisfied on the whole path.
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
-    With a table [tune], the path is tuned first. Stops of a drive keep their durations. Limits that the search does not
-    support, such as the curvature, are checked on the result. The command writes a dataset (paths.nc), the retimed path
-    (path.json), the whole result (retimed.json), the timing over time and distance (timing.nc, timing.csv), a figure
-    (retime.png, retime.svg) and an HTML report (report.html). The exit code is 1 if a limit is not satisfied, the path
-    does not fit its recording, the tuning or the search fails, or an end speed cannot be reached.
+    A curve without times, such as the centre line of a race track, needs no scenario; a closed one is timed as a flying
+    lap, unless --start-speed or --end-speed is given. With a table [tune], the path is tuned first. Stops of a drive
+    keep their durations. Limits that the search does not support, such as the curvature, are checked on the result. The
+    command writes a dataset (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over
+    time and distance (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The
+    exit code is 1 if a limit is not satisfied, the path does not fit its recording, the tuning or the search fails, or
+    an end speed cannot be reached.
     """
     watch.say("reading")
     from qtraj.scenario.route import read_retiming  # imported here, so that --help does not wait for pydantic
@@ -111,6 +114,7 @@ def _content(loaded: "ScenarioFile[Any]", result: Result) -> dict[str, Any]:
     task, tuned, timed, certificate, profile = result
     return {
         "recording": recorded(task.recording),
+        "shape": _shape(loaded),
         "fit": facts_of(task.fitted),
         "purpose": getattr(loaded.scenario, "purpose", {}),
         "tuned": None if tuned is None else plain(tuned.record()),
@@ -119,6 +123,14 @@ def _content(loaded: "ScenarioFile[Any]", result: Result) -> dict[str, Any]:
         "profile": plain(profile.record()),
         "result": timed.result,
     }
+
+
+def _shape(loaded: "ScenarioFile[Any]") -> dict[str, Any] | None:
+    """Return what was read from a curve without times, and whether it is closed; None for other files."""
+    if loaded.line is None:
+        return None
+    shape, facts, notes = loaded.line
+    return {"closed": shape.closed, "length": float(shape.length), "facts": list(facts), "notes": list(notes)}
 
 
 def _files(loaded: "ScenarioFile[Any]", result: Result) -> "dict[str, Writer]":
@@ -136,12 +148,14 @@ def _text(loaded: "ScenarioFile[Any]", result: Result) -> list[layout.Part]:
 
     task, tuned, timed, certificate, profile = result
     limits = retimed_limit_rows(certificate, profile)
+    closed = loaded.line is not None and loaded.line.shape.closed
     return [
         *layout.recording(task.recording),
+        *layout.line(loaded.line),
         *layout.fit(task.fitted),
         *([] if tuned is None else [layout.heading("Tuning"), tuned.result]),
         layout.limits("Limits on the retimed path, and where they bound the speed", limits, "reached on"),
         *(f"{name}: {text}" for name, text in getattr(loaded.scenario, "purpose", {}).items()),
-        layout.facts("Result", retimed_fact_rows(timed, profile)),
+        layout.facts("Result", retimed_fact_rows(timed, profile, closed)),
         timed.result,
     ]

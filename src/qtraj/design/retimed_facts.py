@@ -10,13 +10,15 @@ from qtraj.foundation.number_text import intervals
 from qtraj.foundation.size_text import duration_text, length_text
 
 
-def retimed_fact_rows(timed: Retimed, profile: SpeedProfile) -> list[tuple[str, str]]:
-    """Return duration, length, speeds at the ends and stops as pairs of a name and a text."""
+def retimed_fact_rows(timed: Retimed, profile: SpeedProfile, lap: bool = False) -> list[tuple[str, str]]:
+    """Return duration, length, speeds at the ends and stops as pairs of a name and a text; `lap`: a flying lap."""
     length, (before, after) = float(profile.distance[-1]), np.asarray(profile.durations).tolist()
     start, end = np.asarray(timed.speeds).tolist()
+    instead = f" instead of {duration_text(before, 6)}" if np.isfinite(before) else ""
+    name = "lap time" if lap else "duration"
     mean = f", at {length / after:.4g} m/s on average" if np.isfinite(after) else ""
     rows = [
-        ("duration", f"{duration_text(after, 6)} instead of {duration_text(before, 6)}"),
+        (name, f"{duration_text(after, 6)}{instead}"),
         ("length", f"{length_text(length)}{mean}"),
         ("speed", f"{_speed(start)} at the start, {_speed(end)} at the end"),
     ]

@@ -61,7 +61,7 @@ class SpeedProfile(AbstractResult):
     - `limits` (k,), in the units of `values`.
     - `shares` (k,): the fraction of the distance on which the quantity reaches at least 99 % of its limit.
       Several limits may be reached at the same point.
-    - `durations` (2,) [s] of the original and of the retimed path.
+    - `durations` (2,) [s] of the original and of the retimed path; the first one is NaN for a shape.
     - `stops` (s, 2) [s]: the time intervals at rest; for a start or an end at rest, the interval has zero length.
     - `stop_distance` (s,) [m]: the distances at which the vehicle is at rest.
     """
@@ -89,9 +89,10 @@ class SpeedProfile(AbstractResult):
 
     def record(self) -> Record:
         """Return the samples, cells, limits and stops with the dimensions `time`, `cell`, `limit` and `stop`."""
-        time, limit = ("time",), ("limit",)
+        of_shape = np.isnan(np.asarray(self.durations)[..., 0]).any()
+        time, limit, unit = ("time",), ("limit",), "m" if of_shape else "s"
         variables = {
-            "parameter": Quantity(self.parameter, "s", "parameter of the original path", time),
+            "parameter": Quantity(self.parameter, unit, "parameter of the original path", time),
             "distance": Quantity(self.distance, "m", "distance travelled", time),
             "speed": Quantity(self.speed, "m s-1", "speed", time),
             "tangential_acceleration": Quantity(
@@ -125,8 +126,9 @@ class SpeedProfile(AbstractResult):
 
     def _summary(self) -> str:
         before, after = np.asarray(self.durations).tolist()
+        instead = "" if np.isnan(before) else f" instead of {before:.6g} s"
         reached = (f"{name} {100 * share:.3g} %" for name, share in zip(self.names, self.shares.tolist(), strict=True))
-        return f"{float(self.distance[-1]):.6g} m in {after:.6g} s instead of {before:.6g} s; {', '.join(reached)}"
+        return f"{float(self.distance[-1]):.6g} m in {after:.6g} s{instead}; {', '.join(reached)}"
 
     def plot(self, title: str = "") -> Figure:
         """Plot the speed against the distance, coloured by the active limit, and each limited acceleration and jerk.
@@ -174,7 +176,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         active=as_array(active, jnp.int32),
         limits=as_float(limits),
         shares=as_float(shares),
-        durations=as_float(np.stack([np.asarray(timed.path.path.duration), np.asarray(timing.duration)])),
+        durations=as_float([np.nan if timed.of_shape else float(timed.path.path.duration), float(timing.duration)]),
         stops=as_float(stops),
         stop_distance=as_float(places),
     )

@@ -32,6 +32,8 @@ def retimed_dataset(
 ) -> xarray.Dataset:
     """Create a `path_dataset` of the original path, named "before", and the retimed path, named "after".
 
+    A shape has no times, so its dataset contains only the retimed path.
+
     The variable `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to
     within 1 %. `limits` and `certificate` may contain additional limits on the shape of the path. By default,
     `certificate` is the certificate of the retiming, and `limits` are the limits of this certificate.
@@ -41,7 +43,7 @@ def retimed_dataset(
     profile = speed_profile(timed) if profile is None else profile
     cells = np.shape(timed.timing.coefficients)[0]
     dataset = path_dataset(
-        {"before": timed.path.path, "after": timed.path},
+        ({} if timed.of_shape else {"before": timed.path.path}) | {"after": timed.path},
         Limits(**given, vehicle=timed.vehicle) if limits is None else limits,
         track,
         samples=int(np.clip(SAMPLES_PER_CELL * cells + 1, MIN_SAMPLES, MAX_SAMPLES)),

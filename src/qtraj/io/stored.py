@@ -50,6 +50,7 @@ HOMES = (
     "qtraj.path.placement",
     "qtraj.path.residual",
     "qtraj.path.route",
+    "qtraj.path.shape",
     "qtraj.path.spiral_helix",
     "qtraj.path.thrust_aligned",
     "qtraj.path.track",

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from qtraj.foundation.model_fault import explain, unknown_keys
 from qtraj.io.input_file import InputFile, read_input, with_track
+from qtraj.io.shape.shape_file import ShapeRead
 from qtraj.scenario import KINDS
 
 S = TypeVar("S", bound=BaseModel | None)
@@ -18,15 +19,16 @@ S = TypeVar("S", bound=BaseModel | None)
 
 @dataclass(frozen=True)
 class ScenarioFile(Generic[S]):
-    """A scenario and its file; for a saved object, the scenario is None.
+    """A scenario and its file; for a saved object and a shape, the scenario is None.
 
-    `hash`: as in `InputFile`. `warnings`: messages about renamed keys.
+    `hash`: as in `InputFile`. `warnings`: messages about renamed keys. `line`: a curve without times in the file.
     """
 
     file: Path
     scenario: S
     hash: str
     warnings: tuple[str, ...] = ()
+    line: ShapeRead | None = None
 
     def beside(self, name: str) -> Path:
         """Return the path of the file with this name, relative to the folder of the scenario."""

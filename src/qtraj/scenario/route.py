@@ -1,6 +1,6 @@
 """Define the scenario keys of recorded drives, fit their routes, and read the input of `qtraj retime`.
 
-`qtraj retime` reads scenarios of paths and of recorded drives, recordings, and saved paths.
+`qtraj retime` reads scenarios of paths and of recorded drives, recordings, saved paths, and curves without times.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -22,9 +22,11 @@ from qtraj.io.track.reading import Recording
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.route import Route
+from qtraj.path.shape import Shape
 from qtraj.path.track import STANDSTILL, Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
+from qtraj.scenario.line import limits_of_line, line_in
 from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
@@ -99,7 +101,7 @@ class RouteTask(NamedTuple):
     function reports the progress.
     """
 
-    path: AbstractHodograph
+    path: AbstractHodograph | Shape
     limits: Limits
     recording: Recording | None = None
     fitted: Any = None
@@ -156,11 +158,13 @@ def read_retiming(
 ) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
 
-    `limits` and `track` replace limits and keys of [track] in the scenario, or are added to them. For a saved path, the
-    field `scenario` of the result is None.
+    `limits` and `track` replace limits and keys of [track] in the scenario, or are added to them. For a saved path and
+    a curve without times, the field `scenario` of the result is None.
 
     **Raises:** OSError if the file cannot be read; ValueError, which names the file, if the file is not valid.
     """
+    if file is not None and (line := line_in(file, track)) is not None:
+        return line
     given = with_track(read_input(EMBEDDED if file is None else file), track)
     if given.is_saved:
         return ScenarioFile(given.file, None, given.hash)
@@ -178,6 +182,8 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RouteTas
     **Raises:** OSError if a file cannot be read; ValueError, which names the scenario, if the data do not define a
     path.
     """
+    if loaded.line is not None:
+        return RouteTask(loaded.line.shape, limits_of_line(limits))
     if loaded.scenario is None:
         return RouteTask(saved_hodograph(loaded.file), _without_vehicle(limits, loaded.file.name))
     if isinstance(loaded.scenario, RouteScenario):

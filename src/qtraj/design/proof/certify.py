@@ -18,6 +18,7 @@ from qtraj.design.proof.judge import Findings, Limit, judge
 from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.proof.shape import certify_shape
 from qtraj.design.proof.sources import Source
 from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
@@ -26,6 +27,7 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
+from qtraj.path.shape import Shape
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle import RoadParameters
 
@@ -35,7 +37,7 @@ BLOCK_SIZE = 512
 
 @overload
 def certify(  # pyright: ignore[reportOverlappingOverload]
-    path: Route,
+    path: Route | Shape,
     limits: Limits,
     *,
     corridor: ArrayInput | None = None,
@@ -52,7 +54,7 @@ def certify(
     throw: bool = False,
 ) -> Certificate: ...
 def certify(
-    path: AbstractHodograph,
+    path: AbstractHodograph | Shape,
     limits: Limits,
     *,
     corridor: ArrayInput | None = None,
@@ -91,22 +93,26 @@ def certify(
     velocity approaches there. A segment without motion satisfies every limit that does not depend on the road. The
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
+    A `Shape` is checked like a route, with limits on curvature, torsion and slope only.
+
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
     contributes to the distance as an arc length.
 
     **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a
-    reference, or with a reference about a different axis. RuntimeError with `throw` if a limit is violated, undecided
-    or undefined.
+    reference, or with a reference about a different axis; for a shape and a limit that depends on times.
+    RuntimeError with `throw` if a limit is violated, undecided or undefined.
     """
-    require_path(path)
+    if not isinstance(path, Shape):
+        require_path(path)
     require_limits(limits)
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
-    if isinstance(path, Route):
+    if isinstance(path, Route | Shape):
         if corridor is not None:
-            raise ValueError("a corridor is supported only for a SpiralHelix, but a Route was given: omit corridor=")
-        found = certify_route(path, limits)
+            kind = type(path).__name__
+            raise ValueError(f"a corridor is supported only for a SpiralHelix, but a {kind} was given: omit corridor=")
+        found = certify_shape(path, limits) if isinstance(path, Shape) else certify_route(path, limits)
         return found.check() if throw else found
     retimed = isinstance(path, RetimedPath)
     certificate = certify_retimed(path, limits, _certify) if retimed else _certify(path, limits)

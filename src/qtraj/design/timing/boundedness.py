@@ -82,7 +82,12 @@ def unbounded(program: Program, a: Float[Any, "batch 2 cells+1"], stops: Bool[An
     at_end[0], at_end[-1] = stops
     low, high = _slopes(c, most)
     possible = (c.upper <= 2 / most) & (standing == 0) & ~at_end & (low <= high)
-    found = _any(possible, low, high) if c.jerk is None else _linear(c.jerk, place, most, possible, low, high)
+    if c.jerk is not None:
+        found = _linear(c.jerk, place, most, possible, low, high)
+    elif program.nodes.seam:  # a lap has no ends
+        found = _any_of_lap(possible, low, high)
+    else:
+        found = _any(possible, low, high).any(axis=-1)
     return found | ((_in_order(a) > 0.5 * most) & (standing == 0)).any(axis=-1)
 
 
@@ -123,13 +128,20 @@ def _within(low: Nodes, high: Nodes, limited: np.ndarray, middle: Nodes, square:
     )
 
 
-def _any(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[Any, " batch"]:
-    """Return whether a = u̇² can be large at all three nodes of some cell."""
+def _any_of_lap(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[Any, " batch"]:
+    """Return whether a = u̇² can be large on some cell of a lap, which is between two other laps."""
+    count = possible.shape[-1] - 1
+    laps = (np.tile(x[..., :-1], 3) for x in (possible, low, high))
+    return _any(*laps)[..., count : 2 * count].any(axis=-1)
+
+
+def _any(possible: np.ndarray, low: Nodes, high: Nodes) -> Bool[Any, "batch triples"]:
+    """Return for each three consecutive nodes whether a = u̇² can be large at all of them."""
     ends = np.arange(possible.shape[-1])
     begun = _reached(possible, (high == np.inf) | (ends == 0))
     left = _reached(possible[:, ::-1], ((low == -np.inf) | (ends == ends.size - 1))[:, ::-1])[:, ::-1]
     large = begun & left
-    return (large[:, :-2] & large[:, 1:-1] & large[:, 2:]).any(axis=-1)
+    return large[:, :-2] & large[:, 1:-1] & large[:, 2:]
 
 
 def _reached(possible: np.ndarray, entered: np.ndarray) -> np.ndarray:

@@ -3,10 +3,11 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import steady
+from qtraj.design.timing.seam import repeated
 
 RANGE, RAMP, SMOOTHED = 1e3, 32, 32
 """In the initial iterate, upper bounds on a = u̇² are at most `RANGE` times the lowest bound. The function a grows from
@@ -41,16 +42,35 @@ def initial(p: Program) -> Float[Any, "batch cells+3"]:
     pace = pace if c.road is None else np.maximum(pace, np.abs(c.road.along[2, :, 0]))
     # The least value matters where the acceleration is unlimited.
     pace = np.maximum(pace, 2 * count / RAMP / highest.max(axis=1, keepdims=True))
+    standing, width = np.broadcast_to(p.nodes.standing[0] > 0, pace.shape), count // SMOOTHED
+    if p.nodes.seam:  # a lap between two others
+        laps = np.concatenate([knots[:-1] + k * (knots[-1] - knots[0]) for k in range(3)])
+        highest, pace, standing = (np.tile(x[:, :-1], 3) for x in (highest, pace, standing))
+        a = _reachable(laps, highest, pace, standing, width)
+        own = a[:, count - 2 : 2 * count]
+        return repeated(own, 1.0)
+    a = _reachable(knots, highest, pace, standing, width)
+    ends = [(2 * a[:, [i]] + a[:, [m]]) / 3 for i, m in ((0, 1), (-1, -2))]
+    return np.concatenate([a[:, :1], ends[0], a[:, 1:-1], ends[1], a[:, -1:]], axis=1) * p.nodes.free
+
+
+def _reachable(
+    knots: Float[Any, " knots"],
+    highest: Float[Any, "batch knots"],
+    pace: Float[Any, "batch knots"],
+    standing: Bool[Any, "batch knots"],
+    widest: int,
+) -> Float[Any, "batch knots"]:
+    """Return the largest a = u̇² below `highest` whose slope satisfies the bound, averaged over `widest` knots."""
     steps = np.diff(knots, prepend=knots[:1])
     x = np.cumsum(steps * (pace + np.concatenate([pace[:, :1], pace[:, :-1]], axis=1)), axis=1)
-    energy = np.where(p.nodes.standing[0] > 0, 0.0, highest * pace**2)
+    energy = np.where(standing, 0.0, highest * pace**2)
     rising = np.minimum.accumulate(energy - x, axis=1) + x
     falling = np.minimum.accumulate((energy + x)[:, ::-1], axis=1)[:, ::-1] - x
     a = np.minimum(rising, falling) / pace**2
-    k = np.arange(count)
-    width = np.minimum(np.minimum(k, count - 1 - k), count // SMOOTHED)
+    k = np.arange(knots.size)
+    width = np.minimum(np.minimum(k, knots.size - 1 - k), widest)
     for _ in range(2):  # averaged twice: one moving average leaves jumps in da/du
         whole = np.concatenate([np.zeros_like(a[:, :1]), np.cumsum(a, axis=1)], axis=1)
         a = (whole[:, k + width + 1] - whole[:, k - width]) / (2.0 * width + 1.0)
-    ends = [(2 * a[:, [i]] + a[:, [m]]) / 3 for i, m in ((0, 1), (-1, -2))]
-    return np.concatenate([a[:, :1], ends[0], a[:, 1:-1], ends[1], a[:, -1:]], axis=1) * p.nodes.free
+    return a

@@ -25,6 +25,7 @@ from qtraj.design.timing.constraints import (
     values,
     weighted,
 )
+from qtraj.design.timing.seam import folded, order, repeated
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band, products
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
@@ -149,7 +150,7 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
     ratio = z * inv_slacks
     curvature = second_derivatives(p.constraints, slope, v, z, ratio, a)
     curvature[0, 0] += 0.75 * pace * inverse * inverse
-    band = factored(p.nodes.free, table, curvature)
+    band = factored(p.nodes.free, table, curvature, bool(p.nodes.seam))
     count = z[:, 0].size
     mean, time = _sum(s.slacks * z) / count, _sum(pace)
     residual = violations + s.slacks
@@ -199,19 +200,31 @@ def _gradient(
 
 
 class _Scaled(NamedTuple):
-    """A factored matrix that was scaled to a unit diagonal, and the scale of its rows and columns."""
+    """A factored matrix that was scaled to a unit diagonal, and the scale of its rows and columns.
+
+    For a lap, the rows are in the order of `seam.order`, and the coefficients that repeat others have none.
+    """
 
     factored: Factored
-    scale: Float[Any, "batch cells+3"]
+    scale: Float[Any, "batch rows"]
+    lap: bool = False
 
 
 def factored(
     free: Float[Any, " cells+3"],
     table: np.ndarray,
     curvature: Float[Any, "orders orders batch 2 cells+1"],
+    lap: bool = False,
 ) -> _Scaled:
-    """Factorise the band matrices of the second derivatives `curvature` at the nodes."""
+    """Factorise the band matrices of the second derivatives `curvature` at the nodes; those of a `lap` are cyclic."""
     own, *below = gathered_band(table, curvature)
+    if lap:
+        rows = folded((own, *below))
+        scale = 1 / np.sqrt(rows[..., -1])
+        rows[..., -1] = 1.0 + 1e-14
+        for k in range(1, rows.shape[2]):
+            rows[:, k:, -1 - k] *= scale[:, k:] * scale[:, :-k]
+        return _Scaled(factor(rows), scale, True)
     scale = free / np.sqrt(np.where(free > 0, own, 1.0))
     band = np.empty((*own.shape, 1 + len(below)))
     band[..., -1] = 1.0 + 1e-14
@@ -223,6 +236,10 @@ def factored(
 
 def solved(s: _Scaled, right: Float[Any, "batch cells+3"]) -> Float[Any, "batch cells+3"]:
     """Solve the linear systems with factorised matrices."""
+    if s.lap:
+        rows, found = order(s.scale.shape[1]), np.zeros_like(right)
+        found[:, rows] = solve_band(s.factored, right[:, rows] * s.scale) * s.scale
+        return repeated(found, 1.0)
     return solve_band(s.factored, right * s.scale) * s.scale
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -40,6 +41,7 @@ class Retimed(AbstractOutcome):
     - `code`: a `ResultCode`.
     - `iterations`: the number of steps of all searches.
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
+    - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
     """
 
     path: RetimedPath
@@ -50,6 +52,7 @@ class Retimed(AbstractOutcome):
     code: Int[Any, "*batch"]
     iterations: Int[Any, "*batch"]
     vehicle: Vehicle | None
+    of_shape: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -61,8 +64,9 @@ class Retimed(AbstractOutcome):
         code: ArrayInput,
         iterations: ArrayInput,
         vehicle: Vehicle | None = None,
+        of_shape: bool = False,
     ):
-        self.path, self.certificate, self.vehicle = path, certificate, vehicle
+        self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
@@ -144,7 +148,10 @@ class Retimed(AbstractOutcome):
             "end_speeds": Quantity(self.speeds, "m s-1", "speed at the start and at the end", ("end",)),
             "cell_time": Quantity(self.timing.times, "s", "times of the timing's knots", ("knot",)),
             "cell_parameter": Quantity(
-                self.timing.knots, "s", "parameters of the knots on the original path", ("knot",)
+                self.timing.knots,
+                "m" if self.of_shape else "s",
+                "parameters of the knots on the original path",
+                ("knot",),
             ),
             "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
             "code": Quantity(self.code, "1", "result code of the search"),

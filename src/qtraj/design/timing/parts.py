@@ -49,10 +49,12 @@ def standing(route: Route, speed: float | None, distance: float) -> Route:
     return with_stops(route, segments, min(STOP_SPEED, SLOW * fastest(segments)) if speed is None else speed, distance)
 
 
-def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
+def of_path(
+    path: AbstractHodograph, knots: int, jerk: bool, regular: bool = False
+) -> tuple[list[Part], tuple[bool, bool]]:
     """Return the parts in order, and whether the velocity of a route is zero at its start and at its end.
 
-    `jerk` indicates whether the jerk is limited.
+    `jerk` indicates whether the jerk is limited, and `regular` whether it is known that the velocity is never zero.
 
     **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route that reverses within a
     segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration jumps.
@@ -64,7 +66,8 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
     still = np.asarray(~segments.coefficients[:, 1:].any(axis=(1, 2)))
     if still.all():
         raise ValueError("the vehicle is at rest on the whole route, so there is nothing to retime")
-    _require_no_stop_within(segments, still)
+    if not regular:
+        _require_no_stop_within(segments, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
     cut = slow[1:, 0] | slow[:-1, 1]
     _require_smooth(segments, cut, jerk)

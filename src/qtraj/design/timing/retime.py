@@ -15,7 +15,8 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES, listed
-from qtraj.design.timing.grid import path_derivatives
+from qtraj.design.timing.ends import begun
+from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import (
     STOP_DISTANCE,
@@ -46,6 +47,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.route import Route
+from qtraj.path.shape import Shape
 from qtraj.path.vehicle import RoadParameters
 
 KNOTS = 512
@@ -55,7 +57,7 @@ REACHED = 1e-5
 
 
 def retime(
-    path: AbstractHodograph,
+    path: AbstractHodograph | Shape,
     limits: Limits,
     start_speed: ArrayInput | None = None,
     end_speed: ArrayInput | None = None,
@@ -63,6 +65,7 @@ def retime(
     *,
     stop_speed: float | None = None,
     stop_distance: float = STOP_DISTANCE,
+    periodic: bool | None = None,
     throw: bool = False,
 ) -> Retimed:
     """Compute the fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
@@ -84,6 +87,10 @@ def retime(
     that distance. The default of `stop_speed` is 0.2 m/s, but at most 2 % of the highest speed; with zero the path is
     unchanged.
 
+    A `Shape` has no stops, and its path parameter is a length instead of a time. `periodic`, by default true for a
+    closed shape unless a speed is given, computes a flying lap: the end of the path is its start, where speed,
+    acceleration and the second derivative of u̇²(u) are continuous. So the limits are proved on a lap that is repeated.
+
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
@@ -100,18 +107,27 @@ def retime(
     a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path other than a route whose
     velocity is zero at an instant, a route that is traced, is always at rest, reverses within a segment, or whose
     velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit
-    on power but none on acceleration, friction or jerk. RuntimeError with `throw` if the retiming fails.
+    on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it starts or
+    has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
     """
+    of_shape = isinstance(path, Shape)
+    if isinstance(path, Shape):
+        free = start_speed is None and end_speed is None
+        path, stop_speed, periodic = path.route, 0.0, path.closed and free if periodic is None else periodic
     require_path(path)
     require_limits(limits)
     require_float64(path)
+    lap = bool(periodic)
+    if lap:
+        require_lap(path, start_speed, end_speed)
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     knots = KNOTS if knots is None else knots
     require_knots(knots)
     given = limits.given()
     if isinstance(path, Route):
         path = standing_route(path, *require_stop(stop_speed, stop_distance))
-    parts, standing = of_path(path, knots, "jerk" in given)
+    parts, standing = of_path(path, knots, "jerk" in given, of_shape)
+    require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: given[name] for name in NAMES if name in given}
@@ -119,8 +135,8 @@ def retime(
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
-    found = _retimed(path, parts, standing, bounds, road, speeds, names)
-    retimed = Retimed(*found, vehicle)
+    found = _retimed(path, parts, standing, bounds, road, speeds, names, lap)
+    retimed = Retimed(*found, vehicle, of_shape)
     return retimed.check() if throw else retimed
 
 
@@ -145,10 +161,11 @@ def _retimed(
     vehicle: RoadParameters | None,
     speeds: tuple[Scalar | None, ...],
     names: tuple[str, ...],
+    lap: bool,
 ) -> tuple[RetimedPath, Scalar, Certificate, Any, Any, Any, Any]:
     """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
-    begins = _begun(path, wanted, np.array(standing))
+    begins = begun(path, wanted, np.array(standing))
     if not isinstance(path, Route):
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
@@ -158,40 +175,11 @@ def _retimed(
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
         at_rest = rest[0] and first, rest[1] and last
-        timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names))
+        timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names, lap))
     enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
     ends = begins.pace, begins.wanted
     judge = eqx.filter_jit(_judged) if traced else _judged
     return judge(path, timed, bounds, ends, enough, vehicle, of_parts(parts), names, rest)
-
-
-class _Begun(NamedTuple):
-    """Speeds and bounds on a = u̇² at the ends of a path with the parameter u.
-
-    `pace` are the speeds |r'(u)| at both ends, and `wanted` the prescribed speeds. `largest` contains the bounds on a
-    at both ends of a part, by (is first part, is last part); `free` are the infinite bounds for all other parts.
-    `slowest` is the lowest speed |r'(u)| divided by the highest.
-    """
-
-    pace: Float[Any, " 2"]
-    wanted: Float[Any, " 2"]
-    largest: dict[tuple[bool, bool], Float[Any, " 2"]]
-    free: Float[Any, " 2"]
-    slowest: Scalar
-
-
-def _begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> _Begun:
-    xp: Any = jnp if is_traced(path, wanted) else np
-    times = xp.asarray(path.duration) * np.linspace(0.0, 1.0, 257)
-    speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
-    pace = xp.where(standing, 0.0, speeds[np.array([0, -1])])
-    goal = xp.stack([xp.asarray(v) for v in wanted])
-    bounded = (pace > 0) & (goal > 0) & xp.isfinite(goal)
-    ratio = xp.where(bounded, goal, 1.0) / xp.where(pace > 0, pace, 1.0)  # the divisor 1 keeps derivatives finite
-    largest, free = xp.where(bounded, ratio**2, np.inf), np.full(2, np.inf)
-    sides = [(True, False), (False, True), (True, True)]
-    of_parts = {side: xp.where(np.array(side), largest, free) for side in sides}
-    return _Begun(pace, goal, of_parts, free, xp.min(speeds) / xp.max(speeds))
 
 
 def _timed(
@@ -203,6 +191,7 @@ def _timed(
     ends: Any,
     rest: tuple[bool, bool],
     names: tuple[str, ...],
+    lap: bool,
 ) -> _Timed:
     ends_of_part: list[Any] = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
     start, end = ends_of_part
@@ -212,7 +201,7 @@ def _timed(
         return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), np.stack([start, end]), None)
     stops = np.array(part.stops)
     problem = Problem(path, start, end, bounds, ends, vehicle, stops)
-    found = fastest(problem, tables(grid, rest, "jerk" in bounds))
+    found = fastest(problem, tables(grid, rest, "jerk" in bounds, lap))
     codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     if polynomials is not None:
         # Nothing is proved about a timing that no limit bounds, because the proofs could take long.

@@ -27,6 +27,7 @@ from jaxtyping import Float
 from qtraj.design.timing.constraints import Gradients, changes, gradients, values, weighted
 from qtraj.design.timing.interior_point import Program, duration, factored, solved
 from qtraj.design.timing.on_host import on_host
+from qtraj.design.timing.seam import repeated
 from qtraj.design.timing.spline import Nodes, gathered, products
 from qtraj.foundation.types import Scalar
 
@@ -89,6 +90,7 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
     right = -gathered(program.nodes, at_nodes) * free
     nodes = program.nodes
     dc = jax.lax.custom_linear_solve(product, right, lambda _, x: _solved(nodes, fixed, x), symmetric=True)
+    dc = repeated(dc, nodes.seam)
     ds = -(rise + changes(slopes, program.at_nodes(dc)))
     return Optimum(dc, ds, -ratio * ds)
 
@@ -96,12 +98,14 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
 def _solved(nodes: Nodes, matrix: Float[Any, "orders orders 2 cells+1"], right: Float[Any, " cells+3"]) -> Any:
     """Solve the linear system with the second derivatives `matrix` at the nodes, on the host."""
 
-    def solve(basis: np.ndarray, free: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def solve(
+        basis: np.ndarray, free: np.ndarray, seam: np.ndarray, matrix: np.ndarray, right: np.ndarray
+    ) -> np.ndarray:
         table = products(basis[0, : matrix.shape[1]])
-        return solved(factored(free[0], table, np.moveaxis(matrix, 0, 2)), right)
+        return solved(factored(free[0], table, np.moveaxis(matrix, 0, 2), bool(seam[0])), right) * free
 
     shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-    return on_host(solve, shape, nodes.basis, nodes.free, matrix, right)
+    return on_host(solve, shape, nodes.basis, nodes.free, nodes.seam, matrix, right)
 
 
 def _lagrangian(p: Program, v: Any, multipliers: Any) -> Scalar:

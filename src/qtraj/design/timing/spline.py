@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.timing.seam import added, repeated
 from qtraj.foundation.namespace import namespace
 
 DEGREE = 3
@@ -40,7 +41,8 @@ class Nodes(NamedTuple):
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
     matrices from the coefficients j to j + 3 to values and derivatives. The first two axes of `basis` are the order of
     the derivative and the coefficient. `free` is 0 for the coefficient at an end at rest, because this coefficient must
-    be zero, and 1 for all others. `standing` is 1 for nodes at rest.
+    be zero, and 1 for all others. `standing` is 1 for nodes at rest. `seam` is 1 for a lap, whose end is its start,
+    otherwise 0 (see `seam`); the coefficients that repeat others are not free.
     """
 
     place: Float[Any, "2 cells+1"]
@@ -48,16 +50,21 @@ class Nodes(NamedTuple):
     basis: Float[Any, "3 4 2 cells+1"]
     free: Float[Any, " cells+3"]
     standing: Float[Any, "2 cells+1"]
+    seam: Any = np.zeros(())
 
 
-def power_form(knots: Float[Any, " cells+1"]) -> Float[Any, "4 4 cells"]:
+def power_form(knots: Float[Any, " cells+1"], lap: bool = False) -> Float[Any, "4 4 cells"]:
     """Return the matrices from the four spline coefficients of a cell to its polynomial coefficients.
 
     Entry [p, k] is the contribution of coefficient k to the coefficient of zᵖ, where 0 ≤ z ≤ 1 is the position in the
-    cell. The Cox–de Boor recursion is applied to polynomials in z.
+    cell. The Cox–de Boor recursion is applied to polynomials in z. The knots of a `lap` continue periodically.
     """
     cells = knots.size - 1
-    t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
+    span = knots[-1] - knots[0]
+    before, after = knots[-1 - DEGREE : -1] - span, knots[1 : 1 + DEGREE] + span
+    if not lap:
+        before, after = knots[:1].repeat(DEGREE), knots[-1:].repeat(DEGREE)
+    t = np.concatenate([before, knots, after])
     start, length = knots[:-1], np.diff(knots)
     basis = [np.ones((1, cells))]
     for degree in range(1, DEGREE + 1):
@@ -75,11 +82,14 @@ def power_form(knots: Float[Any, " cells+1"]) -> Float[Any, "4 4 cells"]:
     return np.stack(basis, axis=1)
 
 
-def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[Any, " cells"] | None = None) -> Nodes:
+def nodes(
+    knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[Any, " cells"] | None = None, lap: bool = False
+) -> Nodes:
     """Return the nodes; `rest` indicates whether the spline is zero at the start and at the end.
 
     `jumps` indicates the cells at whose end a constraint may jump. The node inside such a cell is moved to its end, so
-    that the constraint is imposed on both sides of the knot, and the integral is computed by the trapezoidal rule.
+    that the constraint is imposed on both sides of the knot, and the integral is computed by the trapezoidal rule. The
+    spline of a `lap` is periodic.
     """
     length, cells = np.diff(knots), knots.size - 1
     moved = np.zeros(cells, bool) if jumps is None else jumps
@@ -91,13 +101,14 @@ def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[An
             inside[cell], ends[:, cell] = 6 * REST_WEIGHT, 0.0
     at_knots[:-1] += length * ends[0] / 6
     at_knots[1:] += length * ends[1] / 6
-    form = power_form(knots)
+    form = power_form(knots, lap)
     # At the last knot, the first coefficient of the cell has zero weight.
     last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)
     last[:, -1] = 0.0
     at_each = np.concatenate([_at(form, np.zeros(cells), length), last], axis=-1)
     free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))
     free[0], free[-1] = 1.0 - rest[0], 1.0 - rest[1]
+    free[-DEGREE:] *= not lap
     standing[0, 0], standing[0, -1], standing[1, -1] = *rest, 1.0
     return Nodes(
         np.stack([knots, np.append(knots[:-1] + inner * length, knots[-1])]),
@@ -105,13 +116,14 @@ def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[An
         np.stack([at_each, np.pad(_at(form, inner, length), [(0, 0), (0, 0), (0, 1)])], axis=2),
         free,
         standing,
+        np.asarray(float(lap)),
     )
 
 
-def within(knots: Float[Any, " cells+1"], count: int) -> Float[Any, "count 3 4 cells"]:
+def within(knots: Float[Any, " cells+1"], count: int, lap: bool = False) -> Float[Any, "count 3 4 cells"]:
     """Return the matrices that map coefficients of a cell to value and derivatives at `count` equidistant points."""
     length = np.diff(knots)
-    form = power_form(knots)
+    form = power_form(knots, lap)
     return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])
 
 
@@ -131,7 +143,7 @@ def at_nodes(
     n: Nodes, coefficients: Float[Any, "*batch cells+3"], orders: int = ORDERS
 ) -> Float[Any, "orders *batch 2 cells+1"]:
     """Return value and derivatives at the nodes."""
-    xp = namespace(coefficients)
+    xp, coefficients = namespace(coefficients), repeated(coefficients, n.seam)
     own = local(xp.concatenate([coefficients, xp.zeros_like(coefficients[..., :1])], axis=-1))
     return xp.einsum("okmn,k...n->o...mn", n.basis[:orders], own)
 
@@ -146,7 +158,7 @@ def within_cells(
 def gathered(n: Nodes, parts: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
     found = namespace(parts).einsum("okmn,o...mn->k...n", n.basis[: parts.shape[0]], parts)
-    return _overlapped(_padded(found), range(DEGREE + 1))
+    return added(_overlapped(_padded(found), range(DEGREE + 1)), n.seam)
 
 
 PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1)])

@@ -29,22 +29,23 @@ class Tables(NamedTuple):
     powers: Float[Any, "4 4 cells"]
 
 
-def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False) -> Tables:
+def tables(grid: Grid, rest: tuple[bool, bool], jerk: bool = False, lap: bool = False) -> Tables:
     """Return the tables of a grid.
 
     `rest` indicates whether the vehicle is at rest at the start and at the end, and `jerk` whether the jerk is limited.
     The jerk may jump where one segment ends and the next one starts, so nodes are placed on both sides of this knot.
+    `lap` indicates whether the end of the path is its start.
     """
-    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, jerk)
+    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, jerk, lap)
 
 
 @functools.lru_cache(maxsize=32)
-def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool) -> Tables:
+def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], jerk: bool, lap: bool) -> Tables:
     knots, segment, middle, half = (np.array(x) for x in fields)
     jumps = np.append(np.diff(segment) != 0, False) if jerk else None
-    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest, jumps), np.diff(knots)
+    grid, own, length = Grid(knots, segment, middle, half), nodes(knots, rest, jumps, lap), np.diff(knots)
     columns = np.append(np.arange(length.size), length.size - 1)
     cell = np.concatenate([columns, columns, np.tile(np.arange(length.size), CHECKED)])
     at_nodes = ((own.place - knots[columns]) / length[columns]).ravel()
     place = np.concatenate([at_nodes, np.repeat(np.linspace(0.0, 1.0, CHECKED), length.size)])
-    return Tables(grid, own, cell, place, within(knots, CHECKED), power_form(knots))
+    return Tables(grid, own, cell, place, within(knots, CHECKED, lap), power_form(knots, lap))

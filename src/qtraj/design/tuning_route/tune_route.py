@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.tuning_route import circuit, rounds
 from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
@@ -16,22 +16,24 @@ from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
 from qtraj.design.tuning_route.sensitivity import Solution, differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
+from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.driving import segments_of
 from qtraj.path.route import Route
+from qtraj.path.shape import Shape
 
 CONTINUOUS = 1e-9
 """Largest jump at a joint that counts as rounding error, relative to the states of the joints."""
 
 
 def tune_route(
-    route: Route,
+    route: Route | Shape,
     limits: Limits,
-    tube: ArrayInput | tuple[ArrayInput, ArrayInput] = 0.5,
-    objective: str = "nearest",
+    tube: ArrayInput | tuple[ArrayInput, ArrayInput] | None = None,
+    objective: str | None = None,
     fixed: ArrayInput | None = None,
     *,
     closed: bool = False,
@@ -41,11 +43,11 @@ def tune_route(
     """Change a `route` so that it satisfies `limits` everywhere and stays within a tube around the original route.
 
     The positions of the joints (across the path), their velocities and accelerations, and the durations of the
-    segments change together. `tube` [m] is the half-width, or a pair (horizontal, vertical) of half-widths. Each is one
-    number or an array with one number for each joint, interpolated linearly. Distances are measured at equal fractions
-    of corresponding segments.
+    segments change together. `tube` [m] is the half-width, by default 0.5, or a pair (horizontal, vertical) of
+    half-widths. Each is one number or an array with one number for each joint, interpolated linearly. Distances are
+    measured at equal fractions of corresponding segments.
 
-    `objective`:
+    `objective`, by default "nearest":
 
     - "nearest" [m²]: the mean over the original route of |δr|² + s²|δr'|² + s⁴|δr''|² + s²(v δh/h)². Here δ is the
       change at equal fractions of a segment, derivatives are with respect to the original time, s is the mean duration
@@ -62,6 +64,12 @@ def tune_route(
     `closed`: whether the route is a closed circuit, which must end where it starts. The last joint then has the same
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
+
+    A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
+    starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
+    widths, less 1 m on both sides; or `tube` (n, 2) contains the distances [m] to the right and to the left at each
+    joint, as in `shape.widths - 1.2`. The reference line then is the middle between the edges, and the tube has half
+    of their distance; its vertical half-width is 0.05 m.
 
     The method is a primal-dual interior-point method with exact second derivatives (Wächter and Biegler 2006). The cost
     of a step is proportional to the number of segments. The method satisfies the limits at eleven instants of each
@@ -83,9 +91,16 @@ def tune_route(
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces, "fastest"
     without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that
-    does not end where it starts, has only one segment, or has different half-widths at its ends. RuntimeError with
-    `throw` if a limit is not proved to be satisfied.
+    does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape also
+    without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with `throw`
+    if a limit is not proved to be satisfied.
     """
+    if isinstance(route, Shape):
+        require_limits(limits)
+        objective, closed = objective or "fastest", route.closed
+        limited(limits, objective)
+        route, tube = route_in_tube(route, limits, tube)
+    tube, objective = 0.5 if tube is None else tube, objective or "nearest"
     require_route(route, limits)
     names = limited(limits, objective)
 
@@ -134,7 +149,8 @@ def _solution(
             values = np.array([change.limits[name] for name in names])
             kept = change.objective == "smoothest"
             changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
-            return rounds.feasible(route, given, Limits(**{**change.limits}), widths, changed, max_steps)
+            own_limits: Any = change.limits
+            return rounds.feasible(route, given, Limits(**own_limits), widths, changed, max_steps)
 
         values = dict(zip(names, bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)

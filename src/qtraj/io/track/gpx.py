@@ -24,27 +24,32 @@ def is_gpx(data: bytes) -> bool:
     return b"<" in data[:8] and _ROOT.search(data[:START]) is not None
 
 
-def read_gpx(path: Path, data: bytes, timed: bool) -> tuple[ColumnTable, list[int], tuple[str, ...]]:
+def read_gpx(
+    path: Path, data: bytes, timed: bool, places: bool = False
+) -> tuple[ColumnTable, list[int], tuple[str, ...]]:
     """Return the points of a file, the first points of further segments, and notes about what was left out.
 
-    `timed`: whether the user gives the times of points without times.
+    `timed`: whether the user gives the times of points without times. `places`: whether waypoints are read, too, if
+    there are no tracks and routes.
 
     **Raises:** ValueError for a file without a recording: waypoints only, or no times. ModuleNotFoundError without
     gpxpy.
     """
-    kind, parts = _parts(path, _parsed(path, data))
+    kind, parts = _parts(path, _parsed(path, data), places)
     points = [point for part in parts for point in part]
     with_time = [point for point in points if point.time is not None]
     notes = []
     if not with_time and not timed:
         raise ValueError(
             f"{path}: the {len(points)} points of the {kind} have no times, so they are a shape and not a recording. "
-            "Pass rate= (samples per second) or times= (a file with one time on a line), in a scenario rate or times "
-            "under [track], on the command line --rate or --times"
+            "Read them with qtraj.read_shape, on the command line with qtraj retime. Pass rate= (samples per "
+            "second) or times= (a file with one time on a line), in a scenario rate or times under "
+            "[track], on the command line --rate or --times"
         )
     keep_times = len(with_time) == len(points) or not timed
     if keep_times and len(with_time) < len(points):
-        notes.append(f"{len(points) - len(with_time)} of {len(points)} points without times left out")
+        left = f"{len(points) - len(with_time)} of {len(points)} points without times left out"
+        notes.append(f"{left}; qtraj.read_shape reads all of them")
         _require_enough(path, len(with_time), len(points))
         parts = [[point for point in part if point.time is not None] for part in parts]
         points = with_time
@@ -57,6 +62,14 @@ def read_gpx(path: Path, data: bytes, timed: bool) -> tuple[ColumnTable, list[in
     }
     columns |= {} if heights is None else {"elevation": heights}
     return ColumnTable(columns, "point"), bounds, (*notes, *([note] if note else []))
+
+
+def has_times(data: bytes) -> bool:
+    """Return whether a point of a track, otherwise of a route, otherwise a waypoint has a time; nothing is parsed."""
+    for name in (b"trkpt", b"rtept", b"wpt"):
+        if first := re.search(rb"<(\w+:)?" + name + rb"\b", data):
+            return re.search(rb"<(\w+:)?time\b", data[first.end() :]) is not None
+    return True
 
 
 def _parsed(path: Path, data: bytes) -> Any:
@@ -76,18 +89,21 @@ def _parsed(path: Path, data: bytes) -> Any:
         raise ValueError(f"{path}: the GPX file cannot be read ({text}): correct or export it again") from None
 
 
-def _parts(path: Path, gpx: Any) -> tuple[str, list[list[Any]]]:
-    """Return the segments of the tracks or, without tracks, the routes."""
+def _parts(path: Path, gpx: Any, places: bool) -> tuple[str, list[list[Any]]]:
+    """Return the segments of the tracks or, without tracks, the routes or, with `places`, the waypoints."""
     segments = [segment.points for track in gpx.tracks for segment in track.segments if segment.points]
     if segments:
         return "tracks", segments
     routes = [route.points for route in gpx.routes if route.points]
     if routes:
         return "routes", routes
+    if gpx.waypoints and places:
+        return "waypoints", [gpx.waypoints]
     if gpx.waypoints:
         raise ValueError(
             f"{path}: the GPX file contains only {len(gpx.waypoints)} waypoints (wpt), which are places and not a "
-            "recording: export the track (trk), or write the waypoints in their order with times to a CSV file"
+            "recording: read them as a shape with qtraj.read_shape, export the track (trk), or write the waypoints in "
+            "their order with times to a CSV file"
         )
     raise ValueError(f"{path}: the GPX file contains no points: export a file with a track (trk)")
 

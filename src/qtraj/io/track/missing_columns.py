@@ -95,7 +95,10 @@ def _without_times(header: list[str]) -> str:
     """Return advice for a file without times."""
     known = plain(header)
     flat = {"x", "y"} <= known.keys() and "z" not in known
-    shape = " A line without times and heights, such as the centre line of a race track, is a shape, not a track."
+    shape = (
+        " A line without times and heights, such as the centre line of a race track, is a shape, not a track: read it "
+        "with qtraj.read_shape."
+    )
     return (shape if flat else "") + NO_TIMES
 
 

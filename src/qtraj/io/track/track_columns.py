@@ -124,6 +124,11 @@ def has_geographic_position(header: list[str]) -> bool:
     return find((*COMMON["position"], *MORE["position"]), header) is None and find(GLOBAL, header) is not None
 
 
+def names_times(header: list[str], first: Sequence[str]) -> bool:
+    """Return whether a table has columns of times; `first` is its first row."""
+    return _recognised("time", header, Wanted({}), first, False) is not None
+
+
 def unordered_attitude(header: list[str]) -> tuple[str, ...] | None:
     """Return the columns of a quaternion whose names do not tell the order of the components."""
     return find(UNORDERED, header)
