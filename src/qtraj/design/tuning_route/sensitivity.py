@@ -253,7 +253,7 @@ def _with_data(problem: RouteProblem, data: Data, count: int, kind: str, length:
     """Return the problem for other data; only the fields that occur in the optimality conditions change."""
     c, h, states = _parts(data, problem, count)
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
-    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving)
+    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving, problem.composed)
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if kind == "nearest":

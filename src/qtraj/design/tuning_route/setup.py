@@ -97,17 +97,19 @@ def problem_of(
     moving = ~standing(given.c, given.h) * 1.0
     stretched = given.stretch
     held = _held(fixed, moving, closed)
-    smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving)
+    composed = given.curves.composed if given.curves.composed.any() else None
+    smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving, composed)
+    fine = basis.places(composed, len(given.h), fine=True)
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
     fields = smooth | _objective(objective, ends, h, moving, stretched, tube, float(np.sum(given.h)))
-    fine_offset = offsets(given.c, given.h, given.states, moving, basis.FINE_NODES)
+    fine_offset = offsets(given.c, given.h, given.states, moving, fine)
     return RouteProblem(**fields | {
         "names": names,
         "moving": moving,
         "offset": _exact(smooth["offset"], size),
         "fine_offset": _exact(fine_offset, size),
-        "fine_tube": tube_squares(tube, basis.FINE_NODES),
+        "fine_tube": tube_squares(tube, fine),
         "used": _used(names, held, moving, closed),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
@@ -128,7 +130,7 @@ def _rates(given: Parts) -> dict[str, np.ndarray]:
     for name, nodes in (("rates", basis.NODES), ("fine_rates", basis.FINE_NODES)):
         found = np.zeros((3, len(nodes), count))
         found[0] = 1.0
-        found[..., curves.composed] = rates(curves, given.segments, given.h, nodes)
+        found[..., curves.composed] = rates(curves, given.segments, given.h, basis.clustered(nodes))
         fields[name] = found
     return fields
 
