@@ -19,6 +19,10 @@ OUTPUTS = (
 )
 
 
+SLOWEST = 1e-3
+"""[m/s] At lower speeds, rounding errors of velocity and acceleration are visible in the sampled curvature."""
+
+
 @pytest.fixture(scope="module")
 def fitted():
     return drives.fitted()
@@ -30,14 +34,12 @@ def tuned(fitted):
 
 
 def sampled(path, count=200_001):
-    """Return the largest magnitudes of quantities at many instants."""
+    """Return the largest magnitudes of quantities at many instants at which the vehicle moves."""
     t = np.linspace(0.0, float(path.duration), count)
-    table = qt.evaluate(path, t, outputs=("curvature", "velocity", "acceleration", "jerk", *OUTPUTS[4:]))
-    norm = {"speed": "velocity", "acceleration": "acceleration", "jerk": "jerk"}
-    found = {name: np.asarray(getattr(table, norm.get(name, name))) for name in OUTPUTS}
-    return {
-        name: float(np.nanmax(np.linalg.norm(x, axis=-1) if x.ndim == 2 else np.abs(x))) for name, x in found.items()
-    }
+    table = qt.evaluate(path, t, outputs=("velocity", "curvature", "acceleration", "jerk", *OUTPUTS[4:]))
+    moving = np.linalg.norm(table.velocity, axis=1) > SLOWEST
+    found = {name: np.asarray(getattr(table, "velocity" if name == "speed" else name))[moving] for name in OUTPUTS}
+    return {name: float(np.max(np.linalg.norm(x, axis=1) if x.ndim == 2 else np.abs(x))) for name, x in found.items()}
 
 
 def test_the_fit_has_the_shape_of_the_street_and_stops_where_the_vehicle_did(fitted):
@@ -71,7 +73,7 @@ def test_proofs_agree_with_dense_samples(fitted):
     assert {*above.status.values()} == {"proved"}
     assert {*below.status.values()} == {"broken"}
     for name, value in largest.items():
-        assert above.worst[name][1] == pytest.approx(value, rel=2e-4)
+        assert above.worst[name][1] == pytest.approx(value, rel=1e-3)  # the jerk jumps at joints
         for start, end in below.intervals(name):
             assert 0 <= start < end <= float(fitted.path.duration)
 
@@ -104,7 +106,7 @@ def test_limits_hold_on_every_segment_of_a_tuned_drive(fitted, tuned):
 @pytest.mark.parametrize("objective", ["smoothest", "fastest"])
 def test_other_objectives(fitted, objective):
     limits = qt.Limits(curvature=0.085, lateral_acceleration=2.0, longitudinal_acceleration=2.5, speed=9.5)
-    tuned = qt.tune_route(fitted.path, limits, tube=0.5, objective=objective)
+    tuned = qt.tune_route(fitted.path, limits, tube=0.5, objective=objective, max_steps=2000)
     assert tuned.successful, tuned.result
     assert tuned.certificate.holds
     change = float(tuned.path.duration) - float(fitted.path.duration)
@@ -116,7 +118,7 @@ def test_other_objectives(fitted, objective):
 
 
 def test_derivatives_of_a_tuned_drive(fitted, tuned):
-    path = fitted.path.window(8.0, 22.0)
+    path = fitted.path.window(5.0, 22.0)
 
     def attained(curvature):
         limits = qt.Limits(curvature=curvature, lateral_acceleration=1.5)
@@ -151,5 +153,5 @@ def test_a_window_inside_a_zone_and_its_tuning(fitted):
     start = float(np.asarray(fitted.stops)[0, 0]) - 1.3
     window = fitted.path.window(start, start + 12.0)
     np.testing.assert_allclose(window.derivatives(2.0, 3), fitted.path.derivatives(start + 2.0, 3), atol=1e-10)
-    tuned = qt.tune_route(window, qt.Limits(curvature=0.09), tube=0.5)
+    tuned = qt.tune_route(window, qt.Limits(lateral_acceleration=1.5, yaw_rate=0.3), tube=0.5)
     assert tuned.certificate.holds, tuned.result

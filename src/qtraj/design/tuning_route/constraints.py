@@ -65,7 +65,7 @@ def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"]) -> Float
     """
     matrix = _chain_rule(rates, len(r) // 3)
     rows = r.reshape(-1, 3, *r.shape[1:])
-    return xp.concatenate([sum(m * row for m, row in zip(own, rows, strict=False)) for own in matrix])
+    return xp.concatenate([sum(m[None] * row for m, row in zip(own, rows, strict=False)) for own in matrix])
 
 
 def _chain_rule(rates: Any, order: int) -> list[list[Any]]:

@@ -113,7 +113,7 @@ def problem_of(
         "used": _used(names, held, moving, closed),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
-        "free": _free(held, moving, timed, closed),
+        "free": _free(held, given.curves.at_rest(), moving, timed, closed),
         "scale": _scale(speeds(ends, h), h, moving, tube),
         "seam": len(h) if closed else None,
         "per_time": moving / stretched,
@@ -148,13 +148,15 @@ def _held(fixed: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
     return held
 
 
-def _free(held: np.ndarray, moving: np.ndarray, timed: bool, closed: bool) -> np.ndarray:
+def _free(held: np.ndarray, at_rest: np.ndarray, moving: np.ndarray, timed: bool, closed: bool) -> np.ndarray:
     """Return whether each variable (n + 1, 10) may change.
 
+    At a joint `at_rest` (n + 1,), the speed along the curve is not that of the vehicle, so it may change there.
     The last joint of a closed route repeats the state of the first one, which has the variables.
     """
     free = np.zeros((len(held), BLOCK), bool)
     free[:, :9] = np.repeat(~held, 3, axis=1)
+    free[at_rest, 3] = free[at_rest, 6] = True
     free[:, 0] = False  # not along the path
     into, out = np.append(0.0, moving), np.append(moving, 0.0)
     free[:, 9] = (into > 0) & ((out > 0) | (not timed))

@@ -156,7 +156,7 @@ def _solution(
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
     code = ResultCode.limits_undefined if undefined else _code(found, names)
     result = _result(given, problem, found, moving, objective, code, advice)
-    return Solution(result, found.problem, found.z, found.at)
+    return Solution(result, found.problem, found.z, found.at, given.curves)
 
 
 def _undefined(found: rounds.Found, moving: np.ndarray) -> bool:
