@@ -278,8 +278,9 @@ def _length(problem: RouteProblem, data: Data, curves: Curves, kind: str) -> Arr
     """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
     if kind != "nearest":
         return jnp.ones_like(data.duration)
-    time = geometry.time_scale(_parts(data, problem, curves)[1], problem.moving)
-    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * data.duration / time))
+    h = _parts(data, problem, curves)[1]
+    time = geometry.time_scale(h, problem.moving)
+    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * jnp.sum(h) / time))
 
 
 def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, length: Array) -> RouteProblem:
@@ -315,7 +316,7 @@ def _assembled(
     times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_durations))
     path = from_segments(times[:-1], new_rows, times[-1], origin, new_own)
     time = geometry.time_scale(h, problem.moving)
-    unit = length**2 * time / jnp.sum(durations) if kind == "nearest" else problem.unit
+    unit = length**2 * time / jnp.sum(h) if kind == "nearest" else problem.unit
     value = times[-1] if kind == "fastest" else objective(moved, segments(moved, z)) * unit
     displacement = _positions(path, len(rows)) - _positions(given, len(rows))
     return path, value, displacement, jnp.sum(new_durations - durations)
