@@ -13,7 +13,7 @@ the same solver. The search and the solver run in NumPy; JAX differentiates only
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -30,6 +30,7 @@ from qtraj.design.tuning_route.interior import Iterate, linearised, longest, new
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
+from qtraj.design.tuning_route.solution import Data, Known, Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.route import Route, from_segments
@@ -48,45 +49,6 @@ REFINEMENTS = 2
 DECREASE, KEEP = 0.2, 0.995
 """The factor by which the barrier parameter decreases in each step, and the largest fraction by which a step may reduce
 a slack or a multiplier."""
-
-
-class Data(NamedTuple):
-    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths."""
-
-    starts: Float[Array, " rows"]
-    coefficients: Float[Array, "rows terms 3"]
-    duration: Float[Array, ""]
-    bounds: Float[Array, " limits"]
-    tube: tuple[Array, Array]
-    progress: Float[Array, "rows 4"] | None
-
-
-class Known:
-    """NumPy arrays that stay concrete inside `jit`: they are compared by their values."""
-
-    def __init__(self, arrays: Any):
-        """Store arrays, or tuples of arrays."""
-        self.arrays = arrays
-        self._key = tuple((x.shape, x.dtype.str, x.tobytes()) for x in jax.tree.leaves(arrays))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Known) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-
-class Solution(NamedTuple):
-    """The result of a search, its problem, variables, and last iterate (None if the route did not change).
-
-    `curves` relates the segments of the problem to those of the route.
-    """
-
-    result: TunedRoute
-    problem: RouteProblem
-    z: Any
-    at: Iterate | None
-    curves: Curves
 
 
 Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]

@@ -14,9 +14,10 @@ from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
-from qtraj.design.tuning_route.sensitivity import Solution, differentiable
+from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
+from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
