@@ -16,7 +16,7 @@ from qtraj.path.track import Track
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
 """Number of instants of the dataset for each segment, and bounds on the total number of instants."""
 
-FACTS, FACT_NAMES = "fit_fact_text", "fit_fact"
+ROUTE_FACT_TEXT, ROUTE_FACT = "fit_fact_text", "fit_fact"
 """The variable with the facts of the fit as text, and its coordinate with their names."""
 
 
@@ -49,7 +49,7 @@ def route_dataset(
         findings=findings,
     )
     names, texts = zip(*route_fact_rows(fitted), strict=True)
-    coordinate = (FACT_NAMES, list(names), {"long_name": "fact of the fit"})
-    return dataset.assign_coords({FACT_NAMES: coordinate}).assign(
-        {FACTS: (FACT_NAMES, list(texts), {"long_name": "fact of the fit, as text"})}
+    coordinate = (ROUTE_FACT, list(names), {"long_name": "fact of the fit"})
+    return dataset.assign_coords({ROUTE_FACT: coordinate}).assign(
+        {ROUTE_FACT_TEXT: (ROUTE_FACT, list(texts), {"long_name": "fact of the fit, as text"})}
     )

@@ -81,7 +81,8 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
 
 def _facts(notes: Mapping[str, Any]) -> list[str]:
     """Return the result of the computation, and the reason if the closed form is not drawn."""
-    reason, facts = notes.get("closed_form", APPLIES), [sentence(words(str(notes["result"])))] if "result" in notes else []
+    reason = notes.get("closed_form", APPLIES)
+    facts = [sentence(words(str(notes["result"])))] if "result" in notes else []
     return facts if reason == APPLIES else [*facts, f"The closed form is not drawn, because it {reason}."]
 
 

@@ -10,8 +10,7 @@ from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE
 from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
-from qtraj.io.route_dataset import FACTS as ROUTE_FACTS
-from qtraj.io.route_dataset import FACT_NAMES as ROUTE_FACTS_NAMES
+from qtraj.io.route_dataset import ROUTE_FACT, ROUTE_FACT_TEXT
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
 from qtraj.path.quantity import CORRIDOR
@@ -49,14 +48,15 @@ def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tu
 
 def _fit(dataset: xarray.Dataset) -> Table:
     """Tabulate the comparison of the fitted path with its recording, or return an empty table if there is no fit."""
-    if ROUTE_FACTS in dataset:
-        names, texts = dataset[ROUTE_FACTS][ROUTE_FACTS_NAMES].values, dataset[ROUTE_FACTS].values
-        return Table(ROUTE_TITLE, ["", ""], [[str(name), str(text)] for name, text in zip(names, texts, strict=True)], 2)
+    if ROUTE_FACT_TEXT in dataset:
+        pairs = zip(dataset[ROUTE_FACT].values, dataset[ROUTE_FACT_TEXT].values, strict=True)
+        return Table(ROUTE_TITLE, ["", ""], [[str(name), str(text)] for name, text in pairs], 2)
     if "fit_axis" not in dataset:
         return Table(TITLE, ["", ""], [], 2)
     numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
     facts = numbers | {"axis": dataset["fit_axis"].values[:2].tolist()}
-    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, sentence(str(dataset.attrs.get("fit_result", ""))))
+    note = sentence(str(dataset.attrs.get("fit_result", "")))
+    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, note)
 
 
 def _vehicle(dataset: xarray.Dataset) -> Table:

@@ -92,7 +92,8 @@ def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
 
 def _facts(dataset: xarray.Dataset) -> list[str]:
     notes = dataset.attrs
-    facts = [sentence(words(str(notes[name]))) for name in ("retiming_result", "tuning_result", "route_result") if name in notes]
+    results = ("retiming_result", "tuning_result", "route_result")
+    facts = [sentence(words(str(notes[name]))) for name in results if name in notes]
     if "tuning_objective" in notes:
         facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
     return facts
@@ -156,7 +157,7 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
 def _lateral(bodies: list[Body]) -> list[Panel]:
     """Create the panel of the lateral distance of the path "after" from the path "before", along the way."""
     at = {body.name: (k, body.position) for k, body in enumerate(bodies)}
-    if not CHANGED <= at.keys():
+    if CHANGED - at.keys():
         return []
     (_, before), (k, after) = at["before"], at["after"]
     if before is None or after is None:
@@ -171,7 +172,9 @@ def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray
     for k, values in enumerate(shown):
         for column, (symbol, colour, dash) in enumerate(lines):
             series.append(Series(symbol, k, values[:, column], colour, dash, follows=True))
-    span, note = without_near_one(np.concatenate(shown), [line[0] for line in lines]) if name == "quaternion" else (None, "")
+    span, note = None, ""
+    if name == "quaternion":
+        span, note = without_near_one(np.concatenate(shown), [line[0] for line in lines])
     return Panel(TITLES[name], unit(paths[0][name].attrs.get("units", "")), series, shown=span, note=note)
 
 

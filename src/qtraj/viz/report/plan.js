@@ -104,7 +104,7 @@ function drawPlan() {
   planMovers = updates.map((_, k) => fixed.length + k);
   const axis = (k) => ({
     title: { text: titleOf("xy"[k], k), standoff: 4 },
-    range: space.plan[k],
+    range: byId("plan").layout?.["xy"[k] + "axis"].range ?? space.plan[k], // a redrawn plan keeps its magnification
     nticks: 5,
     tickfont: { size: 10.5 },
     automargin: true,

@@ -63,15 +63,14 @@ def turn_table(paths: Mapping[str, xarray.Dataset]) -> Table:
     first, *others = paths.values()
     found = turns(first)
     spans = [[(turn.start, turn.end) for turn in found], *(_same_places(found, first, other) for other in others)]
-    facts = [
-        [_facts(path, *span) for span in places] for path, places in zip(paths.values(), spans, strict=True)
-    ]
+    facts = [[_facts(path, *span) for span in places] for path, places in zip(paths.values(), spans, strict=True)]
     mark = " → " if list(paths) == ["before", "after"] else " / "
     way, rows, times = distance_travelled(_position(first)), [], []
     for k, turn in enumerate(found):
         at = [own[k] for own in facts]
         side = "left" if turn.angle > 0 else "right"
-        row = [str(k + 1), f"{way[at[0].sample]:.0f}", number(at[0].time, 4), f"{abs(np.degrees(turn.angle)):.0f}° {side}"]
+        direction = f"{abs(np.degrees(turn.angle)):.0f}° {side}"
+        row = [str(k + 1), f"{way[at[0].sample]:.0f}", number(at[0].time, 4), direction]
         columns = ([x.radius for x in at], [x.speed for x in at], [x.lateral for x in at])
         rows.append([*row, *(mark.join(number(value, 3) for value in column) for column in columns)])
         times.append([x.time for x in at])
@@ -80,7 +79,7 @@ def turn_table(paths: Mapping[str, xarray.Dataset]) -> Table:
 
 
 class _Facts(NamedTuple):
-    """The sample with the smallest radius, its time [s], the radius [m], the speed [m/s], and the largest |a| [m/s²]."""
+    """The sample of the smallest radius, its time [s], radius [m] and speed [m/s], and the largest lateral [m/s²]."""
 
     sample: int
     time: float
@@ -93,14 +92,15 @@ def _facts(path: xarray.Dataset, start: int, end: int) -> _Facts:
     inside = slice(start, end + 1)
     curvature = map_colours(path).values[inside]
     at = start + int(np.argmax(curvature))
-    lateral = np.abs(path["lateral_acceleration"].values[inside]) if "lateral_acceleration" in path else [np.nan]
+    missing = np.full(path.sizes["sample"], np.nan)
+    lateral = path["lateral_acceleration"].values if "lateral_acceleration" in path else missing
     sharpest = float(np.max(curvature))
     return _Facts(
         at,
         float(path["time"].values[at]),
         1 / sharpest if sharpest > 0 else np.inf,
         float(path["speed"].values[at]),
-        float(np.nanmax(lateral, initial=-np.inf)),
+        float(np.fmax.reduce(np.abs(lateral[inside]))),
     )
 
 
