@@ -4,6 +4,7 @@ import json
 import shutil
 
 import numpy as np
+from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from qtraj.viz.report import report_page

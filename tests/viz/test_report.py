@@ -261,7 +261,7 @@ def test_a_component_near_one_does_not_flatten_the_others():
     near["quaternion"] = (("time", "component"), -half)
     panels = shown_panels(near)
     panel = panels["quaternion"]
-    assert [line["name"] for line in panel["series"]] == ["λ₀", "λ₁", "λ₂", "λ₃"]
+    assert [line["name"] for line in panel["series"][:4]] == ["λ₀", "λ₁", "λ₂", "λ₃"]
     assert np.array(panel["series"][0]["values"]) == pytest.approx(-np.cos(angle / 2))  # the values themselves
     low, high = panel["range"]
     assert high == -low == pytest.approx(1.05 * np.abs(np.sin(angle / 2)).max())
@@ -285,3 +285,25 @@ def test_a_closed_form_that_does_not_apply_is_not_drawn():
     assert "closed form" in [line["name"] for line in shown_panels(closed_loop())["error angle"]["series"]]
     text = " ".join(Page(report_page(loop)).text)
     assert "The closed form is not drawn, because it does not apply: a disturbance acts on the body." in text
+
+
+def test_outliers_of_a_recording_do_not_set_the_axes():
+    dataset = two_paths()
+    ranges = json.loads(Page(report_page(dataset)).scripts[0])["space"]
+    dataset["recorded_position"].values[3] += [5000.0, -3000.0, 900.0]
+    assert json.loads(Page(report_page(dataset)).scripts[0])["space"] == ranges
+
+
+def test_the_plan_shows_the_paths_closely(paths):
+    space = json.loads(paths.scripts[0])["space"]
+    (west, east), (south, north) = space["plan"]
+    assert (east - west, north - south) == pytest.approx((20.0 * 1.08, 20.0 * 1.08), rel=0.02)
+    assert space["range"][0][0] < west
+
+
+@pytest.mark.parametrize("dataset", [two_paths(tuning_result="every limit holds."), closed_loop()])
+def test_sentences_begin_with_a_capital(dataset):
+    report = page.report_of(dataset.assign_attrs(fit_warning="the fit is poor", tuning_warning="the path is longer"))
+    sentences = [*report.facts, *report.notes, *report.warnings, *(table.note for table in report.tables if table.note)]
+    assert sentences
+    assert [text for text in sentences if text[0].islower()] == []

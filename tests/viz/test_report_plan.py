@@ -11,7 +11,6 @@ from selenium.webdriver.support.ui import WebDriverWait
 from .browsing import MILLIMETRE, PATIENCE, expected, now, shown
 from .report_data import closed_loop, two_paths
 
-
 ARROW = 46.0  # [px] length of the arrows in the plan
 
 
