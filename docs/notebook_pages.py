@@ -15,8 +15,12 @@ import base64
 import html
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parent))
+import captions
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = ROOT / "notebooks"
@@ -129,19 +133,17 @@ def gallery(pages: dict[str, Page]) -> str:
     """The gallery: the figures of `docs/figures`, and those of each notebook."""
     parts = [
         "# Gallery",
-        "Every figure of this site, drawn by the code that it links to. Click a figure to read that code.",
+        "The figures of this site. Click a figure to read the code that draws it.",
         "## Figures of the pages",
     ]
-    shown = [
-        f"- [![{name}](figures/{name}.svg)](figure_code.md#{name}) {_caption(*_function(name))}" for name in DRAWN_BY
-    ]
+    shown = [f"- [![{name}](figures/{name}.svg)](figure_code.md#{name}) {captions.PAGES[name]}" for name in DRAWN_BY]
     parts.append(_grid(shown))
     for name, page in pages.items():
         parts.append(f"## Notebook: {page.title}")
         shown = []
         for n, section, _ in page.figures:
             picture = f"![Figure {n}](notebooks/{name}/figure_{n}.png)"
-            shown.append(f"- [{picture}](notebooks/{name}.md#figure-{n}) {section}")
+            shown.append(f"- [{picture}](notebooks/{name}.md#figure-{n}) {_caption(name, n, section)}")
         parts.append(_grid(shown))
     return "\n\n".join(parts) + "\n"
 
@@ -183,9 +185,10 @@ def _with_helpers(function: ast.FunctionDef, tree: ast.Module) -> list[ast.Funct
     return [node for name, node in functions.items() if name in used]
 
 
-def _caption(function: ast.FunctionDef, *_: Any) -> str:
-    """The first line of the docstring."""
-    return (ast.get_docstring(function) or "").partition("\n")[0]
+def _caption(notebook: str, number: int, section: str) -> str:
+    """The caption of a figure of a notebook, or its section if it has none."""
+    written = captions.NOTEBOOKS.get(notebook, [])
+    return written[number - 1] if number <= len(written) else section
 
 
 def mathml(page: str) -> str:

@@ -58,9 +58,71 @@ def test_the_gallery_shows_every_figure_and_links_to_its_code(pages):
             assert re.search(link, gallery)
 
 
-def test_every_caption_says_something():
-    for name in site.DRAWN_BY:
-        assert len(site._caption(*site._function(name))) > 20
+def test_captions_are_sentences_and_belong_to_figures(pages):
+    """No caption is left without a figure, and none is an instruction of a docstring."""
+    captions = site.captions
+    assert captions.PAGES.keys() == site.DRAWN_BY.keys()
+    for name, written in captions.NOTEBOOKS.items():
+        assert len(written) <= len(pages[name].figures)
+    gallery = site.gallery(pages)
+    for text in [*captions.PAGES.values(), *(text for written in captions.NOTEBOOKS.values() for text in written)]:
+        assert text in gallery
+        assert re.match(r"[A-Z].{20,150}\.$", text), text
+        assert text.split()[0] not in ("Draw", "Plot", "Return")
+
+
+def function(source, name="f"):
+    """A function as the site's reader of docstrings sees it."""
+    griffe = pytest.importorskip("griffe", reason="the extra docs is not installed")
+    with griffe.temporary_visited_module(source) as module:
+        return module[name]
+
+
+LONG = '''
+def f(a: int, b: float | None = None, *, c=1, d="x", e: bool = False):
+    """Do something with `a`.
+
+    `b` [m] is the width, by default 0.5. The depth `c` is optional; `d`: a name. A last sentence.
+    """
+'''
+
+
+SHORT = '''
+def f(a):
+    """Do it.
+
+    Args:
+        a: The width [m],
+            or None.
+
+    Example:
+        x
+    """
+'''
+
+
+def test_a_function_with_many_parameters_has_a_table():
+    parameters = load("parameters")
+    long = function(LONG)
+    parameters.Parameters().on_function(func=long)
+    lines = long.docstring.value.splitlines()
+    assert lines[0] == "Do something with `a`."
+    assert lines[2:][:2] == ["| parameter | type | default | meaning |", "|---|---|---|---|"]
+    assert "| `b` | `float \\| None` | `None` | `b` [m] is the width, by default 0.5. |" in lines
+    assert "| `c` |  | `1` | The depth `c` is optional |" in lines
+    assert lines[-1].startswith("`b` [m] is the width")
+
+
+def test_a_section_of_arguments_becomes_a_table_and_short_functions_stay():
+    parameters = load("parameters")
+    short = function(SHORT)
+    parameters.Parameters().on_function(func=short)
+    assert "| `a` |  |  | The width [m], or None. |" in short.docstring.value
+    assert "Args:" not in short.docstring.value
+    assert "Example:" in short.docstring.value
+    plain = function('def f(a, b):\n    """Do it with `a`."""')
+    parameters.Parameters().on_function(func=plain)
+    assert plain.docstring.value == "Do it with `a`."
 
 
 def test_helpers_of_a_figure_are_shown_with_it():
