@@ -43,7 +43,7 @@ def sentences(text: str, parameters: list[Any]) -> dict[str, str]:
         name = f"`{parameter.name}`"
         named = [part for part in parts if part.startswith(name)] or [part for part in parts[1:] if name in part]
         if named:
-            result[parameter.name] = named[0].rstrip(";")
+            result[parameter.name] = named[0].partition(": - ")[0].rstrip(";")  # without the items of a list
     return result
 
 
@@ -53,14 +53,13 @@ def table(parameters: list[Any], meanings: dict[str, str]) -> str:
     for p in parameters:
         kind, default = (f"`{x}`" if x is not None else "" for x in (p.annotation, p.default))
         rows.append([f"`{p.name}`", kind, default, meanings.get(p.name, "")])
-    return "\n".join(f"| {' | '.join(_cell(x) for x in row)} |" for row in rows).replace(
-        "| --- | --- | --- | --- |", LINE
-    )
+    head, *lines = (f"| {' | '.join(map(_cell, row))} |" for row in rows)
+    return "\n".join([head, LINE, *lines])
 
 
 def _cell(text: str) -> str:
-    """Return a text whose bars do not end the cell."""
-    return text.replace("|", r"\|")
+    """Return a text whose bars do not end the cell; bars in code do not."""
+    return re.sub(r"(`[^`]*`)|\|", lambda found: found[1] or r"\|", text)
 
 
 def with_table(text: str, rows: str) -> str:

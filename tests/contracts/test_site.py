@@ -107,8 +107,8 @@ def test_a_function_with_many_parameters_has_a_table():
     parameters.Parameters().on_function(func=long)
     lines = long.docstring.value.splitlines()
     assert lines[0] == "Do something with `a`."
-    assert lines[2:][:2] == ["| parameter | type | default | meaning |", "|---|---|---|---|"]
-    assert "| `b` | `float \\| None` | `None` | `b` [m] is the width, by default 0.5. |" in lines
+    assert lines[2:4] == ["| parameter | type | default | meaning |", "|---|---|---|---|"]
+    assert "| `b` | `float | None` | `None` | `b` [m] is the width, by default 0.5. |" in lines
     assert "| `c` |  | `1` | The depth `c` is optional |" in lines
     assert lines[-1].startswith("`b` [m] is the width")
 

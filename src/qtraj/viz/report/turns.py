@@ -92,7 +92,7 @@ def _facts(path: xarray.Dataset, start: int, end: int) -> _Facts:
     inside = slice(start, end + 1)
     curvature = map_colours(path).values[inside]
     at = start + int(np.argmax(curvature))
-    missing = np.full(path.sizes["sample"], np.nan)
+    missing = np.full(len(path["time"]), np.nan)
     lateral = path["lateral_acceleration"].values if "lateral_acceleration" in path else missing
     sharpest = float(np.max(curvature))
     return _Facts(
@@ -108,7 +108,7 @@ def _same_places(found: Sequence[Turn], first: xarray.Dataset, other: xarray.Dat
     """Return the intervals of samples of another path at the places of the turns of the first path."""
     way, at = distance_travelled(_position(first)), match(_position(other), _position(first)).way
     ends = [np.searchsorted(at, way[[turn.start, turn.end]]) for turn in found]
-    last = other.sizes["sample"] - 1
+    last = len(other["time"]) - 1
     return [(min(int(i), last), min(int(max(i, j)), last)) for i, j in ends]
 
 
