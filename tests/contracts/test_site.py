@@ -1,4 +1,4 @@
-"""The hook of the site: notebooks and a gallery as pages. MkDocs itself checks all links when it builds the site."""
+"""The source of the site: notebooks and a gallery as pages. MkDocs itself checks all links when it builds the site."""
 
 import importlib.util
 import re
@@ -139,11 +139,33 @@ def test_links_to_notebooks_lead_to_their_pages():
     assert ".ipynb)" not in site.notebook_index()
 
 
+def test_the_step_writes_all_pages_without_a_site_generator(tmp_path, pages):
+    """And removes what an earlier run has left."""
+    folder = tmp_path / "source"
+    (folder / "old").mkdir(parents=True)
+    site.render(folder)
+    assert not (folder / "old").exists()
+    written = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+    expected = {str(f.relative_to(ROOT / "docs")) for f in (ROOT / "docs").rglob("*") if f.suffix in (".md", ".svg")}
+    assert expected | {f"notebooks/{name}.md" for name in NAMES} <= written
+    assert {"gallery.md", "figure_code.md", "notebooks/index.md", "site.css"} <= written
+    assert not any(name.endswith((".py", ".pyc")) for name in written)
+    figure = pages[NAMES[0]].figures[0]
+    assert (folder / "notebooks" / NAMES[0] / "figure_1.png").read_bytes() == figure.png
+    assert [
+        name for name in written if name.endswith(".md") and ".ipynb)" in (folder / name).read_text(encoding="utf-8")
+    ] == []
+
+
 def test_formulas_become_mathml():
     pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
-    inline, block = site.mathml(
-        r'<p><span class="arithmatex">\(a &lt; b\)</span></p>' "\n" r'<div class="arithmatex">\[\frac12\]</div>'
-    ).splitlines()
+    inline, block = (
+        load("formulas")
+        .mathml(
+            r'<p><span class="arithmatex">\(a &lt; b\)</span></p>' "\n" r'<div class="arithmatex">\[\frac12\]</div>'
+        )
+        .splitlines()
+    )
     assert inline.startswith("<p><math")
     assert "&lt;" in inline or "&#x0003C;" in inline
     assert 'display="block"' in block
