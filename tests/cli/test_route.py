@@ -58,7 +58,7 @@ def test_the_report_has_the_facts_that_the_terminal_prints(default, qtraj, tmp_p
     table = page.partition("<h2>Route against the recording</h2>")[2].partition("</table>")[0]
     rows = dict(re.findall(r"<tr><td>([^<]+)</td><td>([^<]+)</td></tr>", table))
     assert {"length", "segments", "stops", "distance", "prediction error"} <= rows.keys()
-    assert rows["stops"].startswith(f"{len(content['fit']['stops'])}, ")
+    assert rows["segments"].startswith(f"{content['fit']['segments']}, ")
     printed = " ".join(qtraj("route", "--out", tmp_path).stdout.split())
     for name, text in rows.items():
         assert f"{name} {html.unescape(text)}" in printed

@@ -29,7 +29,8 @@ function drawFlat(fixed, traces) {
   document.body.classList.add("flat");
   const axis = { visible: false };
   const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => space.range.map((ends, n) => ends[(k >> n) & 1]));
-  const range = (side) => [Math.min, Math.max].map((end) => end(...corners.map((corner) => dot(corner, side))));
+  const round = [-1.3, 1.3]; // a sphere of radius 1, and letters
+  const range = (side) => data.kind === "attitude" ? round : [Math.min, Math.max].map((end) => end(...corners.map((corner) => dot(corner, side))));
   const layout = {
     font: font(),
     margin: { l: 24, r: 24, t: 8, b: 8 },

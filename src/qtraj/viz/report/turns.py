@@ -51,7 +51,8 @@ def turns(path: xarray.Dataset) -> list[Turn]:
     side = np.where(sharp, np.sign(np.gradient(heading)), 0).astype(int)
     way = distance_travelled(_position(path))
     runs = _merged(_runs(side), way, colours.values)
-    found = [Turn(i, j, float(heading[j] - heading[i])) for i, j, _ in runs]
+    last = len(heading) - 1
+    found = [Turn(i, j, float(heading[min(j + 1, last)] - heading[i])) for i, j, _ in runs]
     return [turn for turn in found if abs(turn.angle) >= MIN_ANGLE]
 
 
