@@ -72,19 +72,19 @@ def forward():
 def test_derivatives_are_finite_differences_of_the_solved_problem(forward):
     """The problem of the last search, with its margins, is solved again for data on both sides."""
     _, slopes, found, data = forward
-    count = len(TIMES) - 1
-    length = sensitivity._length(found.problem, data, count, "nearest")
+    curves, known = found.curves, sensitivity.Known((found.curves, None))
+    length = sensitivity._length(found.problem, data, curves, "nearest")
 
     def solved(sign):
         theta = jax.tree.map(lambda x, d: x + sign * STEP * d, THETA, DIRECTION)
         route, limits, tube = jax.tree.map(jnp.asarray, arguments(theta))
         bounds = jnp.stack([limits.given()[name] for name in NAMES])
-        data = sensitivity.Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube))
-        problem = sensitivity._with_data(found.problem, data, count, "nearest", length)
+        data = sensitivity.Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube), None)
+        problem = sensitivity._with_data(found.problem, data, curves, "nearest", length)
         problem = RouteProblem(*(x if isinstance(x, tuple) or x is None else np.asarray(x) for x in problem))
         at, _, done = sensitivity.polished(RouteProgram(problem), found.at)
         assert done
-        path, *rest = sensitivity._assembled(found.problem, data, at.z, route.origin, count, "nearest")
+        path, *rest = sensitivity._assembled(found.problem, data, at.z, route.origin, known, "nearest")
         return path.coefficients, path.duration, *rest
 
     for slope, above, below in zip(slopes, solved(1.0), solved(-1.0), strict=True):

@@ -73,7 +73,8 @@ def time_reversed(progress: Any, h: Any) -> Any:
 
 def slowed(progress: Any, factor: Any) -> Any:
     """Return the progress (n, 4) along curves whose parameter, like the time, is multiplied by `factor` (n,)."""
-    return progress * factor[..., None] ** (1.0 - np.arange(TERMS))
+    powers = (1.0 - np.arange(TERMS)).reshape((1,) * factor.ndim + (TERMS,))
+    return progress * factor[..., None] ** powers
 
 
 def times_at(progress: np.ndarray, h: np.ndarray, goal: np.ndarray) -> np.ndarray:

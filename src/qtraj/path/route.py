@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.arrays import as_float, concrete, is_traced, like, one_instant, real_vector, warn_if_coarse
+from qtraj.foundation.arrays import as_float, is_traced, like, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, xp
@@ -15,6 +15,7 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts, route_record
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route_nearest import Nearest
+from qtraj.path.route_parts import known
 from qtraj.path.stops import Segments
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ def _restored(
     progress: ArrayInput | None = None,
 ) -> "Route":
     own = None if progress is None else np.asarray(progress, float)
-    known = [np.asarray(x, float) for x in (starts, coefficients, duration, origin)]
-    return from_segments(*known, own=own)
+    given = [np.asarray(x, float) for x in (starts, coefficients, duration, origin)]
+    return from_segments(*given, own=own)
 
 
 @stored_as(_fields, _restored)
@@ -118,7 +119,7 @@ class Route(AbstractHodograph, AbstractResult):
 
         **Raises:** ValueError inside a trace, where the number is unknown.
         """
-        return int(np.isfinite(_concrete(self.starts)).sum(axis=-1).max())
+        return int(np.isfinite(known(self.starts)).sum(axis=-1).max())
 
     @property
     def times(self) -> Float[Array, " n"]:
@@ -126,15 +127,15 @@ class Route(AbstractHodograph, AbstractResult):
 
         **Raises:** ValueError inside a trace, where their number is unknown.
         """
-        return like(np.append(_concrete(self.starts)[: self.segments], _concrete(self.duration)), self.starts)
+        return like(np.append(known(self.starts)[: self.segments], known(self.duration)), self.starts)
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
         """Return position and derivatives up to `order` at all joints; at inner joints the later segment is used."""
         s = self._segments()
         first = s.rows(s.starts, order)
-        last = s.rows(np.asarray([_concrete(self.duration)]), order)
+        last = s.rows(np.asarray([known(self.duration)]), order)
         states = np.concatenate([np.stack(x, axis=1) for x in (first, last)])
-        states[:, 0] += _concrete(self.origin)
+        states[:, 0] += known(self.origin)
         return like(states, self.coefficients)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
@@ -153,9 +154,9 @@ class Route(AbstractHodograph, AbstractResult):
         **Raises:** ValueError inside a trace.
         """
         count = self.segments
-        own = None if self.progress is None else _concrete(self.progress)[:count]
-        starts, c = (_concrete(x)[:count] for x in (self.starts, self.coefficients))
-        return Segments(starts, c, np.diff(_concrete(self.times)), own)
+        own = None if self.progress is None else known(self.progress)[:count]
+        starts, c = (known(x)[:count] for x in (self.starts, self.coefficients))
+        return Segments(starts, c, np.diff(known(self.times)), own)
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.
@@ -189,6 +190,17 @@ class Route(AbstractHodograph, AbstractResult):
         time, position, distance = route_nearest.nearest(self.starts, self.in_time(), self.duration, local)
         return Nearest(time, position + self.origin, distance)
 
+    @property
+    def stops(self) -> Float[np.ndarray, "k 2"]:
+        """The intervals (start, end) [s] in which the vehicle is at rest."""
+        return route_parts.rests(self._segments())
+
+    @property
+    def legs(self) -> list["Route"]:
+        """The drives between the stops, in order, as routes."""
+        edges = [0.0, *self.stops.ravel().tolist(), float(known(self.duration))]
+        return [self.window(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+
     def segment(self, i: int) -> "Route":
         """Return segment `i` as a route, without rounding; negative indices count from the end.
 
@@ -197,25 +209,24 @@ class Route(AbstractHodograph, AbstractResult):
         count = self.segments
         if not -count <= i < count:
             raise IndexError(f"segment {i} does not exist: the route has {count} segments")
-        return from_segments(*route_parts.one(self._segments(), i % count, _concrete(self.origin)))
+        return from_segments(*route_parts.one(self._segments(), i % count, known(self.origin)))
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
         """Return the interval from `t0` to `t1` [s] as a route that starts at time 0; joints inside it are kept.
 
         **Raises:** ValueError if t0 ≥ t1 or the window is not within the route.
         """
-        known = _concrete(self.duration), _concrete(self.origin)
-        return from_segments(*route_parts.window(self._segments(), t0, t1, *known))
+        given = known(self.duration), known(self.origin)
+        return from_segments(*route_parts.window(self._segments(), t0, t1, *given))
 
     def reversed(self) -> "Route":
         """Return the same curve in the opposite direction, with the same durations of the segments."""
-        known = _concrete(self.duration), _concrete(self.origin)
-        return from_segments(*route_parts.backwards(self._segments(), *known))
+        return from_segments(*route_parts.backwards(self._segments(), known(self.duration), known(self.origin)))
 
     def __add__(self, other: "Route") -> "Route":
         if not isinstance(other, Route):
             return NotImplemented
-        origins = _concrete(self.origin), _concrete(other.origin)
+        origins = known(self.origin), known(other.origin)
         return from_segments(*route_parts.joined(self._segments(), other._segments(), origins))
 
     @classmethod
@@ -248,8 +259,8 @@ class Route(AbstractHodograph, AbstractResult):
         """Convert the route to SciPy's PPoly over time [s], in world axes [m]; the addition of `origin` is rounded."""
         from scipy.interpolate import PPoly
 
-        c = np.array(_concrete(self.in_time())[: self.segments], float)
-        c[:, 0] += _concrete(self.origin)
+        c = np.array(known(self.in_time())[: self.segments], float)
+        c[:, 0] += known(self.origin)
         return PPoly(np.moveaxis(c, 0, 1)[::-1], np.asarray(self.times, float))
 
     def record(self) -> Record:
@@ -286,14 +297,3 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any, own: Any = No
         object.__setattr__(route, name, as_float(value))
     object.__setattr__(route, "progress", None if own is None else as_float(own))
     return route
-
-
-def _concrete(x: Any) -> np.ndarray:
-    """Return the values of an array; raise a ValueError inside a trace."""
-    value = concrete(x)
-    if value is None:
-        raise ValueError(
-            "this method of a route needs concrete values, which are unavailable inside jit, grad and vmap. Divide, "
-            "join and convert routes outside these transformations; inside, routes can only be evaluated."
-        )
-    return value

@@ -3,7 +3,9 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from qtraj.foundation.arrays import concrete
 from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
 
@@ -12,6 +14,24 @@ JOINED = 1e-6
 
 Built = tuple[Any, Any, Any, Any, Any]
 """Starts, coefficients, duration, origin and progress of a route."""
+
+
+def known(x: Any) -> np.ndarray:
+    """Return the values of an array; raise a ValueError inside a trace."""
+    value = concrete(x)
+    if value is None:
+        raise ValueError(
+            "this method of a route needs concrete values, which are unavailable inside jit, grad and vmap. Divide, "
+            "join and convert routes outside these transformations; inside, routes can only be evaluated."
+        )
+    return value
+
+
+def rests(s: Segments) -> Float[np.ndarray, "k 2"]:
+    """Return the intervals (start, end) [s] of the segments without motion; adjacent ones are one interval."""
+    still = np.concatenate([[False], ~s.coefficients[:, 1:].any(axis=(1, 2)), [False]])
+    edges, times = np.flatnonzero(still[1:] != still[:-1]), np.append(s.starts, s.end)
+    return times[edges].reshape(-1, 2)
 
 
 def one(s: Segments, i: int, origin: np.ndarray) -> Built:

@@ -15,7 +15,7 @@ from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_choice import Problem
 from qtraj.design.fitting.route_solution import Solution, solution
 from qtraj.design.fitting.units import Units
-from qtraj.design.fitting.zone_progress import progress_in
+from qtraj.design.fitting.zone_progress import Criterion, progress_in
 from qtraj.design.fitting.zones import Motion, find_zones, with_slow_points
 from qtraj.path import pieces, progress
 
@@ -41,7 +41,7 @@ def with_curves(
     zones = find_zones(motion)
     if not zones:
         return None
-    own = progress_in(motion, zones, found.sigma)
+    own = progress_in(motion, zones, Criterion(smoothing, recording.step))
     along = course(float(recording.times[-1]), stops, zones, own)
     is_stop = problem.stops.matrix[-4, 3::3] < 0
     at = joints(along, problem.knots, is_stop)

@@ -78,12 +78,19 @@ def fit_route(
     `stop_speed` [m/s], by default 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are
     exactly zero.
 
+    Next to a stop, and where the vehicle creeps or halts for a moment, noise is not a curve that was driven. There the
+    route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from about a third of a unit of
+    length before the stop to as much after it; all samples are fitted again in the parameter w, and the progress keeps
+    the vehicle at rest. So the curvature is that of the street up to the stop. Stops at which the vehicle reverses, and
+    recordings without noise, are fitted in the time only.
+
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
     distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The
-    method `covariance` of the result returns the covariances of the states at the knots. The fit does not use recorded
-    attitudes and angular rates. The fields `attitude` and `rates` of the result compare them with the upright frame of
-    the route (see `compare_attitude` and `compare_rates`). For geographic coordinates use `read_track(...,
-    projection=...)`. Use float64. The fit is not differentiable; the route is differentiable like any other path.
+    method `covariance` of the result returns the covariances of the states at the knots, of the fit in the time. The
+    fit does not use recorded attitudes and angular rates. The fields `attitude` and `rates` of the result compare them
+    with the upright frame of the route (see `compare_attitude` and `compare_rates`). For geographic coordinates use
+    `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route is differentiable like any
+    other path.
 
     `window` (t0, t1) [s], on the clock of the recording: the route of the samples in this interval. They are fitted
     together with samples beyond its ends, ten units on each side, so that the ends of the route are as accurate as its

@@ -15,11 +15,8 @@ from qtraj.design.fitting.zones import Motion, Zone
 SAMPLES = 400
 """Number of parts of a zone in which its motion is sampled."""
 
-SPACING, MIN_PARTS, MAX_PARTS = 0.5, 5, 40
+SPACING, MIN_PARTS, MAX_PARTS = 0.35, 6, 40
 """Usual duration of a cubic, in units of time, and bounds on their number."""
-
-ACCURATE = 0.2
-"""Maximum RMS error of the distance, relative to the noise of the positions, before the spline gets more cubics."""
 
 BRAKING, STEEP = 0.7, 1.5
 """Bounds on the changes of V² and of its slope in a zone, relative to V² at its end; V remains positive."""
@@ -27,6 +24,9 @@ BRAKING, STEEP = 0.7, 1.5
 LEAST_SPEED, LEAST_RATE = 0.002, 1e-3
 """Minimum speed at a slow point that is not a stop, in units of the recording, and minimum coefficient of the rate in
 a zone, relative to the mean rate."""
+
+ROUGH = 0.3
+"""Weight of the jerk of the progress, relative to that of the fit in time, which has smoothed the motion already."""
 
 EQUATION = 1e3
 """Weight of the equation for the length of the curve."""
@@ -69,8 +69,15 @@ class _Samples(NamedTuple):
         return float(np.clip(slope, -STEEP * square / length, STEEP * square / length))
 
 
-def progress_in(motion: Motion, zones: list[Zone], noise: float) -> list[ZoneProgress]:
-    """Return the progress in each zone; `noise` is the standard deviation of the positions."""
+class Criterion(NamedTuple):
+    """The weight of ∫|r'''|²dt relative to the sum of squared distances of samples with this time `step`."""
+
+    smoothing: float
+    step: float
+
+
+def progress_in(motion: Motion, zones: list[Zone], criterion: Criterion) -> list[ZoneProgress]:
+    """Return the progress in each zone."""
     samples = [_sampled(motion, zone) for zone in zones]
     speeds: dict[tuple[float, float], list[float]] = {}
     for zone, own in zip(zones, samples, strict=True):
@@ -81,7 +88,7 @@ def progress_in(motion: Motion, zones: list[Zone], noise: float) -> list[ZonePro
     rest = {stop: stop[1] > stop[0] for stop in at_stop}
     stops = [next(stop for stop in at_stop if zone.stop in stop) for zone in zones]
     return [
-        _progress(zone, x, at_stop[stop], rest[stop], noise)
+        _progress(zone, x, at_stop[stop], rest[stop], criterion)
         for zone, x, stop in zip(zones, samples, stops, strict=True)
     ]
 
@@ -97,18 +104,12 @@ def _sampled(motion: Motion, zone: Zone) -> _Samples:
     return _Samples(t, way, speed / zone.rate, zone.rate)
 
 
-def _progress(zone: Zone, x: _Samples, at_stop: float, rest: bool, noise: float) -> ZoneProgress:
+def _progress(zone: Zone, x: _Samples, at_stop: float, rest: bool, criterion: Criterion) -> ZoneProgress:
     """Return the progress; `at_stop` is the speed along the curve at the slow point, where the vehicle may `rest`."""
     goal = _goal(x, at_stop)
     slowest = 0.0 if rest else x.rate * max(x.speed[-1], LEAST_SPEED) / at_stop
     parts = int(np.clip(round(x.t[-1] / SPACING), MIN_PARTS, MAX_PARTS))
-    while True:
-        rates = _rates(x, goal, slowest, parts)
-        found = _spline(rates, x.t[-1])
-        error = np.sqrt(np.mean((x.speed * (found(x.t) - goal)) ** 2))
-        if error <= ACCURATE * noise or 2 * parts > MAX_PARTS:
-            break
-        parts *= 2
+    rates = _rates(x, goal, slowest, parts, criterion)
     return _in_time(zone, rates if zone.stop > zone.end else rates[::-1])
 
 
@@ -124,7 +125,7 @@ def _knots(parts: int, duration: float) -> np.ndarray:
     return duration * np.clip(np.arange(-2, parts + 3) / parts, 0.0, 1.0)
 
 
-def _rates(x: _Samples, goal: np.ndarray, slowest: float, parts: int) -> Float[np.ndarray, " n"]:
+def _rates(x: _Samples, goal: np.ndarray, slowest: float, parts: int, criterion: Criterion) -> Float[np.ndarray, " n"]:
     """Return the coefficients of the quadratic B-spline of the rate, from the end of the zone to the slow point.
 
     They are not negative, so the rate is not. The first two are the rate at the end of the zone, and the last two are
@@ -140,10 +141,22 @@ def _rates(x: _Samples, goal: np.ndarray, slowest: float, parts: int) -> Float[n
     given[:2], given[-2:] = x.rate, slowest
     least = LEAST_RATE * goal[-1] / x.t[-1]  # no other stop
     given[free] = least
-    rows = np.vstack([table[:, free], EQUATION * shares[free]])
-    right = np.append(goal - table @ given, EQUATION * (goal[-1] - shares @ given))
-    given[free] += nnls(rows, right)[0]
+    # The third derivative of the progress is constant in each part.
+    third = (parts / x.t[-1]) ** 2 * np.diff(_ends_of_slopes(parts), axis=0)
+    density = x.t[-1] / criterion.step / len(x.t)
+    rough = np.sqrt(ROUGH * criterion.smoothing * x.t[-1] / parts / density) * third
+    weight = EQUATION * len(x.t) ** 0.5
+    rows = np.vstack([table, rough, weight * shares[None]])
+    right = np.concatenate([goal, np.zeros(parts), [weight * goal[-1]]]) - rows @ given
+    given[free] += nnls(rows[:, free], right)[0]
     return given
+
+
+def _ends_of_slopes(parts: int) -> Float[np.ndarray, "ends n"]:
+    """Return the derivatives of the quadratic B-splines at the ends of the parts, in units of a part."""
+    from scipy.interpolate import BSpline
+
+    return BSpline(_knots(parts, float(parts)), np.eye(parts + 2), 2).derivative()(np.arange(parts + 1.0))
 
 
 def _spline(rates: np.ndarray, duration: float):

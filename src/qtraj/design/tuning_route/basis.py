@@ -6,6 +6,7 @@ They have the unit of length. Derivatives are with respect to u, so that the mat
 """
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +28,20 @@ NODES = np.linspace(0.0, 1.0, CELLS + 1)
 FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
 
 
+def clustered(nodes: Float[np.ndarray, " nodes"]) -> Float[np.ndarray, " nodes"]:
+    """Return nodes that are closer to each other near the ends of a segment (Chebyshev).
+
+    Curves with a progress have such nodes: next to a stop, much time passes on little of the curve.
+    """
+    return 0.5 * (1.0 - np.cos(np.pi * nodes))
+
+
+def places(composed: Any, count: int, fine: bool = False) -> Float[np.ndarray, "nodes n"]:
+    """Return the nodes of `count` segments; `composed` (n,) marks curves with a progress, None if there are none."""
+    nodes = np.tile((FINE_NODES if fine else NODES)[:, None], (1, count))
+    return nodes if composed is None else np.where(composed, clustered(nodes), nodes)
+
+
 def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 nodes 6"]:
     """Return the Hermite functions H_l and their derivatives with respect to u up to `order`."""
     functions = pieces.hermite(np.ones(1), np.eye(6).reshape(2, 3, 6))[0].T
@@ -35,22 +50,23 @@ def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 node
 
 
 @cache
-def table(order: int, fine: bool = False) -> Float[np.ndarray, "{order}+1 nodes 6"]:
-    """Return `at_nodes` for `NODES`, or for `FINE_NODES`."""
-    return at_nodes(FINE_NODES if fine else NODES, order)
+def table(order: int, fine: bool = False, dense: bool = False) -> Float[np.ndarray, "{order}+1 nodes 6"]:
+    """Return `at_nodes` for `NODES`, or for `FINE_NODES`; with `dense`, for `clustered` nodes."""
+    nodes = FINE_NODES if fine else NODES
+    return at_nodes(clustered(nodes) if dense else nodes, order)
 
 
 @cache
-def products(order: int) -> Float[np.ndarray, "36 {order}*{order}*nodes"]:
+def products(order: int, dense: bool = False) -> Float[np.ndarray, "36 {order}*{order}*nodes"]:
     """Return the products H_l⁽ʲ⁾ H_m⁽ᵏ⁾ at the nodes for the orders j, k ≥ 1; each row belongs to one pair (l, m)."""
-    rows = table(order)[1:]
+    rows = table(order, dense=dense)[1:]
     return np.einsum("jal,kam->lmjka", rows, rows).reshape(36, -1)
 
 
 @cache
-def squares() -> Float[np.ndarray, "36 nodes"]:
+def squares(dense: bool = False) -> Float[np.ndarray, "36 nodes"]:
     """Return the products H_l H_m at the nodes; each row belongs to one pair (l, m)."""
-    rows = table(0)[0]
+    rows = table(0, dense=dense)[0]
     return np.einsum("al,am->lma", rows, rows).reshape(36, -1)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.problem import RouteProblem, Segments
+from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
@@ -49,9 +49,11 @@ def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
     return found
 
 
-def derivatives(ends: Float[Any, "6 3 n"], order: int, fine: bool = False) -> Float[Any, "q nodes n"]:
+def derivatives(
+    ends: Float[Any, "6 3 n"], order: int, fine: bool = False, dense: bool = False
+) -> Float[Any, "q nodes n"]:
     """Return the derivatives with respect to u of the orders 1 to `order` at the nodes, component by component."""
-    rows = basis.table(order, fine)[1:]
+    rows = basis.table(order, fine, dense)[1:]
     found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(order, rows.shape[1], 3, -1)
     return xp.moveaxis(found, 2, 1).reshape(3 * order, rows.shape[1], -1)
 
@@ -63,7 +65,7 @@ def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"]) -> Float
     """
     matrix = _chain_rule(rates, len(r) // 3)
     rows = r.reshape(-1, 3, *r.shape[1:])
-    return xp.concatenate([sum(m * row for m, row in zip(own, rows, strict=False)) for own in matrix])
+    return xp.concatenate([sum(m[None] * row for m, row in zip(own, rows, strict=False)) for own in matrix])
 
 
 def _chain_rule(rates: Any, order: int) -> list[list[Any]]:
@@ -72,9 +74,9 @@ def _chain_rule(rates: Any, order: int) -> list[list[Any]]:
     return [[first], [second, first**2], [third, 3 * first * second, first**3]][:order]
 
 
-def displacements(change: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "3 nodes n"]:
+def displacements(change: Float[Any, "6 3 n"], fine: bool = False, dense: bool = False) -> Float[Any, "3 nodes n"]:
     """Return the displacements at the nodes for changes of the scaled end states."""
-    rows = basis.table(0, fine)[0]
+    rows = basis.table(0, fine, dense)[0]
     return xp.moveaxis(matmul(rows, change.reshape(6, -1)).reshape(len(rows), 3, -1), 1, 0)
 
 
@@ -85,14 +87,17 @@ def near(away: Float[Any, "3 nodes n"], tube: Float[Any, "2 nodes n"]) -> Float[
 
 def values(problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Any, "constraints nodes n"]:
     """Return the squares of all limited quantities and of both distances, relative to their bounds."""
+    return joined(problem, [_values(problem.part(k), s.part(k), fine) for k in problem.groups()])
+
+
+def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "constraints nodes n"]:
     offset, tube = (problem.fine_offset, problem.fine_tube) if fine else (problem.offset, problem.tube)
-    inside = near(displacements(s.change, fine) + offset, tube)
+    inside = near(displacements(s.change, fine, problem.dense) + offset, tube)
     if not problem.names:
         return inside
-    r = derivatives(s.ends, order_of(problem.names), fine)
-    if problem.composed is not None:
-        changed = in_time(r, problem.fine_rates if fine else problem.rates)
-        r = xp.where(problem.composed, changed, r)
+    r = derivatives(s.ends, order_of(problem.names), fine, problem.dense)
+    if problem.dense:
+        r = in_time(r, problem.fine_rates if fine else problem.rates)
     return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h), inside])
 
 
@@ -113,6 +118,10 @@ class Expansion(NamedTuple):
     slopes: Float[np.ndarray, "limits q nodes n"]
     away: Float[np.ndarray, "3 nodes n"]
 
+    def part(self, k: Any) -> "Expansion":
+        """Return the constraints of some segments."""
+        return Expansion(*(x[..., k] for x in self))
+
 
 def expand(
     problem: RouteProblem,
@@ -122,25 +131,22 @@ def expand(
 ) -> tuple[Expansion, Float[np.ndarray, "q q nodes n"]]:
     """Return the constraints and their derivatives.
 
-    The second result is the sum of the second derivatives of the limits, multiplied by `weights`, and of the products
-    of their gradients, multiplied by `stiffness`.
+    All segments must be of one group (see `RouteProblem.groups`). The second result is the sum of the second
+    derivatives of the limits, multiplied by `weights`, and of the products of their gradients, multiplied by
+    `stiffness`.
     """
-    away = displacements(s.change) + problem.offset
-    r, unit = derivatives(s.ends, order_of(problem.names)), units(problem, s.h)
-    if problem.composed is not None and problem.composed.any():
-        own = problem.composed
-        r[..., own] = in_time(r[..., own], problem.rates[..., own])
+    away = displacements(s.change, dense=problem.dense) + problem.offset
+    r, unit = derivatives(s.ends, order_of(problem.names), dense=problem.dense), units(problem, s.h)
+    if problem.dense:
+        r = in_time(r, problem.rates)
     value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))
     curvature = np.zeros((len(r), *r.shape))
     for k, g in enumerate(ratios(problem.names, coordinates(r))):
         value[k], slope[k] = unit[k] * g.value, unit[k] * g.gradient
         curvature += (unit[k] * weights[k]) * g.hessian
         curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
-    if problem.composed is not None and problem.composed.any():
-        own = problem.composed
-        slope[..., own], curvature[..., own] = _in_parameter(
-            slope[..., own], curvature[..., own], problem.rates[..., own]
-        )
+    if problem.dense:
+        slope, curvature = _in_parameter(slope, curvature, problem.rates)
     return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature
 
 

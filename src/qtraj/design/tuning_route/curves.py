@@ -37,6 +37,10 @@ class Curves(NamedTuple):
         after = [*self.first.tolist(), len(self.owner)]
         return [slice(a, b + 1) for a, b in zip(before, after, strict=True)]
 
+    def at_rest(self) -> Bool[np.ndarray, " joints"]:
+        """Return whether each joint of the chain is a stop between curves."""
+        return np.array([own.stop - own.start > 1 for own in self.joint_rows()])
+
 
 def curves_of(s: Segments) -> Curves:
     """Return the curves of a route."""
@@ -86,13 +90,13 @@ def rebuilt(of: Curves, durations: Any, own: Any, old: Any, c: Any, h: Any) -> t
     mine = np.maximum(of.owner, 0)
     factor = xp.where(of.owner >= 0, (h / old)[mine], 1.0)
     offset = np.where(of.composed[mine] & (of.owner >= 0), 1.0, 0.0) * own[of.first[mine], 0]
-    shifted = own - offset[:, None] * np.eye(progress.TERMS)[0]
+    shifted = own - offset[:, None] * np.eye(progress.TERMS)[:1]
     rows = c[mine]
     ends = pieces.values(c, h, 0)[0]
     before = np.maximum.accumulate(of.owner)
     after = np.minimum(before + 1, len(of.first) - 1)
     rest = xp.where((before < len(of.first) - 1)[:, None], c[after, 0], ends[before])
-    resting = xp.zeros_like(rows) + (np.arange(rows.shape[1]) == 0)[:, None] * rest[:, None]
+    resting = xp.zeros_like(rows) + np.eye(rows.shape[1])[0][None, :, None] * rest[:, None]
     rows = xp.where((of.owner >= 0)[:, None, None], rows, resting)
     return durations * factor, rows, progress.slowed(shifted, factor)
 

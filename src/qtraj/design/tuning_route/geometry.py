@@ -7,6 +7,7 @@ and 1 for all others.
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from qtraj.design.tuning_route import basis
 from qtraj.path import pieces
@@ -44,14 +45,17 @@ def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def smooth_fields(c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any) -> dict[str, Any]:
+def smooth_fields(
+    c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any, composed: Any = None
+) -> dict[str, Any]:
     """Return the fields of a `RouteProblem` that depend smoothly on the data, except the fields of the objective."""
+    places = basis.places(composed, moving.shape[0])
     return {
         "ends": ends(states, h, moving),
         "durations": pieces.arithmetic(h).where(moving > 0, h, 1.0),
-        "offset": offsets(c, h, states, moving, basis.NODES),
+        "offset": offsets(c, h, states, moving, places),
         "squares": bounds**2,
-        "tube": tube_squares(tube, basis.NODES),
+        "tube": tube_squares(tube, places),
         "axes": axes(states),
     }
 
@@ -105,23 +109,23 @@ def axes(states: Any) -> Any:
     return xp.stack([along, left, xp.cross(along, left)], axis=1)
 
 
-def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: np.ndarray) -> Any:
+def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: Float[np.ndarray, "nodes n"]) -> Any:
     """Return the quintics through the states minus the original path; axes (3, nodes, n): component, node, segment."""
     own, c = same_terms(pieces.hermite(h, states), c)
     xp = pieces.arithmetic(own, c)
     exponents = np.arange(own.shape[1], dtype=float)[None]
     # Separate powers, because the derivative of 0⁰ with respect to its base would be NaN.
     rows = (own - c) * (h[:, None] ** exponents)[:, :, None]
-    rows = xp.einsum("fk,nkc->cfn", nodes[:, None] ** exponents, rows)
+    rows = xp.einsum("fnk,nkc->cfn", nodes[..., None] ** exponents, rows)
     return rows * moving[None, None]
 
 
-def tube_squares(tube: Any, nodes: np.ndarray) -> Any:
+def tube_squares(tube: Any, nodes: Float[np.ndarray, "nodes n"]) -> Any:
     """Return the squares of the horizontal and vertical half-widths (2, nodes, n).
 
     The half-widths are linear between the joints.
     """
-    nodes = nodes[None, None]
+    nodes = nodes.T[:, None]
     widths = tube[:-1, :, None] * (1 - nodes) + tube[1:, :, None] * nodes
     return pieces.arithmetic(tube).moveaxis(widths**2, 0, -1)
 

@@ -11,6 +11,7 @@ The functions accept NumPy arrays and, for derivatives with respect to the data,
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.tuning_route import basis
@@ -69,7 +70,18 @@ class RouteProblem(NamedTuple):
     rates: Any = None
     fine_rates: Any = None
 
-    def part(self, k: slice) -> "RouteProblem":
+    @property
+    def dense(self) -> bool:
+        """Whether all segments are curves with a progress, whose nodes are clustered; for parts of one group."""
+        return self.composed is not None and bool(np.all(self.composed))
+
+    def groups(self) -> list[Any]:
+        """Return the indices of the segments whose nodes are not clustered, and of those whose nodes are."""
+        if self.composed is None:
+            return [slice(0, len(self.durations))]
+        return [k for k in (np.flatnonzero(~self.composed), np.flatnonzero(self.composed)) if k.size]
+
+    def part(self, k: Any) -> "RouteProblem":
         """Return the data of some segments, with the data of all joints."""
         return self._replace(
             **{name: getattr(self, name)[..., k] for name in _OF_SEGMENTS if getattr(self, name) is not None}
@@ -92,9 +104,24 @@ class Segments(NamedTuple):
     change: Float[Any, "6 3 n"]
     ends: Float[Any, "6 3 n"]
 
-    def part(self, k: slice) -> "Segments":
+    def part(self, k: Any) -> "Segments":
         """Return some of the segments."""
         return Segments(*(x[..., k] for x in self))
+
+
+def joined(problem: RouteProblem, parts: list[Any], groups: list[Any] | None = None) -> Any:
+    """Join arrays, or tuples of arrays, that belong to groups of segments on their last axes, in the order of segments.
+
+    `groups` contains the indices of the segments, by default those of `RouteProblem.groups`.
+    """
+    if isinstance(parts[0], tuple):
+        fields = [joined(problem, list(x), groups) for x in zip(*parts, strict=True)]
+        return type(parts[0])(*fields) if hasattr(parts[0], "_fields") else tuple(fields)
+    found = parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
+    if problem.composed is None or len(parts) == 1:
+        return found
+    order = np.argsort(np.concatenate(problem.groups() if groups is None else groups))
+    return found[..., order]
 
 
 def powers(h: Float[Any, " n"]) -> Float[Any, "6 1 n"]:

@@ -9,7 +9,7 @@ from qtraj.design.tuning_route import assembly, circuit, margins
 from qtraj.design.tuning_route.assembly import Local
 from qtraj.design.tuning_route.chain import Solver
 from qtraj.design.tuning_route.constraints import Expansion, bounds, expand, order_of, values
-from qtraj.design.tuning_route.problem import RouteProblem, Segments, moved, objective, segments
+from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined, moved, objective, segments
 
 PART, CACHED = 64, 25_000
 """The largest numbers of segments and of second derivatives at the nodes that are computed at once.
@@ -38,8 +38,11 @@ class RouteProgram:
         self.at_nodes = np.count_nonzero(problem.used)
         at_each = (3 * order_of(problem.names)) ** 2 * problem.used.shape[1]
         size = min(PART, CACHED // at_each)
-        slices = [slice(k, k + size) for k in range(0, len(problem.moving), size)]
-        self.parts = [(k, problem.part(k)) for k in slices]
+        every = np.arange(len(problem.moving))
+        groups = [every[k] for k in problem.groups()]
+        chosen = [group[k : k + size] for group in groups for k in range(0, len(group), size)]
+        self.parts = [(k, problem.part(k)) for k in chosen]
+        self.groups = [(k, problem.part(k)) for k in groups]
         self.price: Any = None
         if price is not None:
             nodes = np.full(problem.used.shape, np.inf)
@@ -75,7 +78,7 @@ class RouteProgram:
         """Return margins that account for larger values between the nodes (see `margins`)."""
         s = segments(self.problem, z)
         found = [margins.largest_near(part, s.part(k), previous.max()) for k, part in self.parts]
-        own, largest = (np.concatenate(x, axis=-1) for x in zip(*found, strict=True))
+        own, largest = joined(self.problem, found, [k for k, _ in self.parts])
         nodes = margins.margins(self.problem, own, largest, previous.max())
         return self.flat(nodes, np.zeros((2, nodes.shape[2])))
 
@@ -96,27 +99,36 @@ class Linear:
         for k, part in program.parts:
             found.append(_expanded(part, s.part(k), *([x[..., k] for x in pair] for pair in (weights, steep))))
         expansions, alone, first, rows = zip(*found, strict=True)
-        self.expansion: Expansion = _joined(expansions)
+        chosen = [k for k, _ in program.parts]
+        self.expansion: Expansion = joined(problem, list(expansions), chosen)
         self.values = program.flat(self.expansion.values, bounds(problem, s))
         self.objective = float(objective(problem, s))
-        self.gradient, self.residual = (self._of_variables(_joined(x)) for x in (alone, first))
-        self.matrix = assembly.hessian(problem, program.turns, np.concatenate(rows))
+        self.gradient, self.residual = (self._of_variables(joined(problem, list(x), chosen)) for x in (alone, first))
+        rows = joined(problem, [np.moveaxis(x, 0, -1) for x in rows], chosen)
+        self.matrix = assembly.hessian(problem, program.turns, np.moveaxis(rows, -1, 0))
 
     def _of_variables(self, first: Local) -> Variables:
         return assembly.gradient(self.program.problem, self.program.turns, self.segments, first)
 
     def pulled(self, weights: PerConstraint) -> Variables:
         """Return the gradient of a weighted sum of the constraints."""
-        spread = self.program.spread(weights)
-        return self._of_variables(
-            assembly.constraints_first(self.program.problem, self.segments, self.expansion, *spread)
-        )
+        program, spread = self.program, self.program.spread(weights)
+        found = [
+            assembly.constraints_first(
+                part, self.segments.part(k), self.expansion.part(k), *(x[..., k] for x in spread)
+            )
+            for k, part in program.groups
+        ]
+        return self._of_variables(joined(program.problem, found))
 
     def pushed(self, dz: Variables) -> PerConstraint:
         """Return the changes of the linearised constraints for a change of the variables."""
         problem, s = self.program.problem, self.segments
         change: Segments = assembly.changed_ends(s, *moved(problem, dz))
-        return self.program.flat(*assembly.pushed(problem, s, self.expansion, change))
+        found = [
+            assembly.pushed(part, s.part(k), self.expansion.part(k), change.part(k)) for k, part in self.program.groups
+        ]
+        return self.program.flat(*joined(problem, found))
 
     def solver(self, shift: float = 0.0, indefinite: bool = False) -> Solver | None:
         """Return a function that solves systems with the matrix, or None if the matrix is not positive definite.
@@ -146,11 +158,6 @@ def _expanded(
     second = assembly.constraints_second(problem, s, expansion, curvature, weights[0], *stiffness)
     second = _sum(assembly.objective_second(problem, s), second)
     return expansion, alone, first, assembly.segment_hessian(problem, s, first, second)
-
-
-def _joined(parts: Any) -> Any:
-    """Join tuples of arrays of the same class, which belong to successive segments."""
-    return type(parts[0])(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
 
 
 def _sum(one: Any, other: Any) -> Any:

@@ -13,7 +13,7 @@ the same solver. The search and the solver run in NumPy; JAX differentiates only
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,10 +25,12 @@ from qtraj.design.limits import Limits
 from qtraj.design.tuning_route import circuit, geometry
 from qtraj.design.tuning_route.chain import Chain
 from qtraj.design.tuning_route.constraints import bounds, values
+from qtraj.design.tuning_route.curves import Curves, chain, rebuilt
 from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
+from qtraj.design.tuning_route.solution import Data, Known, Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.route import Route, from_segments
@@ -49,25 +51,6 @@ DECREASE, KEEP = 0.2, 0.995
 a slack or a multiplier."""
 
 
-class Data(NamedTuple):
-    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths."""
-
-    starts: Float[Array, " rows"]
-    coefficients: Float[Array, "rows terms 3"]
-    duration: Float[Array, ""]
-    bounds: Float[Array, " limits"]
-    tube: tuple[Array, Array]
-
-
-class Solution(NamedTuple):
-    """The result of a search, its problem, variables, and last iterate (None if the route did not change)."""
-
-    result: TunedRoute
-    problem: RouteProblem
-    z: Any
-    at: Iterate | None
-
-
 Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
 
 
@@ -86,6 +69,7 @@ def differentiable(
         route.duration,
         bounds,
         (jnp.asarray(pair[0], float), jnp.asarray(pair[1], float)),
+        route.progress,
     )
     origin = jax.lax.stop_gradient(route.origin)
     solutions: list[Solution] = []
@@ -103,6 +87,7 @@ def differentiable(
             np.asarray(data.coefficients)[:count],
             np.asarray(data.duration),
             np.asarray(origin),
+            None if data.progress is None else np.asarray(data.progress)[:count],
         )
         values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
         solutions.append(solve(plain, Limits(**values), (np.asarray(data.tube[0]), np.asarray(data.tube[1]))))
@@ -116,8 +101,9 @@ def differentiable(
 
     z = variables(data)
     found = solutions[-1]
-    count = found.result.within.shape[0]
-    path, attained, displacement, delay = _assembled(found.problem, data, z, route.origin, count, kind)
+    known = Known((found.curves, found.problem.composed))
+    own = found.problem._replace(composed=None)
+    path, attained, displacement, delay = _assembled(own, data, z, route.origin, known, kind)
     result = found.result
     return TunedRoute(
         path,
@@ -139,10 +125,11 @@ def _change(kind: str, found: Solution, data: Data, change: Data) -> Array:
     problem = found.problem
     if found.at is None:
         return jnp.zeros(problem.free.shape)
-    program, count = RouteProgram(problem), found.result.within.shape[0]
+    program = RouteProgram(problem)
     at, matrix, done = polished(program, found.at)
     weights, stiffness = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
-    right = _right(kind, problem, at.z, weights, stiffness, data, change, count)
+    known, own = Known((found.curves, problem.composed)), problem._replace(composed=None)
+    right = _right(kind, own, at.z, weights, stiffness, data, change, known)
     shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
 
     def solve(_: Any, right: Array) -> Array:
@@ -210,17 +197,19 @@ def _right(
     stiffness: tuple[Any, Any],
     data: Data,
     change: Data,
-    count: int,
+    known: Known,
 ) -> Float[Array, "joints 10"]:
     """Return the right-hand side of the linear system."""
-    length = _length(problem, data, count, kind)
+    curves, composed = known.arrays
+    problem = problem._replace(composed=composed)
+    length = _length(problem, data, curves, kind)
 
     def constraints(problem: RouteProblem, z: Array) -> tuple[Array, Array]:
         s = segments(problem, z)
         return values(problem, s), bounds(problem, s)
 
     def conditions(data: Data) -> tuple[Array, tuple[Array, Array]]:
-        moved = _with_data(problem, data, count, kind, length)
+        moved = _with_data(problem, data, curves, kind, length)
 
         def lagrangian(z: Array) -> Array:
             terms = zip(multipliers, constraints(moved, z), strict=True)
@@ -234,26 +223,35 @@ def _right(
     return jnp.where(problem.free, -circuit.gathered(problem, gradient + forces), 0.0)
 
 
-def _parts(data: Data, problem: RouteProblem, count: int) -> tuple[Array, Array, Array]:
-    """Return the coefficients, the durations, and the states of the joints."""
-    c, starts = data.coefficients[:count], data.starts[:count]
-    h = jnp.diff(jnp.append(starts, data.duration))
+def _rows(data: Data, curves: Curves) -> tuple[Array, Array, Array | None]:
+    """Return the coefficients, durations and progress of the segments of the route."""
+    count = len(curves.owner)
+    durations = jnp.diff(jnp.append(data.starts[:count], data.duration))
+    return data.coefficients[:count], durations, None if data.progress is None else data.progress[:count]
+
+
+def _parts(data: Data, problem: RouteProblem, curves: Curves) -> tuple[Array, Array, Array]:
+    """Return the coefficients and the durations of the curves, and the states of the joints."""
+    c, h = chain(curves, *_rows(data, curves))
     return c, h, geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None)
 
 
-def _length(problem: RouteProblem, data: Data, count: int, kind: str) -> Array:
+def _length(problem: RouteProblem, data: Data, curves: Curves, kind: str) -> Array:
     """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
     if kind != "nearest":
         return jnp.ones_like(data.duration)
-    time = geometry.time_scale(_parts(data, problem, count)[1], problem.moving)
-    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * data.duration / time))
+    h = _parts(data, problem, curves)[1]
+    time = geometry.time_scale(h, problem.moving)
+    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * jnp.sum(h) / time))
 
 
-def _with_data(problem: RouteProblem, data: Data, count: int, kind: str, length: Array) -> RouteProblem:
+def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, length: Array) -> RouteProblem:
     """Return the problem for other data; only the fields that occur in the optimality conditions change."""
-    c, h, states = _parts(data, problem, count)
+    c, h, states = _parts(data, problem, curves)
+    count = len(curves.owner)
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
-    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving)
+    widths = widths[np.array([own.start for own in curves.joint_rows()])]
+    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving, problem.composed)
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if kind == "nearest":
@@ -264,17 +262,28 @@ def _with_data(problem: RouteProblem, data: Data, count: int, kind: str, length:
 
 @eqx.filter_jit
 def _assembled(
-    problem: RouteProblem, data: Data, z: Array, origin: Array, count: int, kind: str
+    problem: RouteProblem, data: Data, z: Array, origin: Array, known: Known, kind: str
 ) -> tuple[Route, Array, Array, Array]:
     """Return the route, the objective, the displacements of the joints, and the change of the duration."""
-    length = _length(problem, data, count, kind)
-    moved = _with_data(problem, data, count, kind, length)
-    c, h, states = _parts(data, problem, count)
-    new_states, new_h = geometry.moved_states(moved, states, h, z)
+    curves, composed = known.arrays
+    problem = problem._replace(composed=composed)
+    length = _length(problem, data, curves, kind)
+    moved = _with_data(problem, data, curves, kind, length)
+    c, h, states = _parts(data, problem, curves)
+    _, new_h = geometry.moved_states(moved, states, h, z)
     new_c, _ = geometry.changed(moved, c, h, states, z)
-    times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_h))
-    path = from_segments(times[:-1], new_c, times[-1], origin)
+    rows, durations, own = _rows(data, curves)
+    given = from_segments(data.starts[: len(rows)], rows, data.duration, origin, own)
+    new_durations, new_rows, new_own = rebuilt(curves, durations, own, h, new_c, new_h)
+    times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_durations))
+    path = from_segments(times[:-1], new_rows, times[-1], origin, new_own)
     time = geometry.time_scale(h, problem.moving)
     unit = length**2 * time / jnp.sum(h) if kind == "nearest" else problem.unit
     value = times[-1] if kind == "fastest" else objective(moved, segments(moved, z)) * unit
-    return path, value, new_states[:, 0] - states[:, 0], jnp.sum(new_h - h)
+    displacement = _positions(path, len(rows)) - _positions(given, len(rows))
+    return path, value, displacement, jnp.sum(new_durations - durations)
+
+
+def _positions(route: Route, count: int) -> Float[Array, "joints 3"]:
+    """Return the positions of the joints of a route with `count` segments."""
+    return route.sampled(jnp.append(route.starts[:count], route.duration), 0)[0]

@@ -97,21 +97,23 @@ def problem_of(
     moving = ~standing(given.c, given.h) * 1.0
     stretched = given.stretch
     held = _held(fixed, moving, closed)
-    smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving)
+    composed = given.curves.composed if given.curves.composed.any() else None
+    smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving, composed)
+    fine = basis.places(composed, len(given.h), fine=True)
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
     fields = smooth | _objective(objective, ends, h, moving, stretched, tube, float(np.sum(given.h)))
-    fine_offset = offsets(given.c, given.h, given.states, moving, basis.FINE_NODES)
+    fine_offset = offsets(given.c, given.h, given.states, moving, fine)
     return RouteProblem(**fields | {
         "names": names,
         "moving": moving,
         "offset": _exact(smooth["offset"], size),
         "fine_offset": _exact(fine_offset, size),
-        "fine_tube": tube_squares(tube, basis.FINE_NODES),
+        "fine_tube": tube_squares(tube, fine),
         "used": _used(names, held, moving, closed),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
-        "free": _free(held, moving, timed, closed),
+        "free": _free(held, given.curves.at_rest(), moving, timed, closed),
         "scale": _scale(speeds(ends, h), h, moving, tube),
         "seam": len(h) if closed else None,
         "per_time": moving / stretched,
@@ -128,7 +130,7 @@ def _rates(given: Parts) -> dict[str, np.ndarray]:
     for name, nodes in (("rates", basis.NODES), ("fine_rates", basis.FINE_NODES)):
         found = np.zeros((3, len(nodes), count))
         found[0] = 1.0
-        found[..., curves.composed] = rates(curves, given.segments, given.h, nodes)
+        found[..., curves.composed] = rates(curves, given.segments, given.h, basis.clustered(nodes))
         fields[name] = found
     return fields
 
@@ -146,13 +148,15 @@ def _held(fixed: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
     return held
 
 
-def _free(held: np.ndarray, moving: np.ndarray, timed: bool, closed: bool) -> np.ndarray:
+def _free(held: np.ndarray, at_rest: np.ndarray, moving: np.ndarray, timed: bool, closed: bool) -> np.ndarray:
     """Return whether each variable (n + 1, 10) may change.
 
+    At a joint `at_rest` (n + 1,), the speed along the curve is not that of the vehicle, so it may change there.
     The last joint of a closed route repeats the state of the first one, which has the variables.
     """
     free = np.zeros((len(held), BLOCK), bool)
     free[:, :9] = np.repeat(~held, 3, axis=1)
+    free[at_rest, 3] = free[at_rest, 6] = True
     free[:, 0] = False  # not along the path
     into, out = np.append(0.0, moving), np.append(moving, 0.0)
     free[:, 9] = (into > 0) & ((out > 0) | (not timed))

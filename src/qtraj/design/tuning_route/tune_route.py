@@ -14,9 +14,10 @@ from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
-from qtraj.design.tuning_route.sensitivity import Solution, differentiable
+from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
+from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.outcome import ResultCode
@@ -59,7 +60,12 @@ def tune_route(
     `fixed`: a bool array, true where the state of a joint does not change; (n,), or (n, 3) for position, velocity and
     acceleration separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of
     the route without a jump in position, heading or curvature. The time of a joint may change even if its state is
-    fixed. Segments that touch a stop are not changed.
+    fixed.
+
+    Next to the stops of a route of `fit_route`, whole curves change (see `qtraj.path.progress`): their shape changes
+    like that of a segment, and the durations of all segments of a curve are multiplied by the same factor. So the
+    vehicle keeps stopping, and the curvature is limited up to the stop. The derivatives in the objective are then those
+    with respect to the parameter of the curve. Segments of other routes that touch a stop are not changed.
 
     `closed`: whether the route is a closed circuit, which must end where it starts. The last joint then has the same
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
@@ -76,11 +82,17 @@ def tune_route(
     segment, with margins for larger values between them. Then `certify` checks whole segments, and the margins are
     reduced until everything is proved, in at most eleven searches (twelve for "fastest") with `max_steps` steps in
     total. The result is a local optimum with the code `successful`. The code is `not_optimal` if everything is proved
-    but the search stopped before the optimum. Two more codes refer to segments that touch a stop: `broken_at_stops` and
-    `undefined_at_stops`.
+    but the search stopped before the optimum. Two more codes refer to segments that touch a stop and do not change:
+    `broken_at_stops` and `undefined_at_stops`.
+
+    If the limits contradict each other, the code is `limits_contradict`: another search with elastic limits finds a
+    route that violates some limits on some segments, and is proved to satisfy all others. `advice` then contains a
+    change of the problem with which every limit is satisfied: free states at the ends, a free duration, or higher
+    limits, as further searches have proved. If a limited quantity is undefined on a segment that may change, such as
+    the yaw rate of a lift, the route does not change, and the code is `limits_undefined`.
 
     Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
-    if they jump in the original route. Segments that touch a stop keep their coefficients and the jumps between them.
+    if they jump in the original route. Segments that do not change keep their coefficients and the jumps between them.
 
     **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, outside `jit` and `vmap`, `path`, `objective`,
     `displacement` and `delay` have the derivatives of the optimum with respect to the route (the states of its
@@ -156,7 +168,7 @@ def _solution(
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
     code = ResultCode.limits_undefined if undefined else _code(found, names)
     result = _result(given, problem, found, moving, objective, code, advice)
-    return Solution(result, found.problem, found.z, found.at)
+    return Solution(result, found.problem, found.z, found.at, given.curves)
 
 
 def _undefined(found: rounds.Found, moving: np.ndarray) -> bool:
