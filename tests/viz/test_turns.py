@@ -71,3 +71,10 @@ def test_the_report_has_the_turns_and_the_lateral_distance():
     assert corner[-1] == pytest.approx(3.0, abs=0.1)
     alone = page.report_of(before_and_after().sel(path=["before"]))
     assert not any(panel.along for panel in alone.panels)
+
+
+def test_a_path_that_is_not_finite_has_no_turns():
+    """A failed search may leave such a path; its report still is a page."""
+    drives = before_and_after()
+    drives["time"] = drives["time"].copy(data=np.where(drives["time"] > 20.0, np.nan, drives["time"]))
+    assert turn_table(paths(drives)).rows == []

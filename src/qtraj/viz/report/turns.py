@@ -59,10 +59,12 @@ def turns(path: xarray.Dataset) -> list[Turn]:
 def turn_table(paths: Mapping[str, xarray.Dataset]) -> Table:
     """Tabulate the turns of the first path, and the same places of the other paths.
 
-    The table contains the time of each turn on each path. It is empty if the first path has no turns.
+    The table contains the time of each turn on each path. It is empty if the first path has no turns, or if a path is
+    not finite, as after a failed search.
     """
     first, *others = paths.values()
-    found = turns(first)
+    finite = all(np.isfinite(path[name].values).all() for path in paths.values() for name in ("time", "position"))
+    found = turns(first) if finite else []
     spans = [[(turn.start, turn.end) for turn in found], *(_same_places(found, first, other) for other in others)]
     facts = [[_facts(path, *span) for span in places] for path, places in zip(paths.values(), spans, strict=True)]
     mark = " → " if list(paths) == ["before", "after"] else " / "
