@@ -1,26 +1,33 @@
-"""A hook of MkDocs (`hooks` in mkdocs.yml) that adds the notebooks and a gallery of all figures to the site.
+"""Write the source of the site as Markdown and pictures, from which any site generator can build it.
 
-- Each `notebooks/NAME.ipynb` becomes a page with its text, tables and figures. The outputs are those of the last
+Run it from the folder of the project, before `mkdocs build`:  .venv/bin/python docs/notebook_pages.py
+
+It writes to `build/site-source`:
+
+- the pages of `docs`; links to `.ipynb` files lead to the pages of the notebooks;
+- each `notebooks/NAME.ipynb` as a page with its text, tables and figures. The outputs are those of the last
   `docs/notebooks.py --check`, which executes the notebooks and writes them to `build/notebooks`. Without a check of the
-  present text and code, the outputs stored in the notebook are shown.
-- `gallery.md` shows every figure of the site. Each figure links to the code that draws it: a cell of a notebook, or a
-  section of `figure_code.md`, which contains the functions that draw the figures of `docs/figures`.
-- Formulas between dollar signs become MathML, so that a page needs no script and fetches nothing.
-
-The pages exist only while the site is built. Links to `.ipynb` files are redirected to these pages.
+  present text and code, the outputs stored in the notebook are shown;
+- `gallery.md`, which shows every figure of the site. Each figure links to the code that draws it: a cell of a notebook,
+  or a section of `figure_code.md`, which contains the functions that draw the figures of `docs/figures`.
 """
 
 import ast
 import base64
-import html
 import json
 import re
+import shutil
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parent))
+import captions
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = ROOT / "notebooks"
 CHECKED = ROOT / "build" / "notebooks"
+DOCS, RENDERED = ROOT / "docs", ROOT / "build" / "site-source"
 
 DRAWN_BY = {
     "tuning": "docs/pictures.py:tuning",
@@ -37,7 +44,6 @@ DRAWN_BY = {
 """The function that draws each figure of `docs/figures`."""
 
 HEADING = re.compile(r"(?m)^(#+) (.+)$")
-FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
 class NotebookFigure(NamedTuple):
@@ -129,19 +135,17 @@ def gallery(pages: dict[str, Page]) -> str:
     """The gallery: the figures of `docs/figures`, and those of each notebook."""
     parts = [
         "# Gallery",
-        "Every figure of this site, drawn by the code that it links to. Click a figure to read that code.",
+        "The figures of this site. Click a figure to read the code that draws it.",
         "## Figures of the pages",
     ]
-    shown = [
-        f"- [![{name}](figures/{name}.svg)](figure_code.md#{name}) {_caption(*_function(name))}" for name in DRAWN_BY
-    ]
+    shown = [f"- [![{name}](figures/{name}.svg)](figure_code.md#{name}) {captions.PAGES[name]}" for name in DRAWN_BY]
     parts.append(_grid(shown))
     for name, page in pages.items():
         parts.append(f"## Notebook: {page.title}")
         shown = []
         for n, section, _ in page.figures:
             picture = f"![Figure {n}](notebooks/{name}/figure_{n}.png)"
-            shown.append(f"- [{picture}](notebooks/{name}.md#figure-{n}) {section}")
+            shown.append(f"- [{picture}](notebooks/{name}.md#figure-{n}) {_caption(name, n, section)}")
         parts.append(_grid(shown))
     return "\n\n".join(parts) + "\n"
 
@@ -183,41 +187,38 @@ def _with_helpers(function: ast.FunctionDef, tree: ast.Module) -> list[ast.Funct
     return [node for name, node in functions.items() if name in used]
 
 
-def _caption(function: ast.FunctionDef, *_: Any) -> str:
-    """The first line of the docstring."""
-    return (ast.get_docstring(function) or "").partition("\n")[0]
+def _caption(notebook: str, number: int, section: str) -> str:
+    """The caption of a figure of a notebook, or its section if it has none."""
+    written = captions.NOTEBOOKS.get(notebook, [])
+    return written[number - 1] if number <= len(written) else section
 
 
-def mathml(page: str) -> str:
-    """HTML with its formulas, which `pymdownx.arithmatex` has marked, as MathML."""
-    from latex2mathml.converter import convert
-
-    def formula(match: re.Match[str]) -> str:
-        display = "block" if match[1] == "div" else "inline"
-        return convert(" ".join(html.unescape(match[2]).split()), display=display)
-
-    return FORMULA.sub(formula, page)
-
-
-def on_files(files: Any, *, config: Any) -> Any:
-    """Add the pages and the figures of the notebooks, and the gallery."""
-    from mkdocs.structure.files import File
-
+def contents() -> dict[str, str | bytes]:
+    """The files that the step adds to the pages of `docs`, by their place."""
     pages = {file.stem: notebook_page(file.stem) for file in sorted(NOTEBOOKS.glob("*.ipynb"))}
-    contents: dict[str, str | bytes] = {f"notebooks/{name}.md": page.text for name, page in pages.items()}
+    result: dict[str, str | bytes] = {f"notebooks/{name}.md": page.text for name, page in pages.items()}
     for name, page in pages.items():
-        contents |= {f"notebooks/{name}/figure_{figure.number}.png": figure.png for figure in page.figures}
-    contents |= {"notebooks/index.md": notebook_index(), "gallery.md": gallery(pages), "figure_code.md": figure_code()}
-    for place, content in contents.items():
-        files.append(File.generated(config, place, content=content))
-    return files
+        result |= {f"notebooks/{name}/figure_{figure.number}.png": figure.png for figure in page.figures}
+    return result | {
+        "notebooks/index.md": notebook_index(),
+        "gallery.md": gallery(pages),
+        "figure_code.md": figure_code(),
+    }
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to notebooks lead to their pages."""
-    return page_links(markdown)
+def render(folder: Path) -> None:
+    """Write the source of the site to a folder, which is replaced: the pages of `docs`, the notebooks, the gallery."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    shutil.copytree(DOCS, folder, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    for page in folder.rglob("*.md"):
+        page.write_text(page_links(page.read_text(encoding="utf-8")), encoding="utf-8")
+    for place, content in contents().items():
+        file = folder / place
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
-def on_page_content(html: str, **_: Any) -> str:
-    """Formulas become MathML."""
-    return mathml(html)
+if __name__ == "__main__":
+    render(RENDERED)
+    sys.stdout.write(f"written to {RENDERED.relative_to(ROOT)}; now build the site: mkdocs build --strict\n")

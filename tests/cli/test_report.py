@@ -53,7 +53,7 @@ def test_a_folder_is_reported_with_the_certificate_that_lies_in_it(qtraj, result
     assert {"Limits", "Boundary velocities about the axis of the path"} <= set(content["tables"])
     text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
     assert '<td class="bad">broken</td>' in text
-    assert "broken: the limit is violated at the time shown" in text
+    assert "Broken: the limit is violated at the time shown" in text
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["report.html"]
 
 

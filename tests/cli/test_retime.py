@@ -60,7 +60,7 @@ def test_the_report_shows_what_bounds_the_speed(qtraj, default):
     _, content, out = default
     for result in (out, out / "retimed.json"):
         report = json.loads(qtraj("report", result, "--json").stdout)
-        assert report["findings"] == [content["result"]]
+        assert report["findings"] == [content["result"][:1].upper() + content["result"][1:]]
         assert {"Limits", "Limits that bound the speed", "Duration and length"} <= set(report["tables"])
         assert [body["name"] for body in report["bodies"]] == ["before", "after"]
 

@@ -1,7 +1,9 @@
 """`qtraj route`: the embedded drive against the library, planted violations, files, and bad input."""
 
 import gzip
+import html
 import json
+import re
 from pathlib import Path
 
 import jax
@@ -48,6 +50,18 @@ def test_the_embedded_drive_is_that_of_the_library(default):
     assert dataset.attrs["frame"] == "upright"
     assert dataset["lateral_acceleration"].attrs["limit"] == 2.5
     assert dataset.sizes["record"] == len(track.times)
+
+
+def test_the_report_has_the_facts_that_the_terminal_prints(default, qtraj, tmp_path):
+    _, content, out = default
+    page = (out / "report.html").read_text(encoding="utf-8")
+    table = page.partition("<h2>Route against the recording</h2>")[2].partition("</table>")[0]
+    rows = dict(re.findall(r"<tr><td>([^<]+)</td><td>([^<]+)</td></tr>", table))
+    assert {"length", "segments", "stops", "distance", "prediction error"} <= rows.keys()
+    assert rows["segments"].startswith(f"{content['fit']['segments']}, ")
+    printed = " ".join(qtraj("route", "--out", tmp_path).stdout.split())
+    for name, text in rows.items():
+        assert f"{name} {html.unescape(text)}" in printed
 
 
 def test_the_terminal_shows_it_within_80_columns(qtraj, tmp_path):

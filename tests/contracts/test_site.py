@@ -1,4 +1,4 @@
-"""The hook of the site: notebooks and a gallery as pages. MkDocs itself checks all links when it builds the site."""
+"""The source of the site: notebooks and a gallery as pages. MkDocs itself checks all links when it builds the site."""
 
 import importlib.util
 import re
@@ -58,9 +58,71 @@ def test_the_gallery_shows_every_figure_and_links_to_its_code(pages):
             assert re.search(link, gallery)
 
 
-def test_every_caption_says_something():
-    for name in site.DRAWN_BY:
-        assert len(site._caption(*site._function(name))) > 20
+def test_captions_are_sentences_and_belong_to_figures(pages):
+    """No caption is left without a figure, and none is an instruction of a docstring."""
+    captions = site.captions
+    assert captions.PAGES.keys() == site.DRAWN_BY.keys()
+    for name, written in captions.NOTEBOOKS.items():
+        assert len(written) <= len(pages[name].figures)
+    gallery = site.gallery(pages)
+    for text in [*captions.PAGES.values(), *(text for written in captions.NOTEBOOKS.values() for text in written)]:
+        assert text in gallery
+        assert re.match(r"[A-Z].{20,150}\.$", text), text
+        assert text.split()[0] not in ("Draw", "Plot", "Return")
+
+
+def function(source, name="f"):
+    """A function as the site's reader of docstrings sees it."""
+    griffe = pytest.importorskip("griffe", reason="the extra docs is not installed")
+    with griffe.temporary_visited_module(source) as module:
+        return module[name]
+
+
+LONG = '''
+def f(a: int, b: float | None = None, *, c=1, d="x", e: bool = False):
+    """Do something with `a`.
+
+    `b` [m] is the width, by default 0.5. The depth `c` is optional; `d`: a name. A last sentence.
+    """
+'''
+
+
+SHORT = '''
+def f(a):
+    """Do it.
+
+    Args:
+        a: The width [m],
+            or None.
+
+    Example:
+        x
+    """
+'''
+
+
+def test_a_function_with_many_parameters_has_a_table():
+    parameters = load("parameters")
+    long = function(LONG)
+    parameters.Parameters().on_function(func=long)
+    lines = long.docstring.value.splitlines()
+    assert lines[0] == "Do something with `a`."
+    assert lines[2:4] == ["| parameter | type | default | meaning |", "|---|---|---|---|"]
+    assert "| `b` | `float | None` | `None` | `b` [m] is the width, by default 0.5. |" in lines
+    assert "| `c` |  | `1` | The depth `c` is optional |" in lines
+    assert lines[-1].startswith("`b` [m] is the width")
+
+
+def test_a_section_of_arguments_becomes_a_table_and_short_functions_stay():
+    parameters = load("parameters")
+    short = function(SHORT)
+    parameters.Parameters().on_function(func=short)
+    assert "| `a` |  |  | The width [m], or None. |" in short.docstring.value
+    assert "Args:" not in short.docstring.value
+    assert "Example:" in short.docstring.value
+    plain = function('def f(a, b):\n    """Do it with `a`."""')
+    parameters.Parameters().on_function(func=plain)
+    assert plain.docstring.value == "Do it with `a`."
 
 
 def test_helpers_of_a_figure_are_shown_with_it():
@@ -77,11 +139,32 @@ def test_links_to_notebooks_lead_to_their_pages():
     assert ".ipynb)" not in site.notebook_index()
 
 
+def test_the_step_writes_all_pages_without_a_site_generator(tmp_path, pages):
+    """And removes what an earlier run has left."""
+    folder = tmp_path / "source"
+    (folder / "old").mkdir(parents=True)
+    site.render(folder)
+    assert not (folder / "old").exists()
+    written = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+    expected = {str(f.relative_to(ROOT / "docs")) for f in (ROOT / "docs").rglob("*") if f.suffix in (".md", ".svg")}
+    assert expected | {f"notebooks/{name}.md" for name in NAMES} <= written
+    assert {"gallery.md", "figure_code.md", "notebooks/index.md", "site.css"} <= written
+    assert not any(name.endswith((".py", ".pyc")) for name in written)
+    figure = pages[NAMES[0]].figures[0]
+    assert (folder / "notebooks" / NAMES[0] / "figure_1.png").read_bytes() == figure.png
+    texts = {name: (folder / name).read_text(encoding="utf-8") for name in written if name.endswith(".md")}
+    assert [name for name, text in texts.items() if ".ipynb)" in text] == []
+
+
 def test_formulas_become_mathml():
     pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
-    inline, block = site.mathml(
-        r'<p><span class="arithmatex">\(a &lt; b\)</span></p>' "\n" r'<div class="arithmatex">\[\frac12\]</div>'
-    ).splitlines()
+    inline, block = (
+        load("formulas")
+        .mathml(
+            r'<p><span class="arithmatex">\(a &lt; b\)</span></p>' "\n" r'<div class="arithmatex">\[\frac12\]</div>'
+        )
+        .splitlines()
+    )
     assert inline.startswith("<p><math")
     assert "&lt;" in inline or "&#x0003C;" in inline
     assert 'display="block"' in block

@@ -1,51 +1,23 @@
 """The report as a page: contents, escaping, refused input."""
 
-import html.parser
 import json
 import re
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
 from scipy.spatial.transform import Rotation
 
-import qtraj as qt
-from qtraj.io.dataset import LIMIT_VARIABLES, path_dataset
-from qtraj.viz.figures import limits_figure, path_figure, tuning_figure
+from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.viz.report import page, report_page
-from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import MAX_INSTANTS
 
+from .pages import Page
 from .report_data import CENTRE, HOSTILE, IMAGE, TIMES, closed_loop, two_paths
 
 ROUND_OFF = 1e-12
 NINE_DIGITS = 1e-8
-
-
-class Page(html.parser.HTMLParser):
-    """The elements of a page, as a browser sees them."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.scripts, self.text, self.attributes, self.inside = [], [], [], None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.inside = tag
-        self.attributes += [(tag, name, value) for name, value in attrs]
-        if tag == "script":
-            self.scripts.append("")
-
-    def handle_endtag(self, tag):
-        self.inside = None
-
-    def handle_data(self, data):
-        if self.inside == "script":
-            self.scripts[-1] += data
-        else:
-            self.text.append(data)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +124,7 @@ def test_names_of_limits_are_words():
     result = "; ".join([*LIMIT_VARIABLES, words])
     text = " ".join(Page(report_page(two_paths(tuning_result=result, rate_convention="angular_acceleration"))).text)
     for name in (*LIMIT_VARIABLES, "max_jerk"):
-        assert name.replace("_", " ") in text
+        assert name.replace("_", " ") in text.lower()
     assert re.findall(r"\w+_\w+", text.partition("Provenance")[0]) == [
         "max_steps",
         "my_angular_rate",
@@ -238,142 +210,23 @@ def test_code_in_the_page_matches_its_hash(paths):
     assert len(paths.scripts[1]) > 10**6
 
 
-def shown_panels(dataset):
-    """The panels of a page by their titles."""
-    return {panel["title"]: panel for panel in json.loads(Page(report_page(dataset)).scripts[0])["panels"]}
-
-
-def test_upright_frames_have_heading_pitch_and_roll():
-    """On a climbing helix the heading grows linearly, the pitch is the slope angle and the roll is zero."""
-    helix = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 20.0)
-    panels = shown_panels(path_dataset({"helix": helix}, samples=65, frame=qt.Upright()))
-    heading = np.array(panels["heading, from x towards y"]["series"][0]["values"])
-    expected = np.degrees(0.2 + np.pi / 2 + 0.4 * np.linspace(0.0, 20.0, 65))
-    assert heading == pytest.approx(expected, abs=1e-6)  # through 360° without a jump
-    pitch, roll = panels["pitch (nose up), roll (left side up)"]["series"]
-    assert (pitch["name"], roll["name"]) == ("pitch", "roll")
-    assert pitch["values"] == pytest.approx([np.degrees(np.arctan2(0.5, 4.0))] * 65)
-    assert roll["values"] == pytest.approx([0.0] * 65, abs=1e-9)
-    assert not any("heading" in title for title in shown_panels(path_dataset({"helix": helix}, samples=65)))
-
-
-def test_roll_is_positive_with_the_left_side_up():
-    tilted = Rotation.from_euler("ZYX", [30.0, -10.0, 5.0], degrees=True)  # nose up by 10°, then left side up by 5°
-    found = heading_pitch_roll(tilted.as_matrix().T[None])
-    assert found[0] == pytest.approx([30.0, 10.0, 5.0])
-    assert np.isnan(heading_pitch_roll(np.full((1, 3, 3), np.nan))).all()
-
-
-def test_one_stop_does_not_scale_an_axis():
+def test_outliers_of_a_recording_do_not_set_the_axes():
     dataset = two_paths()
-    curvature = np.full((2, 65), 0.05)
-    curvature[0, 30] = 1e7
-    dataset["curvature"] = (("path", "sample"), curvature, {"units": "m-1", "limit": 0.1})
-    panel = shown_panels(dataset)["curvature"]
-    assert panel["range"] == pytest.approx([0.0, 0.15])
-    assert panel["note"] == "larger values, up to 1e+07, are not shown"
-    assert panel["limits"][0]["drawn"]
-    assert max(panel["series"][0]["values"]) == 1e7  # the values themselves are unchanged
-    assert shown_panels(two_paths())["speed"]["range"] is None
-    figure = limits_figure(path_dataset({"stop": STOP}, samples=513), ["curvature"])
-    assert figure.axes[0].get_ylim()[1] < 1.0
+    ranges = json.loads(Page(report_page(dataset)).scripts[0])["space"]
+    dataset["recorded_position"].values[3] += [5000.0, -3000.0, 900.0]
+    assert json.loads(Page(report_page(dataset)).scripts[0])["space"] == ranges
 
 
-STOP = qt.Curve(lambda t: jnp.stack([20 * t**3, 0.5 * jnp.sin(t), 0 * t]) - jnp.stack([0.01 * t, 0.5 * t, 0 * t]), 4.0)
-"""A path that nearly stops at its start, where the curvature is large."""
+def test_the_plan_shows_the_paths_closely(paths):
+    space = json.loads(paths.scripts[0])["space"]
+    (west, east), (south, north) = space["plan"]
+    assert (east - west, north - south) == pytest.approx((20.0 * 1.08, 20.0 * 1.08), rel=0.02)
+    assert space["range"][0][0] < west
 
 
-def test_a_component_near_one_does_not_flatten_the_others():
-    angle = 0.02 * np.sin(np.linspace(0.0, 6.0, 65))
-    near = closed_loop()
-    half = np.stack([np.cos(angle / 2), np.sin(angle / 2), 0 * angle, 0 * angle], axis=1)
-    near["quaternion"] = (("time", "component"), -half)
-    panels = shown_panels(near)
-    first, second, *_ = panels["quaternion"]["series"]
-    assert (first["name"], first["offset"]) == ("λ₀ + 1", -1.0)
-    assert (second["name"], second["offset"]) == ("λ₁", 0.0)
-    assert np.max(np.abs(first["values"])) < 1e-4
-    assert np.array(first["values"]) + first["offset"] == pytest.approx(-np.cos(angle / 2))
-    far = shown_panels(closed_loop())["quaternion"]["series"][0]
-    assert far["offset"] in (0.0, 3.0, 1.0)
-
-
-def test_a_closed_form_that_does_not_apply_is_not_drawn():
-    loop = closed_loop().assign_attrs(closed_form="does not apply: a disturbance acts on the body")
-    assert [line["name"] for line in shown_panels(loop)["error angle"]["series"]] == ["angle"]
-    assert "closed form" in [line["name"] for line in shown_panels(closed_loop())["error angle"]["series"]]
-    text = " ".join(Page(report_page(loop)).text)
-    assert "The closed form is not drawn, because it does not apply: a disturbance acts on the body." in text
-
-
-def results():
-    """One result of each type that has a path or attitudes over time."""
-    helix = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0, qt.Placement([3.0, 2.0, 1.0]))
-    limits = qt.Limits(curvature=0.2, slope=0.1)
-    tuned = qt.Tuned(helix, helix.state(0.0), helix.state(6.0), 0.0, qt.certify(helix, limits), 0, 3)
-    times = np.linspace(0.0, 6.0, 25)
-    turn = qt.EulerTurn([1.0, 0, 0, 0], [0.0, 0, 0, 1], qt.Quintic(duration=5.0))
-    loop = qt.simulate(turn, qt.AccelerationLaw(4.0, 4.0), [1.0, 0.1, 0, 0], np.zeros(4), times)
-    return {"tuned": tuned, "helix": helix, "table": qt.evaluate(helix, times), "solution": loop}
-
-
-@pytest.fixture(scope="module")
-def made():
-    return results()
-
-
-@pytest.mark.parametrize("name", ["tuned", "helix", "table", "solution"])
-def test_a_result_and_its_dataset_are_reported_alike(made, name):
-    itself, dataset = page.report_of(made[name]), page.report_of(made[name].to_xarray())
-    assert itself.kind == dataset.kind == ("attitude" if name == "solution" else "path")
-    for one, other in zip(itself.bodies, dataset.bodies, strict=True):
-        np.testing.assert_array_equal(one.axes, other.axes)
-    assert [panel.title for panel in itself.panels] == [panel.title for panel in dataset.panels]
-    limited = [(p.title, p.limits[0][0]) for p in dataset.panels if p.limits]
-    assert limited == ([("curvature", 0.2), ("slope", 0.1)] if name == "tuned" else [])
-
-
-def test_the_report_of_a_tuned_truck_has_its_forces_and_its_vehicle():
-    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02, -0.004], [1.0, 0.4, 0.05, -0.01], 4.5)
-    vehicle = qt.Vehicle(12e3, None, 6.0, 0.007, (0.6, 0.5), 0.05)
-    certificate = qt.certify(path, qt.Limits(friction=0.6, power=3e5, vehicle=vehicle))
-    tuned = qt.Tuned(path, path.state(0.0), path.state(4.5), 0.0, certificate, 0, 3, vehicle=vehicle)
-    report = page.report_of(tuned)
-    panels = {panel.title: panel for panel in report.panels}
-    assert panels["power"].limits == [(3e5, "limit 3e+05")]
-    assert panels["power"].series[0].values.min() < -1e5  # braking keeps its sign
-    tables = {table.title: table.rows for table in report.tables}
-    assert [row[-1] for row in tables["Limits"]] == ["broken", "proved"]
-    assert ["mass of the vehicle [kg]", "12000"] in tables["Vehicle"]
-    assert [panel.title for panel in page.report_of(tuned.to_xarray()).panels] == list(panels)
-
-
-def test_figures_take_results_and_explain_what_they_cannot_draw(made):
-    labels = path_figure(made["tuned"]).axes[0].get_legend_handles_labels()[1]
-    assert labels[0] == "after"
-    assert len(limits_figure(made["tuned"].to_xarray()).axes) == len(tuning_figure(made["helix"]).axes)
-    with pytest.raises(
-        ValueError, match=r"a figure of paths needs path, sample, dcm, defined.*to draw a table, call its plot"
-    ):
-        path_figure(made["table"])
-    for wrong in (3, "paths.nc", {"helix": made["helix"]}):
-        with pytest.raises(
-            ValueError, match=rf"a path, a result, or a dataset .* was expected, but {type(wrong).__name__} was given"
-        ):
-            path_figure(wrong)
-    with pytest.raises(ValueError, match="a report needs position or quaternion over time"):
-        report_page(made["tuned"].certificate)
-
-
-def test_a_peak_between_two_samples_has_its_own_time():
-    """With coarse samples the sampled peak differs from the certificate; the page shows the certificate."""
-    path = qt.SpiralHelix([10.0, 0.3, -0.2], [0.0, 0.5], [0.0, 0.4], 5.0)
-    limits = qt.Limits(lateral_acceleration=2.0)
-    found = qt.certify(path, limits)
-    dataset = path_dataset({"before": path, "after": path}, limits, samples=8, findings={"before": found})
-    table = page.report_of(dataset).tables[0]
-    time, value, _ = found.worst["lateral_acceleration"]
-    before, after = table.rows
-    assert before[2:] == [f"{value:.6g}", "2", f"{2 - value:.3g}", f"{time:.4g}", found.status["lateral_acceleration"]]
-    assert after[-1] in ("within", "broken")
-    assert after[5] != before[5]
+@pytest.mark.parametrize("dataset", [two_paths(tuning_result="every limit holds."), closed_loop()])
+def test_sentences_begin_with_a_capital(dataset):
+    report = page.report_of(dataset.assign_attrs(fit_warning="the fit is poor", tuning_warning="the path is longer"))
+    sentences = [*report.facts, *report.notes, *report.warnings, *(table.note for table in report.tables if table.note)]
+    assert sentences
+    assert [text for text in sentences if text[0].islower()] == []

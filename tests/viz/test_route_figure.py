@@ -9,7 +9,9 @@ from qtraj.viz.figures import route_figure
 from qtraj.viz.report.paths import path_report
 from qtraj.viz.report.payload import payload
 from qtraj.viz.route_figure import distance
-from qtraj.viz.style import MARK
+from qtraj.viz.style import COLOURS, MARK
+
+from .drives import before_and_after
 
 FAR = np.array([600_000.0, 4.8e6, 100.0])
 
@@ -63,3 +65,29 @@ def test_only_violations_are_red(dataset):
     assert (values[drawn] > 0.15).all()
     assert way[drawn].min() == pytest.approx(10.0, abs=1.0)
     assert way[drawn].max() == pytest.approx(10.0 + 2.5 * np.pi, abs=1.0)
+
+
+def test_after_a_tuning_both_routes_are_drawn():
+    """Each against its own distance; the last panel shows how far the route has moved to the left."""
+    drives = before_and_after(title="Corners")
+    plan, _, _, speed, lateral, moved = route_figure(drives).axes
+    assert [text.get_text() for text in plan.get_legend().get_texts()] == ["before", "after, coloured by curvature"]
+    assert [text.get_text() for text in speed.get_legend().get_texts()] == ["before", "after"]
+    for axes, name in ((speed, "speed"), (lateral, "lateral_acceleration")):
+        for path in ("before", "after"):
+            [line] = [x for x in axes.lines if x.get_label() == path]
+            assert line.get_color() == COLOURS[path]
+            np.testing.assert_array_equal(line.get_ydata(), drives[name].sel(path=path))
+            assert line.get_xdata()[-1] == pytest.approx(distance(drives.sel(path=path))[-1])
+    assert moved.get_ylabel() == "to the left\nof before\n[m]"
+    [line] = moved.lines
+    assert line.get_ydata()[-300] == pytest.approx(3.0, abs=0.1)
+
+
+def test_outliers_do_not_set_the_axes_of_the_map(dataset):
+    limits = [(axes.get_xlim(), axes.get_ylim()) for axes in route_figure(dataset).axes[:1]]
+    outlier = dataset.copy(deep=True)
+    outlier["recorded_position"].values[5] += np.array([900.0, -700.0, 0.0])
+    assert [(axes.get_xlim(), axes.get_ylim()) for axes in route_figure(outlier).axes[:1]] == [
+        (pytest.approx(x, abs=1.0), pytest.approx(y, abs=1.0)) for x, y in limits
+    ]

@@ -6,6 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.design.fitting.route_facts import route_fact_rows
 from qtraj.design.limits import Limits
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route.tuned_route import TunedRoute
@@ -14,6 +15,9 @@ from qtraj.path.track import Track
 
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
 """Number of instants of the dataset for each segment, and bounds on the total number of instants."""
+
+ROUTE_FACT_TEXT, ROUTE_FACT = "fit_fact_text", "fit_fact"
+"""The variable with the facts of the fit as text, and its coordinate with their names."""
 
 
 def route_dataset(
@@ -27,7 +31,8 @@ def route_dataset(
     """Create a `path_dataset` of the route, named "route".
 
     With a tuned route, the dataset contains the fitted route, named "before", and the tuned route, named "after".
-    `certificate` contains the findings on the fitted route.
+    `certificate` contains the findings on the fitted route. The facts of the fit, as the terminal shows them, are the
+    variable `fit_fact_text`, with their names as its coordinate.
     """
     path, about = fitted.path, {"route_result": fitted.result}
     paths, findings = {"route": path}, {} if certificate is None else {"route": certificate.whole}
@@ -35,11 +40,16 @@ def route_dataset(
         paths, about = {"before": path, "after": tuned.path}, about | {"tuning_result": tuned.result}
         findings = {"after": tuned.certificate.whole}
         findings |= {} if certificate is None else {"before": certificate.whole}
-    return path_dataset(
+    dataset = path_dataset(
         paths,
         limits,
         track,
         samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
         attributes={**(attributes or {}), **about},
         findings=findings,
+    )
+    names, texts = zip(*route_fact_rows(fitted), strict=True)
+    coordinate = (ROUTE_FACT, list(names), {"long_name": "fact of the fit"})
+    return dataset.assign_coords({ROUTE_FACT: coordinate}).assign(
+        {ROUTE_FACT_TEXT: (ROUTE_FACT, list(texts), {"long_name": "fact of the fit, as text"})}
     )

@@ -1,4 +1,7 @@
-"""Plot a route as a map coloured by curvature, and its height, speed and limited quantities against the distance."""
+"""Plot a route as a map coloured by curvature, and its height, speed and limited quantities against the distance.
+
+After a tuning, the route before is drawn too, and a panel shows the lateral distance between both.
+"""
 
 from typing import Any
 
@@ -11,17 +14,22 @@ from matplotlib.figure import Figure
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.viz.drawable import path_samples
+from qtraj.viz.extent import beside
 from qtraj.viz.map_colours import map_colours
+from qtraj.viz.report.along import match
 from qtraj.viz.report.ranges import spike
-from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, WIDTH, head, title
+from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, STYLES, WIDTH, above, head, title
 
 PANEL, MAP = 1.05, 4.6  # heights [inch]
 LEFT = 0.105
+LATERAL = "to the left\nof before"
+"""Label of the lateral distance of the path after a tuning from the path before."""
 
 
 def route_figure(dataset: Any) -> Figure:
     """Plot the last path of a dataset as a map, and its height, speed and limited quantities against the distance.
 
+    If the last two paths are "before" and "after", both are drawn, with the lateral distance of "after" from "before".
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that can be converted to it. Recorded
     positions are drawn as points behind the line of the path. Where a quantity violates its limit, the curve is red.
 
@@ -30,14 +38,15 @@ def route_figure(dataset: Any) -> Figure:
     dataset = path_samples(dataset)
     path = dataset.isel(path=-1)
     limited = [name for name in LIMIT_VARIABLES.values() if name in path and "limit" in path[name].attrs]
-    panels = ["height", *dict.fromkeys(["speed", *limited])]
+    before = _before(dataset)
+    panels = ["height", *dict.fromkeys(["speed", *limited]), *([] if before is None else [LATERAL])]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = MAP + PANEL * len(panels) + 0.5 + band
         figure = Figure(figsize=(WIDTH, height))
         top = 1 - (band + 0.15) / height
         plan: Any = figure.add_axes((LEFT, top - (MAP - 0.5) / height, 0.94 - LEFT, (MAP - 0.5) / height))
-        _draw_map(figure, plan, dataset, path)
+        _draw_map(figure, plan, dataset, path, before)
         grid = figure.add_gridspec(
             len(panels), 1, hspace=0.22, left=LEFT, right=0.985, top=top - MAP / height, bottom=0.5 / height
         )
@@ -46,9 +55,14 @@ def route_figure(dataset: Any) -> Figure:
         drawn: list[Any] = []
         for row, name in enumerate(panels):
             drawn.append(figure.add_subplot(grid[row], sharex=drawn[0] if drawn else None))
-            _draw_panel(drawn[-1], path, way / scale, name)
+            if name == LATERAL and before is not None:
+                _draw_lateral(drawn[-1], path, before, way / scale)
+            else:
+                _draw_panel(drawn[-1], path, way / scale, name, None if before is None else (before, scale))
             drawn[-1].tick_params(labelbottom=row == len(panels) - 1)
         drawn[-1].set_xlabel(label)
+        if before is not None:
+            above(drawn[1])
         figure.align_ylabels(drawn)
         head(figure, title(dataset), 1 - 0.08 / height)
     return figure
@@ -60,13 +74,21 @@ def distance(path: xarray.Dataset) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
 
 
-def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.Dataset) -> None:
+def _before(dataset: xarray.Dataset) -> xarray.Dataset | None:
+    """Return the path "before" if the last path is "after", otherwise None."""
+    names = [str(name) for name in np.atleast_1d(dataset["path"].values)]
+    return dataset.isel(path=names.index("before")) if names[-1] == "after" and "before" in names else None
+
+
+def _draw_map(
+    figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.Dataset, before: xarray.Dataset | None
+) -> None:
     """Draw the horizontal positions relative to their centre (rounded to metres), coloured by curvature."""
     position = path["position"].values[:, :2]
     centre = np.round(position.mean(axis=0))
     points = position - centre
     if "recorded_position" in dataset:
-        recorded = dataset["recorded_position"].values[:, :2] - centre
+        recorded = beside(dataset["recorded_position"].values[:, :2], [position]) - centre
         axes.plot(*recorded.T, ".", ms=1.5, color=RECORD, label="recorded", zorder=1, rasterized=True)
     colours = map_colours(path)
     lines = LineCollection(
@@ -75,8 +97,15 @@ def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.D
     lines.set_array(colours.values[:-1])
     lines.set_clim(0.0, colours.top)
     axes.add_collection(lines)
-    for letter, at in (("A", points[0]), ("B", points[-1])):
-        axes.annotate(letter, at, xytext=(4, 4), textcoords="offset points", fontweight="bold")
+    if before is not None:
+        line = {"color": COLOURS["before"], "ls": STYLES["before"], "lw": 0.6, "zorder": 3}
+        axes.plot(*(before["position"].values[:, :2] - centre).T, label="before", **line)
+        axes.plot([], [], color=lines.get_cmap()(0.3), lw=2.2, label="after, coloured by curvature")
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="upper left", fontsize=8, markerscale=4)
+    for letter, at, across in (("A", points[0], "right"), ("B", points[-1], "left")):
+        shift = (4 if across == "left" else -4, 4)
+        axes.annotate(letter, at, xytext=shift, textcoords="offset points", ha=across, fontweight="bold")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.04)
     axes.autoscale_view()
@@ -90,19 +119,42 @@ def _offset(letter: str, centre: float) -> str:
     return f"{letter} [m]" if centre == 0 else f"{letter} {'−' if centre > 0 else '+'} {abs(centre):.0f} [m]"
 
 
-def _draw_panel(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str) -> None:
-    """Plot one quantity against the distance, with its limit; values that violate the limit are red."""
-    values = path["position"].values[:, 2] if name == "height" else bounded_values(name, path[name].values)
-    axes.plot(way, values, color=COLOURS["after"], lw=1.0)
+def _draw_panel(
+    axes: Any, path: xarray.Dataset, way: np.ndarray, name: str, before: tuple[xarray.Dataset, float] | None
+) -> None:
+    """Plot one quantity against the distance, with its limit; values that violate the limit are red.
+
+    `before` is the path before a tuning, and the length of the unit of the distance [m].
+    """
+    values = _values(path, name)
+    if before is not None:
+        earlier, scale = before
+        style = {"color": COLOURS["before"], "ls": STYLES["before"], "lw": 0.9}
+        axes.plot(distance(earlier) / scale, _values(earlier, name), label="before", **style)
+    axes.plot(way, values, color=COLOURS["after"], lw=1.0, label="after")
     limit = None if name == "height" else path[name].attrs.get("limit")
     if limit is not None:
-        axes.axhline(limit, **BOUND)
+        axes.axhline(limit, **BOUND, label=f"limit {limit:.4g}")
         axes.plot(way, np.where(values > limit, values, np.nan), color=MARK, lw=1.4)
     cut = None if name == "height" else spike([values])
     if cut is not None:
         top = max(cut[0], 1.3 * (limit or 0.0))
         axes.set_ylim(max(-top, min(0.0, float(np.min(values)))), top)
     unit = "m" if name == "height" else symbol(path[name].attrs["units"])
-    axes.set_ylabel(f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]", fontsize=8)
+    _finish(axes, f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]")
+
+
+def _draw_lateral(axes: Any, path: xarray.Dataset, before: xarray.Dataset, way: np.ndarray) -> None:
+    """Plot the lateral distance of the path after a tuning from the path before, positive to the left."""
+    axes.plot(way, match(path["position"].values, before["position"].values).lateral, color=COLOURS["after"], lw=1.0)
+    _finish(axes, f"{LATERAL}\n[m]")
+
+
+def _values(path: xarray.Dataset, name: str) -> np.ndarray:
+    return path["position"].values[:, 2] if name == "height" else bounded_values(name, path[name].values)
+
+
+def _finish(axes: Any, label: str) -> None:
+    axes.set_ylabel(label, fontsize=8)
     axes.grid(alpha=0.25, lw=0.5)
     axes.margins(x=0)

@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from qtraj.viz.drawable import path_samples
+from qtraj.viz.extent import beside
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
@@ -64,7 +65,7 @@ def draw_space(
     centre = np.zeros(3) if reference else np.round((flat.min(axis=0) + flat.max(axis=0)) / 2)
     extent = np.ptp(flat, axis=0).max()
     if "recorded_position" in dataset:
-        recorded = dataset["recorded_position"].values - centre
+        recorded = beside(dataset["recorded_position"].values, [flat]) - centre
         axes.plot(*recorded.T, ".", ms=4, color=RECORD, label="recorded", zorder=1)
     for k, name in enumerate(dataset["path"].values):
         axes.plot(*(positions[k] - centre).T, label=str(name), **path_line(str(name), k))

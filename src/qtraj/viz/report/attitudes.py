@@ -8,9 +8,9 @@ import numpy as np
 import xarray
 
 from qtraj.viz.report.frames import cosines
-from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit, words
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, sentence, unit, words
 from qtraj.viz.report.provenance import provenance_table
-from qtraj.viz.report.ranges import offsets, shifted
+from qtraj.viz.report.ranges import without_near_one
 from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
@@ -81,7 +81,8 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
 
 def _facts(notes: Mapping[str, Any]) -> list[str]:
     """Return the result of the computation, and the reason if the closed form is not drawn."""
-    reason, facts = notes.get("closed_form", APPLIES), [words(str(notes["result"]))] if "result" in notes else []
+    reason = notes.get("closed_form", APPLIES)
+    facts = [sentence(words(str(notes["result"])))] if "result" in notes else []
     return facts if reason == APPLIES else [*facts, f"The closed form is not drawn, because it {reason}."]
 
 
@@ -97,29 +98,25 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
     values, symbol = _in_degrees(dataset, name)
     error = name == "angle" and "error" in dataset
     labels = _labels(dataset, name)
-    near = offsets(values) if name in ("quaternion", "error") else [0.0] * len(labels)
-    series = []
-    for k, label in enumerate(labels):
-        symbol_of = LETTERS.get(name, name.replace("_", " "))
-        shown = shifted(f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label, near[k])
-        style = (COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid"))
-        series.append(Series(shown, 0, values[:, k] - near[k], *style, offset=near[k]))
+    symbol_of = LETTERS.get(name, name.replace("_", " "))
+    names = [f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label for label in labels]
+    styles = [(COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid")) for label in labels]
+    lines = zip(names, values.T, styles, strict=True)
+    series = [Series(text, 0, column, *style) for text, column, style in lines]
+    span, note = without_near_one(values, names) if name in ("quaternion", "error") else (None, "")
     if name == "command" and not _of_each_axis(dataset):
         series.append(Series("norm", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
     if name in BESIDE and BESIDE[name][0] in dataset and _applies(dataset, BESIDE[name][0]):
         other, text = BESIDE[name]
         compared, _ = _in_degrees(dataset, other)
-        series += [
-            Series(text, 0, column - offset, REFERENCE, "dot", reference=True, offset=offset)
-            for column, offset in zip(compared.T, near, strict=True)
-        ]
+        series += [Series(text, 0, column, REFERENCE, "dot", reference=True) for column in compared.T]
     if error:
         series = [replace(line, values=np.where(line.values > MIN_ANGLE, line.values, np.nan)) for line in series]
     bounds = _limits(dataset, name)
     text = "limit " + ", ".join(f"{bound:.4g}" for bound in bounds)
     limits = [(sign * bound, text) for bound in bounds for sign in _signs(values)]
     heading = "error angle" if error else TITLES.get(name, name.replace("_", " "))
-    return Panel(heading, symbol, series, limits, logarithmic=error)
+    return Panel(heading, symbol, series, limits, logarithmic=error, shown=span, note=note)
 
 
 def _applies(dataset: xarray.Dataset, beside: str) -> bool:

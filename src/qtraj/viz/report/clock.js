@@ -70,16 +70,39 @@ function look(k) {
   show();
 }
 
+/** A round step of the slider, about a thousandth of the duration. */
+function sliderStep() {
+  const size = Math.max(duration - start, 1e-6) / 1000,
+    power = 10 ** Math.floor(Math.log10(size));
+  return Number((power * ([5, 2, 1].find((digit) => digit * power <= size * (1 + 1e-9)) ?? 1)).toPrecision(1));
+}
+
+/** The rows of a table that move the time, for example to a turn, whose surroundings the plan then shows. */
+function jumps() {
+  for (const button of document.querySelectorAll(".jump")) {
+    button.addEventListener("click", () => {
+      play(false);
+      const times = JSON.parse(button.dataset.times);
+      setTime(times[state.looked]);
+      const { origin } = pose(bodies[state.looked], state.time);
+      if (finite(origin)) zoomPlan(origin, Math.min(NEARBY, Math.max(...extentOf()) / 4));
+    });
+  }
+}
+const NEARBY = 60; // [m]
+
 function controls() {
+  const step = sliderStep();
   byId("slider").min = start;
-  byId("slider").max = duration;
+  byId("slider").step = step;
+  byId("slider").max = start + step * Math.ceil((duration - start) / step - 1e-9); // the end can be reached
   byId("slider").addEventListener("input", (event) => {
     play(false);
     setTime(event.target.value);
   });
   byId("play").addEventListener("click", () => play(!state.playing));
   document.addEventListener("keydown", (event) => {
-    if (event.key !== " " || ["BUTTON", "SELECT", "INPUT"].includes(event.target.tagName)) return;
+    if (event.key !== " " || ["BUTTON", "SELECT"].includes(event.target.tagName)) return;
     event.preventDefault();
     play(!state.playing);
   });
@@ -90,52 +113,20 @@ function controls() {
   new ResizeObserver(() => requestAnimationFrame(refit)).observe(byId("panels"));
   byId("print").addEventListener("click", print);
   window.addEventListener("beforeprint", copySpace);
-  window.addEventListener("afterprint", () => (pictured = false));
-}
-
-// Browsers do not print WebGL, so an image replaces the scene on paper.
-let pictured = false;
-function picture(source, width, height, copied) {
-  const paper = byId("picture");
-  Object.assign(paper, { width, height, className: "drawn" });
-  paper.getContext("2d").drawImage(source, 0, 0, width, height);
-  paper.style.width = byId("space").clientWidth + "px";
-  document.body.classList.toggle("copied", copied);
-}
-
-/** Print button: draw the scene at twice the resolution of the screen, then print. */
-async function print() {
-  play(false);
-  const { clientWidth: width, clientHeight: height } = byId("space");
-  const image = new Image();
-  image.src = await Plotly.toImage(byId("space"), { format: "png", width, height, scale: 2 });
-  await image.decode();
-  picture(image, image.naturalWidth, image.naturalHeight, false);
-  pictured = true;
-  window.print();
-}
-
-/** The browser's print command does not wait for asynchronous code, so copy the scene as it is, without its legend. */
-function copySpace() {
-  if (pictured) return;
-  play(false);
-  const scene = byId("space")._fullLayout?.scene?._scene; // plotly does not have a public function to draw immediately
-  if (!scene?.glplot) return;
-  scene.glplot.redraw();
-  const { canvas } = scene.glplot.gl;
-  picture(canvas, canvas.width, canvas.height, true);
+  window.addEventListener("afterprint", afterPrint);
 }
 
 function entry(colour, name, use) {
   const item = document.createElement("li"),
     swatch = document.createElement("i");
-  swatch.style.background = colour;
+  swatch.style.background = readable(colour);
   item.className = use;
   item.append(swatch, name);
   byId("arrows").append(item);
 }
 
 function legend() {
+  byId("arrows").replaceChildren();
   for (const { colour, symbol, meaning } of arrows) {
     entry(colour, symbol === meaning ? symbol : symbol + " (" + meaning + ")", "");
   }
@@ -146,7 +137,7 @@ function legend() {
   if (bodies.some((body) => body.ghost)) {
     const item = document.createElement("li");
     item.textContent =
-      "pale lines: " +
+      "Pale lines: " +
       bodies
         .filter((body) => body.ghost)
         .map((body) => body.name)
@@ -157,6 +148,7 @@ function legend() {
 
 speeds();
 controls();
+jumps();
 legend();
 drawPanels();
 drawNow();

@@ -10,6 +10,7 @@ import numpy as np
 from qtraj.foundation import units
 from qtraj.path.quantity import QUANTITIES
 from qtraj.viz.map_colours import MapColours
+from qtraj.viz.report.along import distance_travelled
 
 MAX_INSTANTS = 2001
 """Maximum number of instants drawn for one body; longer series are thinned evenly, and both ends are kept."""
@@ -42,14 +43,18 @@ class Body:
     dash: str = "solid"
     ghost: bool = False
 
+    @property
+    def way(self) -> np.ndarray | None:
+        """The distance travelled (n,) [m] at each instant, or None without positions."""
+        return None if self.position is None else distance_travelled(self.position)
+
 
 @dataclass(frozen=True)
 class Series:
     """One line of a panel, with values (n,) over the instants of body number `body`.
 
-    `offset` was subtracted from the values, because the lines would otherwise look flat. If `follows` is true, the line
-    is shown only while its body is selected. A `reference` is drawn as a thin line, for comparison. If several
-    references in a panel have the same name, only the first is in the legend.
+    If `follows` is true, the line is shown only while its body is selected. A `reference` is drawn as a thin line, for
+    comparison. If several references in a panel have the same name, only the first is in the legend.
     """
 
     name: str
@@ -59,29 +64,40 @@ class Series:
     dash: str = "solid"
     follows: bool = False
     reference: bool = False
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Lines over time with a common unit, and limits as pairs (value, label)."""
+    """Lines with a common unit over time or, with `along`, over the distance travelled; limits are (value, label).
+
+    `shown` is the range of the vertical axis, or None if it follows from the values. `note` is a text about values that
+    are outside this range.
+    """
 
     title: str
     unit: str
     series: list[Series]
     limits: list[tuple[float, str]] = field(default_factory=list)
     logarithmic: bool = False
+    along: bool = False
+    shown: tuple[float, float] | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of strings. Columns from index `numbers` on are aligned as numbers; the last column may be a status."""
+    """Rows of strings. Columns from index `numbers` on are aligned as numbers; the last column may be a status.
+
+    `jumps` are the times [s] of each row on each body, to which the first cell of the row moves the clock. A table with
+    jumps stays beside the scene.
+    """
 
     title: str
     header: list[str]
     rows: list[list[str]]
     numbers: int = 1
     note: str = ""
+    jumps: list[list[float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +143,11 @@ def unit(text: str) -> str:
 def words(text: str) -> str:
     """Replace names of limits in a text by words, for example "lateral_acceleration" by "lateral acceleration"."""
     return NAMES.sub(lambda name: name[0].replace("_", " "), text)
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital first letter."""
+    return text[:1].upper() + text[1:]
 
 
 def number(value: float, digits: int = 6) -> str:

@@ -4,7 +4,6 @@ const byId = (id) => document.getElementById(id);
 const { bodies, panels, arrows, space } = data;
 const duration = Math.max(...bodies.map((body) => body.time[body.time.length - 1]), 0);
 const start = Math.min(...bodies.map((body) => body.time[0]));
-const FONT = { family: "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif", size: 12, color: "#1c2733" };
 const narrow = window.innerWidth < 600;
 const MARGIN = { l: narrow ? 62 : 80, r: narrow ? 8 : 14, t: 8, b: 38 };
 const SIDES = 12;

@@ -20,7 +20,23 @@ from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
 """Dimensions that are moved to the front and to the back, in this order."""
-SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
+SCRIPTS = (
+    "theme.js",
+    "motion.js",
+    "arrows.js",
+    "scene.js",
+    "letters.js",
+    "scene_layout.js",
+    "flat.js",
+    "plan.js",
+    "panels.js",
+    "values.js",
+    "paper.js",
+    "clock.js",
+)
+STYLES = ("report.css", "controls.css", "dark.css", "narrow.css", "paper.css")
+JUMPS = "<!-- the tables whose rows move the time -->"
+"""Where these tables are inserted in the stage."""
 VERDICTS = {
     "proved": "good",
     "within": "good",
@@ -67,7 +83,8 @@ def html(report: Report) -> str:
 
     **Raises:** ModuleNotFoundError if plotly is missing.
     """
-    plotly, script, style = _plotly(), _script(), _beside("report.css")
+    plotly, script, style = _plotly(), _script(), "\n".join(map(_beside, STYLES))
+    jumps, others = ([x for x in report.tables if (x.jumps is not None) == beside] for beside in (True, False))
     hashes = " ".join(f"'sha256-{_digest(code)}'" for code in (plotly, script))
     policy = f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     head = [
@@ -83,8 +100,8 @@ def html(report: Report) -> str:
         *(f'<p class="note warning">Warning: {escape(text)}</p>' for text in report.warnings),
         *(f'<p class="note">{escape(text)}</p>' for text in report.notes),
         "<noscript><p class='note'>The figures need JavaScript; the tables below do not.</p></noscript>",
-        _beside("stage.html"),
-        f'<section class="tables">{"".join(map(_table, report.tables))}</section>',
+        _beside("stage.html").replace(JUMPS, "".join(map(_table, jumps))),
+        f'<section class="tables">{"".join(map(_table, others))}</section>',
         f'<script type="application/json" id="data">{_json(payload(report))}</script>',
         f"<script>{plotly}</script>",
         f"<script>{script}</script>",
@@ -94,14 +111,26 @@ def html(report: Report) -> str:
 
 
 def _table(table: Table) -> str:
-    def cells(tag: str, texts: list[str]) -> str:
-        return "".join(f"<{tag}{_class(k, text, table)}>{escape(text)}</{tag}>" for k, text in enumerate(texts))
-
-    head = f"<thead><tr>{cells('th', table.header)}</tr></thead>" if any(table.header) else ""
-    rows = "".join(f"<tr>{cells('td', row)}</tr>" for row in table.rows)
+    head = f"<thead><tr>{_cells('th', table.header, table)}</tr></thead>" if any(table.header) else ""
+    rows = "".join(f"<tr>{_row(k, row, table)}</tr>" for k, row in enumerate(table.rows))
     note = f'<p class="small">{escape(table.note)}</p>' if table.note else ""
-    grid = f'<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
+    scrolls = "wide" if table.jumps is None else "wide long"
+    grid = f'<div class="{scrolls}"><table>{head}<tbody>{rows}</tbody></table></div>'
     return f"<figure><h2>{escape(table.title)}</h2>{grid}{note}</figure>"
+
+
+def _row(k: int, row: list[str], table: Table) -> str:
+    """Return the cells of a row; with jumps, the first one is a button with the times to which it moves the clock."""
+    if table.jumps is None:
+        return _cells("td", row, table)
+    name = escape(f"{table.header[0]} {row[0]}".strip(), quote=True)
+    button = f'<button type="button" class="jump" data-times="{_json(table.jumps[k])}" aria-label="Go to {name}">'
+    return f"<td>{button}{escape(row[0])}</button></td>" + _cells("td", row[1:], table, 1)
+
+
+def _cells(tag: str, texts: list[str], table: Table, first: int = 0) -> str:
+    columns = enumerate(texts, first)
+    return "".join(f"<{tag}{_class(k, text, table)}>{escape(text)}</{tag}>" for k, text in columns)
 
 
 def _class(column: int, text: str, table: Table) -> str:

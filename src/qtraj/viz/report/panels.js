@@ -26,12 +26,12 @@ function drawPanels() {
       type: "scatter",
       mode: "lines",
       name: text(series.name),
-      x: bodies[series.body].time,
+      x: panel.along ? bodies[series.body].way : bodies[series.body].time,
       y: series.values,
       visible: shown(series),
       connectgaps: false,
-      line: { color: series.colour, width: series.width, dash: series.dash, simplify: false },
-      hovertemplate: "%{y:.6g} at %{x:.4g} s<extra>%{fullData.name}</extra>",
+      line: { color: readable(series.colour), width: series.width, dash: series.dash, simplify: false },
+      hovertemplate: `%{y:.6g} at %{x:.4g} ${panel.along ? "m" : "s"}<extra>%{fullData.name}</extra>`,
     }));
     panel.limits
       .filter((limit) => limit.drawn)
@@ -40,33 +40,34 @@ function drawPanels() {
           type: "scatter",
           mode: "lines",
           name: text(limit.text),
-          x: [start, duration],
+          x: [start, duration].map((t) => across(panel, t)),
           y: [limit.value, limit.value],
           hoverinfo: "skip",
-          line: LIMIT,
+          line: limitLine(),
         }),
       );
     const drawn = panel.series.some((series) => series.values.some((value) => value !== null));
     Plotly.newPlot(plot, traces, panelLayout(panel, drawn), { displayModeBar: false });
-    plot.on("plotly_relayout", (change) => follow(plot, change));
-    plot.on("plotly_click", (event) => setTime(event.points[0].x));
+    plot.on("plotly_relayout", (change) => follow(panel, plot, change));
+    plot.on("plotly_click", (event) => setTime(instant(panel, event.points[0].x)));
     plots.push({ panel, plot, cursor, key });
     drawKey(panel, key);
   }
 }
 
-const LIMIT = { color: "#1c2733", width: 1.3, dash: "dot" };
+const limitLine = () => ({ color: scheme.ink, width: 1.3, dash: "dot" });
 const STROKES = { solid: "", dash: "6 4", dashdot: "7 3 2 3", dot: "2 3" };
 
 /** The legend of a panel: each visible line once. */
 function drawKey(panel, key) {
   const lines = panel.series
     .filter((series) => series.listed && shown(series))
-    .map((series) => [series.name, series.colour, series.dash, series.width]);
+    .map((series) => [series.name, readable(series.colour), series.dash, series.width]);
   panel.limits
     .slice(0, 1)
+    .map((limit) => ({ ...limit, line: limitLine() }))
     .forEach((limit) =>
-      lines.push([limit.text + (limit.drawn ? "" : ", outside the axis range"), LIMIT.color, LIMIT.dash, LIMIT.width]),
+      lines.push([limit.text + (limit.drawn ? "" : ", outside the axis range"), limit.line.color, limit.line.dash, limit.line.width]),
     );
   const more = panel.note ? [document.createElement("li")] : [];
   if (panel.note) more[0].textContent = panel.note;
@@ -96,26 +97,38 @@ function drawKey(panel, key) {
   );
 }
 
+/** The position of an instant on the horizontal axis of a panel: the time, or the distance travelled until then. */
+function across(panel, t) {
+  if (!panel.along) return t;
+  const body = bodies[panel.series[0].body];
+  return between(body.way, place(body.time, t));
+}
+
+/** The instant at a position on the horizontal axis of a panel. */
+function instant(panel, x) {
+  if (!panel.along) return x;
+  const body = bodies[panel.series[0].body];
+  return between(body.time, place(body.way, x));
+}
+
+const rangeOf = (panel) => state.range.map((t) => across(panel, t));
+
 function panelLayout(panel, drawn) {
-  const axis = {
-    gridcolor: "#e6ebf0",
-    zerolinecolor: "#c9d2da",
-    linecolor: "#b9c4ce",
-    ticks: "outside",
-    tickcolor: "#b9c4ce",
-  };
+  // The style sheet colours texts and grids, so that they follow the scheme.
+  const axis = { linecolor: "#b9c4ce", ticks: "outside", tickcolor: "#b9c4ce" };
   const note = drawn
     ? []
     : [{ text: "no data", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
+  const title = panel.along ? "distance travelled [m]" : "time [s]";
   return {
-    font: FONT,
+    font: font(),
     margin: MARGIN,
     hovermode: "x",
     showlegend: false,
-    paper_bgcolor: "#fff",
-    plot_bgcolor: "#fff",
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
     annotations: note,
-    xaxis: Object.assign({ range: state.range.slice(), title: { text: "time [s]", standoff: 2 } }, axis),
+    xaxis: Object.assign({ range: rangeOf(panel), title: { text: title, standoff: 2 } }, axis),
     yaxis: Object.assign(
       {
         type: panel.logarithmic ? "log" : "linear",
@@ -129,6 +142,16 @@ function panelLayout(panel, drawn) {
   };
 }
 
+/** Colour the lines and the legends of all panels for the scheme. */
+function repaintPanels() {
+  for (const { panel, plot, key } of plots) {
+    const lines = panel.series.map((series) => readable(series.colour));
+    const all = plot.data.map((_, k) => lines[k] ?? scheme.ink);
+    Plotly.restyle(plot, { "line.color": all });
+    drawKey(panel, key);
+  }
+}
+
 /** Whether the axis includes zero: if the smallest value is less than half the largest, or all values are equal. */
 function levelled(panel) {
   const values = panel.series.flatMap((series) => series.values).filter((value) => value !== null);
@@ -138,15 +161,16 @@ function levelled(panel) {
 }
 
 /** Zoom all panels when one is zoomed. */
-function follow(source, change) {
+function follow(zoomed, source, change) {
   let range = null;
-  if ("xaxis.range[0]" in change) range = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-  else if ("xaxis.range" in change) range = change["xaxis.range"].slice();
+  const back = (ends) => ends.map((x) => instant(zoomed, x));
+  if ("xaxis.range[0]" in change) range = back([change["xaxis.range[0]"], change["xaxis.range[1]"]]);
+  else if ("xaxis.range" in change) return; // set by this function
   else if (change["xaxis.autorange"]) range = [start, duration];
   if (range === null || (range[0] === state.range[0] && range[1] === state.range[1])) return;
   state.range = range;
-  for (const { plot } of plots) {
-    if (plot !== source || change["xaxis.autorange"]) Plotly.relayout(plot, { "xaxis.range": range.slice() });
+  for (const { panel, plot } of plots) {
+    if (plot !== source || change["xaxis.autorange"]) Plotly.relayout(plot, { "xaxis.range": rangeOf(panel) });
   }
   moveCursors();
 }
@@ -157,50 +181,13 @@ function refit() {
 }
 
 function moveCursors() {
-  const [low, high] = state.range;
-  for (const { plot, cursor } of plots) {
+  for (const { panel, plot, cursor } of plots) {
+    const [low, high] = rangeOf(panel);
     const width = plot.clientWidth - MARGIN.l - MARGIN.r;
-    const at = high > low ? (state.time - low) / (high - low) : 0;
+    const at = high > low ? (across(panel, state.time) - low) / (high - low) : 0;
     cursor.hidden = at < -1e-9 || at > 1 + 1e-9;
     cursor.style.left = plot.offsetLeft + MARGIN.l + at * width - 1 + "px";
     cursor.style.top = plot.offsetTop + MARGIN.t + "px";
     cursor.style.height = plot.clientHeight - MARGIN.t - MARGIN.b + "px";
   }
-}
-
-// values at the current instant
-function number(value) {
-  if (value === null || value === undefined) return "–";
-  const size = Math.abs(value),
-    written =
-      size !== 0 && (size < 1e-4 || size >= 1e7) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
-  return written.replace(/-/g, "−");
-}
-
-const cells = [];
-function drawNow() {
-  for (const panel of panels) {
-    const row = byId("now").tBodies[0].insertRow();
-    row.insertCell().textContent = panel.title;
-    cells.push(row.insertCell());
-  }
-}
-
-function showNow() {
-  panels.forEach((panel, k) => {
-    const parts = panel.series.filter((series) => shown(series) && (series.follows || series.body === state.looked));
-    const values = parts
-      .filter((series) => !series.reference)
-      .map((series) => [between(series.values, place(bodies[series.body].time, state.time)), series.offset])
-      .map(([value, offset]) => number(value === null || value === undefined ? value : value + offset));
-    const units = panel.unit === "–" ? "" : " " + panel.unit;
-    cells[k].textContent = values.length > 1 ? "(" + values.join(", ") + ")" + units : values.join("") + units;
-  });
-  const body = bodies[state.looked],
-    notes = [];
-  if (pose(body, state.time).axes === null) notes.push("the axes are not defined at this instant");
-  if (state.time > body.time[body.time.length - 1]) notes.push("this path has ended");
-  byId("state").textContent = notes.join("; ");
-  const digits = duration > 1000 ? 0 : duration > 100 ? 1 : duration > 1 ? 2 : 4;
-  byId("clock").value = "t = " + state.time.toFixed(digits) + " s of " + duration.toFixed(digits) + " s";
 }

@@ -6,15 +6,17 @@ import numpy as np
 import xarray
 
 from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
+from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE
 from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
+from qtraj.io.route_dataset import ROUTE_FACT, ROUTE_FACT_TEXT
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
 from qtraj.path.quantity import CORRIDOR
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle_data import PREFIX
-from qtraj.viz.report.model import Table, number, unit
+from qtraj.viz.report.model import Table, number, sentence, unit
 from qtraj.viz.report.provenance import provenance_table
 
 PROOFS = {
@@ -46,11 +48,15 @@ def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tu
 
 def _fit(dataset: xarray.Dataset) -> Table:
     """Tabulate the comparison of the fitted path with its recording, or return an empty table if there is no fit."""
+    if ROUTE_FACT_TEXT in dataset:
+        pairs = zip(dataset[ROUTE_FACT].values, dataset[ROUTE_FACT_TEXT].values, strict=True)
+        return Table(ROUTE_TITLE, ["", ""], [[str(name), str(text)] for name, text in pairs], 2)
     if "fit_axis" not in dataset:
         return Table(TITLE, ["", ""], [], 2)
     numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
     facts = numbers | {"axis": dataset["fit_axis"].values[:2].tolist()}
-    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, str(dataset.attrs.get("fit_result", "")))
+    note = sentence(str(dataset.attrs.get("fit_result", "")))
+    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, note)
 
 
 def _vehicle(dataset: xarray.Dataset) -> Table:
@@ -84,7 +90,8 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
             'without a certificate, the largest value, "within" and "broken" refer to the sampled instants only',
         ]
     )
-    return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
+    header = ["limit", "path", "largest", "limit", "margin", "at [s]", ""]
+    return Table("Limits", header, rows, 2, sentence(note) + ".")
 
 
 def _certified(tuned: Tuned, name: str) -> list[str]:
@@ -125,7 +132,7 @@ def _reached(dataset: xarray.Dataset) -> Table:
     names = [str(name).replace("_", " ") for name in share["limit"].values]
     rows = [[name, f"{100 * value:.1f} %"] for name, value in zip(names, share.values.tolist(), strict=True)]
     note = (
-        "fraction of the distance on which a quantity is within 1 % of its limit; several quantities may reach their "
+        "Fraction of the distance on which a quantity is within 1 % of its limit; several quantities may reach their "
         "limits at the same position."
     )
     return Table(title, header, rows, 1, note)

@@ -10,11 +10,13 @@ from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
 from qtraj.path.frame_axes import AXES, NATURAL, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.path.quantity import TITLES as QUANTITY_TITLES
 from qtraj.viz.map_colours import map_colours
+from qtraj.viz.report.along import match
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
-from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, sentence, unit, words
 from qtraj.viz.report.path_tables import path_tables
-from qtraj.viz.report.ranges import offsets, shifted
+from qtraj.viz.report.ranges import without_near_one
+from qtraj.viz.report.turns import turn_table
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration")
@@ -29,6 +31,8 @@ DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 AXIS_DASHES = ("solid", "dash", "dashdot")
 """Line styles of the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
+CHANGED = {"before", "after"}
+"""The names of a path before and after a tuning or retiming."""
 ANGLES = ("heading", "pitch", "roll")
 TITLES = {
     "rate": "rate of the frame, body axes",
@@ -58,9 +62,10 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         )
     paths, frame = separate(dataset), body_axes(dataset)
     drawn = dict(list(paths.items())[:MAX_PATHS])
-    notes = [str(dataset.attrs["tuning_warning"])] if "tuning_warning" in dataset.attrs else []
+    notes = [sentence(str(dataset.attrs["tuning_warning"]))] if "tuning_warning" in dataset.attrs else []
     notes += [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
     bodies = [_body(name, k, path) for k, (name, path) in enumerate(drawn.items())]
+    turns = turn_table(drawn)
     recorded = dataset["recorded_position"].values if "recorded_position" in dataset else None
     return Report(
         title=title(dataset) or "Path",
@@ -69,11 +74,11 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         arrows=[Arrow(*about) for about in zip(frame.symbols, frame.names, AXIS_COLOURS, strict=True)],
         bodies=bodies,
         panels=_panels(bodies, list(drawn.values()), frame),
-        tables=path_tables(dataset, drawn, tuned),
+        tables=[*path_tables(dataset, drawn, tuned), *([turns] if turns.rows else [])],
         recorded=recorded,
         colours=map_colours(paths[bodies[0].name]) if len(bodies) == 1 and "curvature" in dataset else None,
         notes=notes,
-        warnings=[words(str(dataset.attrs["fit_warning"]))] if "fit_warning" in dataset.attrs else [],
+        warnings=[sentence(words(str(dataset.attrs["fit_warning"])))] if "fit_warning" in dataset.attrs else [],
     )
 
 
@@ -87,7 +92,8 @@ def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
 
 def _facts(dataset: xarray.Dataset) -> list[str]:
     notes = dataset.attrs
-    facts = [words(str(notes[name])) for name in ("retiming_result", "tuning_result", "route_result") if name in notes]
+    results = ("retiming_result", "tuning_result", "route_result")
+    facts = [sentence(words(str(notes[name]))) for name in results if name in notes]
     if "tuning_objective" in notes:
         facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
     return facts
@@ -108,7 +114,7 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
     limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
     own = [name for kind, name in OF_FRAME.items() if frame == AXES[kind]]
     others = [name for name in (*ALWAYS, *own) if name in first and name not in limited]
-    panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)]
+    panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)] + _lateral(bodies)
     for name, symbol in SYMBOL_OF.items():
         if name in first:
             labels = [f"{symbol} {letter}" for letter in frame.symbols]
@@ -148,16 +154,28 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
     return Panel(QUANTITY_TITLES.get(name, name.replace("_", " ")), unit(notes.get("units", "")), series, limits)
 
 
+def _lateral(bodies: list[Body]) -> list[Panel]:
+    """Create the panel of the lateral distance of the path "after" from the path "before", along the way."""
+    at = {body.name: (k, body.position) for k, body in enumerate(bodies)}
+    if CHANGED - at.keys():
+        return []
+    (_, before), (k, after) = at["before"], at["after"]
+    if before is None or after is None:
+        return []
+    line = Series("after, left of before", k, match(after, before).lateral, COLOURS["after"])
+    return [Panel("lateral distance of after from before, left positive", "m", [line], along=True)]
+
+
 def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray.Dataset]) -> Panel:
     """Create a panel with the components of one variable, for the selected path."""
-    series = []
-    for k, path in enumerate(paths):
-        here = _where_defined(path, path[name].values)
-        near = offsets(here) if name == "quaternion" else [0.0] * here.shape[1]
+    series, shown = [], [_where_defined(path, path[name].values) for path in paths]
+    for k, values in enumerate(shown):
         for column, (symbol, colour, dash) in enumerate(lines):
-            shown, name_shown = here[:, column] - near[column], shifted(symbol, near[column])
-            series.append(Series(name_shown, k, shown, colour, dash, follows=True, offset=near[column]))
-    return Panel(TITLES[name], unit(paths[0][name].attrs.get("units", "")), series)
+            series.append(Series(symbol, k, values[:, column], colour, dash, follows=True))
+    span, note = None, ""
+    if name == "quaternion":
+        span, note = without_near_one(np.concatenate(shown), [line[0] for line in lines])
+    return Panel(TITLES[name], unit(paths[0][name].attrs.get("units", "")), series, shown=span, note=note)
 
 
 def _where_defined(path: xarray.Dataset, values: np.ndarray) -> np.ndarray:

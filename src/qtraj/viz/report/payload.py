@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.viz.extent import beside, box
 from qtraj.viz.map_colours import MapColours
 from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
 from qtraj.viz.report.ranges import HEADROOM, spike
@@ -38,28 +39,27 @@ def payload(report: Report) -> dict[str, Any]:
 def _paths_space(report: Report) -> dict[str, Any]:
     """Return the common centre, the axis ranges relative to the centre, and the length of the arrows [m].
 
-    The centre is rounded to metres. It is zero if its distance from the origin is small compared with the paths.
+    The centre is rounded to metres. It is zero if its distance from the origin is small compared with the paths. `plan`
+    are the ranges of the view from above, which contains the paths without their arrows.
     """
     paths = [body.position for body in report.bodies if body.position is not None]
     if report.recorded is not None:
-        paths.append(report.recorded)
-    low, high = _box(paths)
+        paths.append(beside(report.recorded, paths))
+    low, high = box(paths)
     size = float((high - low).max()) or 1.0
     middle = (low + high) / 2
     centre = np.round(middle) if np.abs(middle).max() > 10 * size else np.zeros(3)
     length = ARROW * size
+    plan = _ranges(low, high, size, centre)[:2]
     tips = [body.position[:, None] + LABEL * length * body.axes for body in report.bodies if body.position is not None]
-    low, high = _box([*paths, *tips])
+    ranges = _ranges(*box([*paths, *tips]), size, centre)
+    return {"centre": plain(centre), "range": plain(ranges), "plan": plain(plan), "length": length}
+
+
+def _ranges(low: np.ndarray, high: np.ndarray, size: float, centre: np.ndarray) -> np.ndarray:
+    """Return the ranges (3, 2) of a box with a margin, relative to the centre."""
     middle, half = (low + high) / 2, np.maximum(high - low, MIN_EXTENT * size) / 2 + MARGIN * size
-    ranges = np.stack([middle - centre - half, middle - centre + half], axis=1)
-    return {"centre": plain(centre), "range": plain(ranges), "length": length}
-
-
-def _box(points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and largest coordinates of all finite points (..., 3); zeros if there are none."""
-    rows = np.concatenate([x.reshape(-1, 3) for x in points]) if points else np.zeros((0, 3))
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    return (rows.min(axis=0), rows.max(axis=0)) if len(rows) else (np.zeros(3), np.zeros(3))
+    return np.stack([middle - centre - half, middle - centre + half], axis=1)
 
 
 def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:
@@ -71,6 +71,7 @@ def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:
         "colour": body.colour,
         "dash": body.dash,
         "ghost": body.ghost,
+        "way": None if body.way is None else plain(body.way[rows]),
     }
 
 
@@ -86,8 +87,9 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
         "title": panel.title,
         "unit": panel.unit,
         "logarithmic": panel.logarithmic,
-        "range": None if cut is None else _shown(panel, cut[0]),
-        "note": "" if cut is None else f"larger values, up to {cut[1]:.3g}, are not shown",
+        "along": panel.along,
+        "range": _range(panel, cut),
+        "note": panel.note or ("" if cut is None else f"larger values, up to {cut[1]:.3g}, are not shown"),
         "limits": [
             {"value": value, "text": text, "drawn": abs(value) <= HEADROOM * peak} for value, text in panel.limits
         ],
@@ -101,7 +103,6 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
                 "width": THIN if line.reference else THICK,
                 "follows": line.follows,
                 "reference": line.reference,
-                "offset": line.offset,
                 "listed": line.name not in [other.name for other in panel.series[:k] if other.reference],
             }
             for k, line in enumerate(panel.series)
@@ -109,7 +110,11 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
     }
 
 
-def _shown(panel: Panel, top: float) -> list[float]:
-    """Return an axis range that shows all values except the spikes."""
+def _range(panel: Panel, cut: tuple[float, float] | None) -> list[float] | None:
+    """Return the axis range, which shows all values except spikes, or None if it follows from the values."""
+    if panel.shown is not None:
+        return list(panel.shown)
+    if cut is None:
+        return None
     negative = any(float(np.nanmin(line.values, initial=0.0)) < 0 for line in panel.series)
-    return [-top if negative else 0.0, top]
+    return [-cut[0] if negative else 0.0, cut[0]]

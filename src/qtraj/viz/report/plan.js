@@ -23,7 +23,7 @@ function planStill() {
       x: column(body.position, 0),
       y: column(body.position, 1),
       customdata: body.time,
-      line: { color: body.colour, width: 2.2, dash: body.dash, simplify: false },
+      line: { color: readable(body.colour), width: 2.2, dash: body.dash, simplify: false },
       hoverinfo: "name",
     });
   }
@@ -69,7 +69,7 @@ function planMoving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((_, k) => {
     if (axes === null) return { x: [], y: [] };
-    const tip = plus(origin, axes[k], space.length);
+    const tip = plus(origin, axes[k], planLength());
     return { x: [origin[0], tip[0]], y: [origin[1], tip[1]] };
   });
   const dots = bodies.map((body) => pose(body, state.time).origin).map((at) => (finite(at) ? at : [null, null, null]));
@@ -86,7 +86,7 @@ function drawPlan() {
     updates = planMoving();
   const lines = arrows.map((arrow, k) =>
     Object.assign(
-      { type: "scatter", mode: "lines", name: "axis " + text(arrow.symbol), hoverinfo: "skip", line: { color: arrow.colour, width: 3 } },
+      { type: "scatter", mode: "lines", name: "axis " + text(arrow.symbol), hoverinfo: "skip", line: { color: readable(arrow.colour), width: 3 } },
       updates[k],
     ),
   );
@@ -96,7 +96,7 @@ function drawPlan() {
       mode: "markers",
       name: "now",
       hoverinfo: "skip",
-      marker: { size: 8, color: bodies.map((body) => body.colour), line: { color: "#1c2733", width: 1.2 } },
+      marker: { size: 8, color: bodies.map((body) => body.colour), line: { color: scheme.ink, width: 1.2 } },
     },
     updates[arrows.length],
   );
@@ -104,10 +104,8 @@ function drawPlan() {
   planMovers = updates.map((_, k) => fixed.length + k);
   const axis = (k) => ({
     title: { text: titleOf("xy"[k], k), standoff: 4 },
-    range: space.range[k],
+    range: byId("plan").layout?.["xy"[k] + "axis"].range ?? space.plan[k], // a redrawn plan keeps its magnification
     nticks: 5,
-    gridcolor: "#e6ebf0",
-    zerolinecolor: "#c9d2da",
     tickfont: { size: 10.5 },
     automargin: true,
   });
@@ -115,17 +113,35 @@ function drawPlan() {
     byId("plan"),
     [...fixed, ...lines, dots],
     {
-      font: FONT,
+      font: font(),
+      uirevision: "plan",
       margin: { l: 46, r: 8, t: 6, b: 36 },
       showlegend: false,
-      paper_bgcolor: "#fff",
-      plot_bgcolor: "#fff",
+      paper_bgcolor: "rgba(0,0,0,0)",
+      plot_bgcolor: "rgba(0,0,0,0)",
       xaxis: axis(0),
       yaxis: Object.assign({ scaleanchor: "x", scaleratio: 1 }, axis(1)),
     },
     { responsive: true, displayModeBar: false },
   );
-  if (first) byId("plan").on("plotly_click", ({ points }) => points[0].customdata !== undefined && setTime(points[0].customdata));
+  if (!first) return;
+  byId("plan").on("plotly_click", ({ points }) => points[0].customdata !== undefined && setTime(points[0].customdata));
+  byId("plan").on("plotly_relayout", movePlan); // the arrows keep their size
+}
+
+const PLAN_ARROW = 46; // [px]
+
+/** The length [m] of the arrows in the plan, which have the same size on the screen at any magnification. */
+function planLength() {
+  const axis = byId("plan")._fullLayout?.xaxis;
+  return axis?._length > 0 ? (PLAN_ARROW * Math.abs(axis.range[1] - axis.range[0])) / axis._length : space.length;
+}
+
+/** Show the surroundings of a point in the plan, `reach` [m] on all sides. */
+function zoomPlan([x, y], reach) {
+  if (!planned) return undefined;
+  const ranges = { "xaxis.range": [x - reach, x + reach], "yaxis.range": [y - reach, y + reach] };
+  return Plotly.relayout(byId("plan"), ranges);
 }
 
 function movePlan() {

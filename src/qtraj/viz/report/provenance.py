@@ -6,7 +6,16 @@ import xarray
 from qtraj._version import __version__
 from qtraj.viz.report.model import Table, words
 
-SHOWN_ELSEWHERE = ("title", "tuning_result", "retiming_result", "tuning_warning", "result", "closed_form")
+SHOWN_ELSEWHERE = (
+    "title",
+    "tuning_result",
+    "route_result",
+    "retiming_result",
+    "tuning_warning",
+    "result",
+    "closed_form",
+)
+"""Attributes that are in another part of the report."""
 
 
 def provenance_table(dataset: xarray.Dataset) -> Table:

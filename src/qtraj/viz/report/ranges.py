@@ -1,4 +1,4 @@
-"""Choose the axis range of a panel, and offsets for components that stay near 1."""
+"""Choose the axis range of a panel: without spikes, and without components that stay near 1."""
 
 import numpy as np
 
@@ -16,6 +16,8 @@ NEAR_ONE = 0.9
 
 All other components are then below 0.44 in magnitude, and would look flat on a common axis.
 """
+MARGIN = 1.05
+"""End of an axis, divided by the largest magnitude that it shows."""
 
 
 def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
@@ -31,16 +33,26 @@ def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
     return (HEADROOM * usual, peak) if 0 < SPIKE * usual < peak else None
 
 
-def offsets(values: np.ndarray) -> list[float]:
-    """Return 1 or −1 for each column of `values` (n, m) that stays near this value, and 0 for all other columns."""
-    result = []
-    for column in values.T:
-        finite = column[np.isfinite(column)]
-        near = finite.size > 0 and float(np.abs(finite).min()) >= NEAR_ONE
-        result.append(float(np.sign(finite[0])) if near and np.ptp(np.sign(finite)) == 0 else 0.0)
-    return result
+def without_near_one(values: np.ndarray, labels: list[str]) -> tuple[tuple[float, float] | None, str]:
+    """Return an axis range that omits the columns of `values` (n, m) that stay near 1 or −1, and a note about them.
+
+    The other components of a unit quaternion would otherwise look flat. The range is None, and the note empty, if no
+    column stays near ±1.
+    """
+    near = [_stays_near_one(column) for column in values.T]
+    if not any(near) or all(near):
+        return None, ""
+    others = values[:, ~np.array(near)]
+    size = float(np.max(np.abs(others[np.isfinite(others)]), initial=0.0)) or 1.0
+    texts = [_between(label, column) for label, column, omitted in zip(labels, values.T, near, strict=True) if omitted]
+    return (-MARGIN * size, MARGIN * size), "; ".join(texts)
 
 
-def shifted(symbol: str, offset: float) -> str:
-    """Return the label of a component minus its offset, for example "λ₀ − 1"."""
-    return symbol if offset == 0 else f"{symbol} {'−' if offset > 0 else '+'} 1"
+def _stays_near_one(column: np.ndarray) -> bool:
+    finite = column[np.isfinite(column)]
+    return finite.size > 0 and float(np.abs(finite).min()) >= NEAR_ONE and np.ptp(np.sign(finite)) == 0
+
+
+def _between(label: str, column: np.ndarray) -> str:
+    low, high = (f"{x:.6g}".replace("-", "−") for x in (np.nanmin(column), np.nanmax(column)))
+    return f"{label}, between {low} and {high}, is outside the axis range"

@@ -1,32 +1,6 @@
 // The scene: static and moving traces of the bodies and their arrows.
 
-const RECORDED = "#737373";
-const VISIBLE = 2; // plotly's units between the lower and the upper edge of the scene
-const LABEL_SPACE = narrow ? { across: 130, along: 130 } : { across: 115, along: 90 }; // [px] space for the labels of the axes
-/** Whether the scene has a legend of its paths. */
-const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
-
-// The initial view direction: from above, and from the side from which the scene looks largest.
-const HEIGHT_OF_EYE = 1.3,
-  DISTANCE_OF_EYE = 1.33;
-const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; not along an axis, where depth is not visible
-const extentOf = () => space.range.map(([low, high]) => high - low);
-const eyeAt = (degrees) => {
-  const turn = (degrees * Math.PI) / 180;
-  return [DISTANCE_OF_EYE * Math.cos(turn), DISTANCE_OF_EYE * Math.sin(turn), HEIGHT_OF_EYE];
-};
-const rightOf = (eye) => unit(cross([0, 0, 1], eye));
-const upOf = (eye) => unit(cross(eye, rightOf(eye)));
-const EYE = data.kind === "attitude" ? [-0.75, -1.1, 1.3] : bestEye();
-const RIGHT = rightOf(EYE);
-const UP = upOf(EYE);
-
-function bestEye() {
-  const eyes = SIDES_SEEN.map(eyeAt);
-  const zooms = eyes.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
-  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first direction within 2 % of the best
-}
-
+const RECORDED = "#9a9a9a";
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
 const line3d = (rows, style) =>
   Object.assign(
@@ -46,7 +20,7 @@ function sphere() {
     const [a, b] = [Math.cos((k * Math.PI) / 4), Math.sin((k * Math.PI) / 4)];
     rows.push(...circle.map(([c, s]) => [a * c, b * c, s]), null);
   }
-  const traces = [line3d(rows, { line: { color: "#d3dae1", width: 1.5 }, showlegend: false })];
+  const traces = [line3d(rows, { line: { color: scheme.zero, width: 1.5 }, showlegend: false })];
   "XYZ".split("").forEach((letter, k) => {
     const end = [0, 0, 0];
     end[k] = 1.12;
@@ -55,7 +29,7 @@ function sphere() {
         mode: "lines+text",
         text: ["", letter],
         textposition: "top center",
-        textfont: { size: 13, color: "#5c6b7a" },
+        textfont: { size: 13, color: scheme.soft },
         line: { color: "#8995a1", width: 2.5 },
         showlegend: false,
       }),
@@ -70,7 +44,7 @@ function tipTraces(body) {
       body.axes.map((row) => row.slice(3 * k, 3 * k + 3)),
       {
         name: "path of " + text(arrow.symbol),
-        line: { color: arrow.colour, width: 3 },
+        line: { color: readable(arrow.colour), width: 3 },
         opacity: 0.55,
         showlegend: false,
       },
@@ -78,18 +52,26 @@ function tipTraces(body) {
   );
 }
 
+const BEHIND = 0.02; // of the largest extent of the axes
+
+/** Points moved away from the viewer: without perspective they stay where they are, but are covered by the paths. */
+function behind(points) {
+  const away = plus([0, 0, 0], unit(eyeNow()), -BEHIND * Math.max(...extentOf()));
+  return points.map((point) => plus(point, away, 1));
+}
+
 function still() {
   if (data.kind === "attitude") return sphere().concat(tipTraces(bodies[state.looked]));
   const traces = bodies.map((body) =>
     line3d(body.position, {
       name: text(body.name),
-      line: { color: body.colour, width: 5, dash: body.dash },
+      line: { color: readable(body.colour), width: 5, dash: body.dash },
       hoverinfo: "name",
     }),
   );
   if (data.recorded) {
     traces.unshift(
-      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 1.8, color: RECORDED } }),
+      line3d(behind(data.recorded), { name: "recorded", mode: "markers", marker: { size: 1.5, color: RECORDED } }),
     );
   }
   const body = bodies[state.looked];
@@ -101,66 +83,21 @@ function still() {
   ends.forEach(([name, k], n) => {
     // The upper letter is above its end and the lower one below, so that they do not overlap if the ends coincide.
     const upper = heights.length > 1 && n === heights.indexOf(Math.max(...heights));
-    const place = { text: ["<b>" + name + "</b>"], textposition: upper ? "top center" : "bottom center" };
+    const place = {
+      text: ["<b>" + name + "</b>"],
+      textposition: upper ? "top center" : "bottom center",
+      textfont: { color: scheme.ink },
+    };
     traces.push(line3d([body.position[k]], { mode: "text", showlegend: false, ...place }));
   });
   return traces;
 }
 
-const LETTER = { width: 9, height: 17 }; // [px] of the labels of arrows
-const POSITIONS = [
-  ["middle right", 1, 0],
-  ["top right", 1, 1],
-  ["top center", 0, 1],
-  ["top left", -1, 1],
-  ["middle left", -1, 0],
-  ["bottom left", -1, -1],
-  ["bottom center", 0, -1],
-  ["bottom right", 1, -1],
-];
-const INWARDS = 40; // [px²] overlap that is accepted to keep a label on the outer side of its tip
-
-/** The positions of the labels relative to the tips in the current view: outwards, and without overlap. */
-function letterPositions(origin, tips) {
-  const { eye } = byId("space").layout?.scene?.camera ?? {};
-  const seen = eye ? [eye.x, eye.y, eye.z] : EYE;
-  const scale = (zoom(extentOf()) * byId("space").clientHeight) / VISIBLE; // [px/m]
-  const flat = (v) => [dot(v, rightOf(seen)) * scale, dot(v, upOf(seen)) * scale];
-  const choices = tips.map((tip, k) => {
-    const [x, y] = flat(tip),
-      [along, across] = flat(plus(tip, origin, -1));
-    const wide = LETTER.width * arrows[k].symbol.length;
-    const distance = Math.hypot(along, across) || 1;
-    return POSITIONS.map(([name, a, b]) => {
-      const cosine = (a * along + b * across) / (distance * Math.hypot(a, b));
-      return { name, x: x + (a * wide) / 2, y: y + (b * LETTER.height) / 2, wide, cost: INWARDS * (1 - cosine) };
-    });
-  });
-  let best = { cost: Infinity, labels: [] };
-  const extend = (labels, cost) => {
-    if (cost >= best.cost) return;
-    if (labels.length === choices.length) best = { cost, labels };
-    else choices[labels.length].forEach((c) => extend([...labels, c], cost + c.cost + overlap(c, labels)));
-  };
-  extend([], 0);
-  return best.labels.map((label) => label.name);
-}
-
-/** The area [px²] in which a label overlaps others. */
-function overlap(label, others) {
-  const shared = (distance, size) => Math.max(0, size - Math.abs(distance));
-  return others.reduce(
-    (sum, other) =>
-      sum + shared(label.x - other.x, (label.wide + other.wide) / 2) * shared(label.y - other.y, LETTER.height),
-    0,
-  );
-}
-
 /** The traces that change with time, in this order: arrows, their letters, and dots and pale axes of other bodies. */
 function moving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
-  const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], space.length));
-  const tips = axes === null ? [] : axes.map((axis) => plus(origin, axis, 1.13 * space.length));
+  const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], arrowLength()));
+  const tips = axes === null ? [] : axes.map((axis) => plus(origin, axis, 1.13 * arrowLength()));
   const positions = axes === null ? [] : letterPositions(origin, tips);
   updates.push({ x: column(tips, 0), y: column(tips, 1), z: column(tips, 2), textposition: positions });
   const dots = [],
@@ -169,7 +106,7 @@ function moving() {
     const at = pose(body, state.time);
     dots.push(body.position !== null && finite(at.origin) ? at.origin : [null, null, null]);
     if (body.ghost && k !== state.looked && at.axes !== null) {
-      at.axes.forEach((axis, n) => thin[n].push(at.origin, plus(at.origin, axis, space.length)));
+      at.axes.forEach((axis, n) => thin[n].push(at.origin, plus(at.origin, axis, arrowLength())));
     }
   });
   for (const rows of [dots, ...thin]) updates.push({ x: column(rows, 0), y: column(rows, 1), z: column(rows, 2) });
@@ -184,7 +121,7 @@ function movingTraces() {
       {
         type: "mesh3d",
         name: "axis " + text(arrow.symbol),
-        color: arrow.colour,
+        color: readable(arrow.colour),
         flatshading: false,
         lighting: light,
         hoverinfo: "skip",
@@ -201,7 +138,7 @@ function movingTraces() {
         type: "scatter3d",
         mode: "text",
         text: arrows.map((arrow) => "<b>" + text(arrow.symbol) + "</b>"),
-        textfont: { size: 15, color: arrows.map((arrow) => arrow.colour) },
+        textfont: { size: 15, color: arrows.map((arrow) => readable(arrow.colour)) },
         hoverinfo: "skip",
         showlegend: false,
       },
@@ -215,7 +152,7 @@ function movingTraces() {
         mode: "markers",
         hoverinfo: "skip",
         showlegend: false,
-        marker: { size: 5, color: bodies.map((body) => body.colour), line: { color: "#1c2733", width: 1.5 } },
+        marker: { size: 5, color: bodies.map((body) => body.colour), line: { color: scheme.ink, width: 1.5 } },
       },
       updates[n + 1],
     ),
@@ -229,7 +166,7 @@ function movingTraces() {
           hoverinfo: "skip",
           opacity: 0.8,
           showlegend: false,
-          line: { color: arrow.colour, width: 6 },
+          line: { color: readable(arrow.colour), width: 6 },
         },
         updates[n + 2 + k],
       ),
@@ -238,72 +175,35 @@ function movingTraces() {
   return traces;
 }
 
-/** The scale at which the axes fill the initial view, with space for labels; a sphere stays round. */
-function zoom(extent, right = RIGHT, up = UP) {
-  const { clientWidth: width, clientHeight: height } = byId("space");
-  const seen = (side) =>
-    data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  return (VISIBLE / height) * Math.min((width - LABEL_SPACE.across) / seen(right), (height - LABEL_SPACE.along) / seen(up));
-}
-
-/** The label of a world axis, with the offset of the common centre. */
-function titleOf(letter, k) {
-  const offset = space.centre[k];
-  return letter + (offset === 0 ? "" : offset > 0 ? " − " + offset : " + " + -offset) + " [m]";
-}
-
-function spaceLayout() {
-  const attitude = data.kind === "attitude";
-  const extent = extentOf();
-  const [wide, deep, high] = extent.map((size) => zoom(extent) * size);
-  const axis = (letter, k) => {
-    if (attitude) return { visible: false, range: space.range[k] };
-    return {
-      title: { text: titleOf(letter, k) },
-      range: space.range[k],
-      nticks: Math.max(2, Math.round((6 * extent[k]) / Math.max(...extent))),
-      tickangle: 0, // if rotated along the axis, long numbers would overlap its title
-      tickfont: { size: 11 },
-      gridcolor: "#e6ebf0",
-      zerolinecolor: "#c9d2da",
-      showspikes: false,
-      showbackground: false, // a background would hide parts of the labels
-    };
-  };
-  return {
-    font: FONT,
-    margin: { l: 0, r: 0, t: 0, b: 0 },
-    uirevision: "space",
-    paper_bgcolor: "#fff",
-    legend: { x: 0.01, y: 0.99, yanchor: "top", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
-    showlegend: listed,
-    modebar: { orientation: "v", bgcolor: "rgba(255,255,255,0)", color: "#5b6b7a", activecolor: "#0072b2" },
-    scene: {
-      aspectmode: "manual",
-      aspectratio: { x: wide, y: deep, z: high },
-      xaxis: axis("x", 0),
-      yaxis: axis("y", 1),
-      zaxis: axis("z", 2),
-      camera: { eye: { x: EYE[0], y: EYE[1], z: EYE[2] }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
-    },
-  };
-}
-
 let movers = [];
 function drawSpace() {
   const fixed = still(),
     traces = movingTraces();
   movers = traces.map((_, k) => fixed.length + k);
-  return Plotly.react(byId("space"), fixed.concat(traces), spaceLayout(), {
+  if (!WEBGL) return drawFlat(fixed, traces);
+  const first = byId("space").data === undefined;
+  const drawn = Plotly.react(byId("space"), fixed.concat(traces), spaceLayout(), {
     responsive: true,
     displaylogo: false,
     showSendToCloud: false, // the page is private
     modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d"],
   });
+  if (first) ["plotly_relayout", "plotly_relayouting"].forEach((event) => byId("space").on(event, viewed));
+  return drawn;
+}
+
+/** After a rotation or a zoom: the recorded points stay behind the paths, and the arrows keep their size. */
+function viewed() {
+  if (data.recorded && data.kind === "path") {
+    const [x, y, z] = [0, 1, 2].map((k) => [column(behind(data.recorded), k)]);
+    Plotly.restyle(byId("space"), { x, y, z }, [0]);
+  }
+  show();
 }
 
 function moveSpace() {
   const updates = moving();
+  if (!WEBGL) return moveFlat(updates);
   return Plotly.restyle(
     byId("space"),
     {
