@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.foundation.namespace import in_numpy
 from qtraj.path import pieces
 
 TERMS = 4
@@ -45,6 +46,7 @@ def composed(curve: list[Any], change: list[Any]) -> list[Any]:
     return result
 
 
+@in_numpy
 def in_time(c: Any, progress: Any) -> Any:
     """Return the coefficients (..., terms, 3) of the segments as polynomials in the time."""
     terms, degree = c.shape[-2], TERMS - 1
