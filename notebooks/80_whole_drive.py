@@ -59,8 +59,8 @@ assert correlation > 0.994
 # ## Where a bus violates its limits
 #
 # Standing passengers keep their balance up to a lateral acceleration of about 1.5 m/s², and the bus drives at most
-# 60 km/h, in bends with a radius of 5 m or more. `certify` checks every segment as a whole, not only at samples, and the
-# curvature up to the stops: there the route consists of regular curves with a progress.
+# 60 km/h, in bends with a radius of 5 m or more. `certify` checks every segment as a whole, not only at samples, and
+# the curvature up to the stops: there the route consists of regular curves with a progress.
 
 # %%
 limits = qt.Limits(curvature=0.2, speed=60 / 3.6, lateral_acceleration=1.5)
