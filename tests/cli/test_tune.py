@@ -226,7 +226,8 @@ def test_a_fit_that_misses_its_recording_is_told_everywhere(qtraj, tmp_path, mot
     layout.show(console, layout.fit(lay(read_scenario(tmp_path / "s.toml", "path")).fitted))
     assert f"\x1b[1;31mWarning: {fit['warning']}" in console.file.getvalue()
     assert qtraj("report", out).exit_code == 0
-    assert f'<p class="note warning">Warning: {escape(fit["warning"])}</p>' in (out / "report.html").read_text("utf-8")
+    warning = fit["warning"][0].upper() + fit["warning"][1:]
+    assert f'<p class="note warning">Warning: {escape(warning)}</p>' in (out / "report.html").read_text("utf-8")
     table = qtraj("evaluate", tmp_path / "s.toml", "--out", out)
     assert table.exit_code == result.exit_code
     assert words[:40] in " ".join(table.stdout.split())

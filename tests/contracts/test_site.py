@@ -102,6 +102,7 @@ def f(a):
 
 
 def test_a_function_with_many_parameters_has_a_table():
+    pytest.importorskip("griffe", reason="tools of the site are in the extra docs")
     parameters = load("parameters")
     long = function(LONG)
     parameters.Parameters().on_function(func=long)
@@ -114,6 +115,7 @@ def test_a_function_with_many_parameters_has_a_table():
 
 
 def test_a_section_of_arguments_becomes_a_table_and_short_functions_stay():
+    pytest.importorskip("griffe", reason="tools of the site are in the extra docs")
     parameters = load("parameters")
     short = function(SHORT)
     parameters.Parameters().on_function(func=short)
