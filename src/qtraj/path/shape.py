@@ -19,6 +19,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.size_text import length_text
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path.joined_ends import first_difference
 from qtraj.path.route import Route, from_segments
 from qtraj.path.route_input import from_piecewise
 from qtraj.path.shape_points import Points, checked_widths, prepared
@@ -30,9 +31,6 @@ SLOWEST = 2.0**-10
 
 SAMPLES = 16
 """Number of samples of each segment in the search for the cusp that a message names."""
-
-JOINED = 1e-6
-"""Largest difference of position, r' and r'' at the ends of a closed curve, relative to their sizes."""
 
 
 @storable
@@ -204,13 +202,9 @@ def _require_regular(route: Route) -> None:
 
 def _require_joined(route: Route, widths: np.ndarray | None) -> None:
     """Raise a ValueError if the ends of a closed curve differ."""
-    states = np.asarray(route.joints(2), float)
-    scale = float(route.duration) ** np.arange(3)
-    sizes = np.abs(states - np.append(states[:1, :1], 0 * states[:1, 1:], axis=1)).max(axis=(0, 2))
-    gaps = np.abs(states[-1] - states[0]).max(axis=1)
-    allowed = JOINED * np.maximum(sizes, sizes[0] / scale)
-    if (gaps > allowed).any():
-        what = ("position", "direction", "curvature")[int(np.argmax(gaps > allowed))]
+    order = first_difference(np.asarray(route.joints(2), float), float(route.duration))
+    if order is not None:
+        what = ("position", "direction", "curvature")[order]
         raise ValueError(
             f"a closed shape must end as it starts, but the {what} at its ends differs: create it with "
             "qtraj.Shape.through(points, closed=True), or pass closed=False"

@@ -48,8 +48,7 @@ def with_curves(
     w, rates = along.at(recording.times)
     moved = recording._replace(times=w, rates=rates)
     in_zone = np.array([along.pieces[k].zone is not None for k in at.piece])
-    folds = choice.folds(recording.times, recording.step)
-    new = choice.problem(moved, at.knots, at.is_stop, folds, np.where(in_zone, STIFF, 1.0))
+    new = choice.problem(moved, at.knots, at.is_stop, [], np.where(in_zone, STIFF, 1.0))
     return Curves(moved, new, solution(moved, new, smoothing), along, at)
 
 

@@ -6,9 +6,7 @@ import numpy as np
 
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
-
-JOINED = 1e-6
-"""Largest difference of r, r' and r'' between the ends of a lap, relative to the sizes of these vectors."""
+from qtraj.path.joined_ends import first_difference
 
 SAMPLES = 65
 
@@ -24,12 +22,9 @@ def require_lap(path: AbstractHodograph, start_speed: Any, end_speed: Any) -> No
         raise ValueError("periodic=True needs one path with concrete values; the limits may be traced")
     times = np.linspace(0.0, float(path.duration), SAMPLES)
     states = np.array([np.asarray(path.derivatives(t, 2), float) for t in times])
-    gaps = np.linalg.norm(states[-1] - states[0], axis=1)
-    span = float(path.duration) ** np.arange(3)
-    sizes = np.linalg.norm(states - states[0] * [[1.0], [0.0], [0.0]], axis=2).max(axis=0)
-    allowed = JOINED * np.maximum(sizes, sizes[0] / span)
-    if (gaps > allowed).any():
-        what = ("position", "velocity", "acceleration")[int(np.argmax(gaps > allowed))]
+    order = first_difference(states, float(path.duration))
+    if order is not None:
+        what = ("position", "velocity", "acceleration")[order]
         raise ValueError(
             f"a lap must end as it starts, but the {what} of the path at its start and its end differs: use a closed "
             "shape, qtraj.Shape.through(points, closed=True), or pass periodic=False"
