@@ -12,8 +12,7 @@ import numpy as np
 import qtraj as qt
 from qtraj.design.proof.certificate import BROKEN, PROVED
 from qtraj.design.timing.constraints import NAMES
-from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.parts import of_path
+from qtraj.design.timing.grid import Grid, of_segments, uniform
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.sources import Source, source
 
@@ -31,12 +30,14 @@ class Cells(NamedTuple):
 
 def cells_of(path, cells: int) -> Cells:
     """Return at least `cells` cells of a path without stops."""
-    (part,), _ = of_path(path, cells, jerk=False)
     polynomials = source(path)
-    assert part.grid is not None
     assert polynomials is not None
-    start, end = float(part.start), float(part.end)
-    return Cells(polynomials, part.grid, start + part.grid.knots * ((end - start) / part.grid.cells))
+    if isinstance(path, qt.Route):
+        starts = np.asarray(path.times, float)
+        grid = of_segments(starts, 0, cells, (False, False))
+    else:
+        grid = uniform(cells)
+    return Cells(polynomials, grid, grid.knots * (float(path.duration) / grid.cells))
 
 
 def exceeded(cells: Cells, powers: np.ndarray, rest: tuple[bool, bool], limits: qt.Limits) -> dict:

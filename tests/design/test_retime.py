@@ -429,7 +429,7 @@ def test_a_vehicle_that_turns_back_at_a_stop_stands_there():
     """Slow motion is replaced by a stop; what is driven faster keeps its path and its parameter."""
     route = creeping()
     limits = qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
-    timed = qt.retime(route, limits, knots=KNOTS)
+    timed = qt.retime(route, limits, knots=KNOTS, stop_speed=0.2)
     assert timed.certificate.holds
     driven = timed.path.path
     assert driven.duration == route.duration
@@ -443,16 +443,18 @@ def test_a_vehicle_that_turns_back_at_a_stop_stands_there():
     assert not np.asarray(driven.velocity(3.0)).any()
 
 
-def test_a_route_that_turns_back_at_a_stop_is_refused_with_the_parts_to_take():
-    """Without stops for slow motion the route is refused, and the parts that the message names are retimed."""
-    route, limits = creeping(), qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
-    with pytest.raises(ValueError, match="reverses at about") as error:
-        qt.retime(route, limits, knots=KNOTS, stop_speed=0.0)
+def test_a_route_that_turns_back_within_a_segment_is_refused_with_the_parts_to_take():
+    """A route that reverses on a straight line is refused, and the parts that the message names are retimed."""
+    limits = qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
+    velocity = [[6.0, 0, 0], [-0.003, 0, 0], [6, 0, 0]]
+    route = qt.Route([0.0, 3, 6], [[-12.0, 0, 0], [0, 0, 0], [12, 0, 0]], velocity, np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="the velocity of the route is zero at") as error:
+        qt.retime(route, limits)
     found = re.search(r"before (\S+) s and after (\S+) s", str(error.value))
     assert found
     first, last = map(float, found.groups())
     assert 2.5 < first < 3.0 < last < 3.5
-    assert qt.retime(route.window(0.0, first), limits, end_speed=0.0, knots=KNOTS, stop_speed=0.0).certificate.holds
+    assert qt.retime(route.window(0.0, first), limits, end_speed=0.0).certificate.holds
 
 
 def test_a_route_with_a_kink_is_refused():
@@ -467,6 +469,6 @@ def test_rounded_accelerations_are_no_jumps():
     t = np.array([0.0, 0.1, 0.3, 0.7, 1.1])
     velocity = np.array([3.3, -0.7, 0.1])
     route = qt.Route(t, t[:, None] * velocity, np.tile(velocity, (5, 1)), np.zeros((5, 3)))
-    parts, standing = of_path(route, KNOTS, jerk=True)
+    parts, standing = of_path(route, ("jerk",))
     assert len(parts) == 1
     assert standing == (False, False)

@@ -51,7 +51,7 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     given = jax.tree.map(
         lambda x: x[None], [x if k else x[1:] for k, x in enumerate(search._imposed(problem(at), TABLES))]
     )
-    found = search.Result(*(x[0] for x in search._searched(TABLES, np.zeros(2, bool), *given)))
+    found = search.Result(*(x[0] for x in search._searched(TABLES, np.zeros(2, bool), None, *given)))
     exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
         jnp.asarray(at)
     )

@@ -9,8 +9,8 @@ from scipy.integrate import quad
 import qtraj as qt
 from qtraj.design.proof.certificate import BROKEN, PROVED
 from qtraj.design.timing.constraints import NAMES
-from qtraj.design.timing.parts import of_path
 from qtraj.design.timing.proof import prove
+from qtraj.design.timing.retimed_cells import cells_of
 from qtraj.design.timing.sources import source
 
 G = 9.80665
@@ -87,13 +87,14 @@ def test_the_proof_agrees_with_dense_samples_and_refutes_smaller_limits(corner):
     assert timed.certificate.holds
     assert float(np.max(values["friction"])) <= 0.9 <= float(np.max(values["friction"])) * (1 + 1e-4)
     assert float(np.max(values["power"])) <= POWER <= float(np.max(values["power"])) * (1 + 1e-4)
-    (part,), _ = of_path(CORNER, 512, True)
+    cells = cells_of(timed.path)
+    assert cells is not None
     powers = timed.timing.coefficients
     for name in ("friction", "power"):
         given = limits.given()[name] * 0.999
         bounds = {n: jnp.asarray(given if n == name else np.inf) for n in NAMES}
         road = jax.tree.map(jnp.asarray, limits.road(powers.dtype))
-        codes = np.asarray(prove(source(CORNER), part.grid, (powers, np.array([True, False])), bounds, road).codes)
+        codes = np.asarray(prove(source(CORNER), cells.grid, (powers, np.array([True, False])), bounds, road).codes)
         assert (codes[NAMES.index(name)] == BROKEN).any()
         assert (np.delete(codes, NAMES.index(name), axis=0) == PROVED).all()
 

@@ -8,7 +8,7 @@ from pydantic import AfterValidator
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.timing.parts import SLOW, STOP_DISTANCE, STOP_SPEED
+from qtraj.design.timing.parts import STOP_DISTANCE
 from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.design.tuning.methods import LEARNING_RATE, adam
@@ -242,16 +242,20 @@ class RetimePart(Part):
     )
     start_speed: keys.Speed | None = key("speed at the start, 0 for rest; default: as high as the limits allow", None)
     end_speed: keys.Speed | None = key("speed at the end, 0 for rest; default: as high as the limits allow", None)
-    knots: Annotated[int, checked_by(require_knots)] = key(
-        "minimum number of timing cells between two stops; with more cells, the duration is closer to the minimum",
-        512,
+    knots: Annotated[int, checked_by(require_knots)] | None = key(
+        "minimum number of timing cells of equal length between two stops; default: cells chosen for `tolerance`",
+        None,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
-    stop_speed: keys.Speed | None = key(
+    tolerance: keys.Positive = key(
+        "largest relative distance of the duration from the minimum at which the cells are small enough; only without "
+        "`knots`",
+        1e-3,
+    )
+    stop_speed: keys.Speed = key(
         "speed at or below which slow motion on a route is replaced by a stop, if the vehicle also stays within "
-        f"`stop_distance`; with 0, nothing is replaced; default: the smaller of {STOP_SPEED} m/s and {100 * SLOW:g} % "
-        "of the highest speed",
-        None,
+        "`stop_distance`; with 0, nothing is replaced",
+        0.0,
     )
     stop_distance: keys.NotNegative | None = key(
         f"maximum distance of a stopped vehicle from its position when the stop starts; default: {STOP_DISTANCE} m",

@@ -53,6 +53,7 @@ class Retimed(AbstractOutcome):
     iterations: Int[Any, "*batch"]
     vehicle: Vehicle | None
     of_shape: bool = eqx.field(static=True)
+    gap: Float[Any, "*batch"]
 
     def __init__(
         self,
@@ -65,9 +66,11 @@ class Retimed(AbstractOutcome):
         iterations: ArrayInput,
         vehicle: Vehicle | None = None,
         of_shape: bool = False,
+        gap: ArrayInput = np.nan,
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
+        self.gap = as_float(gap)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
     @property

@@ -4,11 +4,10 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from qtraj.design.timing.directions import STANDS
-from qtraj.design.timing.grid import Grid, of_segments, uniform
-from qtraj.design.timing.standstill import with_stops
+from qtraj.design.timing.regular import first_zero
 from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
@@ -21,63 +20,59 @@ CONTINUOUS = 1e-6
 
 SAMPLES = 33
 
-STOP_SPEED, STOP_DISTANCE = 0.2, 0.2
-"""By default, motion at this speed [m/s] or less within this distance [m] is treated as a stop."""
+STOP_DISTANCE = 0.2
+"""By default, slow motion within this distance [m] is treated as a stop, if `stop_speed` is given."""
 
 SLOW = 0.02
-"""A speed below this fraction of the highest speed counts as slow."""
+"""A speed below this fraction of the highest speed counts as slow, in advice."""
 
 
 class Part(NamedTuple):
-    """A part of a path, from the parameter `start` to `end` [s], with its cells; `grid` is None for a stop.
+    """A part of a path, from the parameter `start` to `end` [s]: the segments from `first` to before `last`.
 
-    `stops` indicates whether the velocity of the path is zero at the start and at the end.
+    The vehicle is at rest on a part that does not move. `stops` indicates whether the velocity of the path is zero at
+    the start and at the end. `smooth` (last − first − 1,) is the order of the derivatives of u̇² that are continuous at
+    the joints between the segments, 0 to 2.
     """
 
     start: Any
     end: Any
-    grid: Grid | None
+    first: int
+    last: int
+    moves: bool = True
     stops: tuple[bool, bool] = (False, False)
-
-
-def standing(route: Route, speed: float | None, distance: float) -> Route:
-    """Return the route with stops instead of slow motion.
-
-    `speed` and `distance` are the arguments `stop_speed` and `stop_distance` of `retime`.
-    """
-    segments = known_segments(route)
-    return with_stops(route, segments, min(STOP_SPEED, SLOW * fastest(segments)) if speed is None else speed, distance)
+    smooth: Int[np.ndarray, " joints"] = np.zeros(0, int)
 
 
 def of_path(
-    path: AbstractHodograph, knots: int, jerk: bool, regular: bool = False
+    path: AbstractHodograph, names: tuple[str, ...], regular: bool = False
 ) -> tuple[list[Part], tuple[bool, bool]]:
     """Return the parts in order, and whether the velocity of a route is zero at its start and at its end.
 
-    `jerk` indicates whether the jerk is limited, and `regular` whether it is known that the velocity is never zero.
+    `names` are those of the limits, and `regular` indicates whether it is known that the velocity is never zero.
 
-    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route that reverses within a
-    segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration jumps.
+    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route whose velocity is zero
+    within a segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration
+    jumps.
     """
     if not isinstance(path, Route):
-        return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
+        return [Part(np.zeros(()), path.duration, 0, 1)], (False, False)
     segments = known_segments(path)
     slow = standing_ends(segments)
     still = np.asarray(~segments.coefficients[:, 1:].any(axis=(1, 2)))
     if still.all():
         raise ValueError("the vehicle is at rest on the whole route, so there is nothing to retime")
     if not regular:
-        _require_no_stop_within(segments, still)
+        _require_regular(segments, slow, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
     cut = slow[1:, 0] | slow[:-1, 1]
-    _require_smooth(segments, cut, jerk)
+    smooth = _smoothness(segments, cut, names)
     bounds = [0, *(np.flatnonzero(cut) + 1).tolist(), still.size]
     parts = []
     for first, last in pairwise(bounds):
-        cells = max(knots, 1 << (2 * (last - first) - 1).bit_length())
         ends = bool(slow[first, 0]), bool(slow[last - 1, 1])
-        grid = None if still[first] else of_segments(starts[first : last + 1], first, cells, ends)
-        parts.append(Part(starts[first], starts[last], grid, ends))
+        own = smooth[first : last - 1]
+        parts.append(Part(starts[first], starts[last], first, last, not still[first], ends, own))
     return parts, (bool(slow[0, 0]), bool(slow[-1, 1]))
 
 
@@ -101,26 +96,19 @@ def standing_ends(s: Segments) -> np.ndarray:
 
 
 def _velocities(s: Segments) -> Float[Any, "n samples 3"]:
-    local = _instants(s)
+    local = s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
     return s.values(np.arange(len(local))[:, None] + np.zeros(SAMPLES, int), local, 1)[1]
 
 
-def _instants(s: Segments) -> Float[Any, "n samples"]:
-    return s.durations[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-
-
-def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
-    local, v = _instants(s), _velocities(s)
-    speeds = np.linalg.norm(v, axis=-1)
-    v[speeds <= STANDS * speeds.max(axis=1, keepdims=True)] = 0.0  # rounding
-    turns = np.sum(v[:, 1:] * v[:, :-1], axis=-1) < 0
-    if (found := np.argwhere(turns & ~still[:, None])).size:
-        i, k = found[0]
-        at = float(s.starts[i] + local[i, k])
-        raise ValueError(
-            f"the route reverses at about {at:.4g} s, within a segment, but retime divides a route only at joints "
-            f"where the vehicle is at rest. {_advice(s, at)}"
-        )
+def _require_regular(s: Segments, slow: np.ndarray, still: np.ndarray) -> None:
+    """Raise a ValueError if the velocity vanishes within a segment; decided in exact integers where floats do not."""
+    if (bad := first_zero(s, slow, still)) is None:
+        return
+    at = float(s.starts[bad[0]] + bad[1] * s.durations[bad[0]])
+    raise ValueError(
+        f"the velocity of the route is zero at {at:.6g} s, within a segment, but retime divides a route only at joints "
+        f"where the vehicle is at rest. {_advice(s, at)}"
+    )
 
 
 def _advice(s: Segments, at: float) -> str:
@@ -135,23 +123,35 @@ def _advice(s: Segments, at: float) -> str:
     )
 
 
-def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
+def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.ndarray, " joints"]:
+    """Return the order of the derivatives of u̇² that are continuous at the joints, 0 to 2.
+
+    Where the second derivative of the path jumps, the first derivative of u̇² may jump, otherwise the acceleration along
+    the path would have to jump. Where the third derivative jumps, the same applies to the jerk and to the second one.
+
+    **Raises:** ValueError if the velocity jumps at a joint that is not a `cut`, or with a limit on the jerk, if the
+    acceleration jumps there.
+    """
     s = s.in_time()
-    ends = pieces.values(s.coefficients[:-1], s.durations[:-1], 2)
-    for order, name in ((1, "velocity"), *(((2, "acceleration"),) if jerk else ())):
-        after = s.coefficients[1:, order] * (1, 1, 2)[order]
-        jump = np.linalg.norm(after - ends[order], axis=-1)
-        size = np.linalg.norm(s.coefficients[:, order], axis=-1).max() + np.linalg.norm(ends[order], axis=-1)
-        if order == 2:  # the added speed/duration keeps the scale positive where all accelerations are zero
-            size = size + np.linalg.norm(s.coefficients[:, 1], axis=-1).max() / s.durations.max()
-        bad = np.flatnonzero((jump > CONTINUOUS * size) & ~cut)
-        if bad.size:
-            at = s.starts[bad[0] + 1]
+    ends = pieces.values(s.coefficients[:-1], s.durations[:-1], 3)
+    after = pieces.values(s.coefficients[1:], np.zeros(s.durations.size - 1), 3)
+    pace = np.linalg.norm(s.coefficients[:, 1], axis=-1).max()
+    smooth = np.full(s.durations.size - 1, 2)
+    for order in (3, 2, 1):
+        jump = np.linalg.norm(after[order] - ends[order], axis=-1)
+        size = np.linalg.norm(after[order], axis=-1).max(initial=0.0) + np.linalg.norm(ends[order], axis=-1)
+        if order > 1:  # the added term keeps the scale positive where the derivatives are zero
+            size = size + pace / s.durations.max() ** (order - 1)
+        jumps = (jump > CONTINUOUS * size) & ~cut
+        if jumps.any() and (order == 1 or (order == 2 and "jerk" in names)):
             raise ValueError(
-                f"the {name} of the route jumps at {at:.4g} s, while the vehicle is moving, so retime cannot satisfy "
-                f"a limit on the {('acceleration', 'jerk')[order - 1]} there. Use a route with continuous "
-                "acceleration, such as the result of fit_route."
+                f"the {('velocity', 'acceleration')[order - 1]} of the route jumps at "
+                f"{s.starts[1 + int(np.argmax(jumps))]:.4g} s, while the vehicle is moving, so retime cannot satisfy a "
+                f"limit on the {('acceleration', 'jerk')[order - 1]} there. Use a route with continuous acceleration, "
+                "such as the result of fit_route."
             )
+        smooth[jumps] = 0 if order < 3 else 1 if "jerk" in names else 0 if "yaw_acceleration" in names else 2
+    return smooth
 
 
 def known_zero(v: Any) -> bool:

@@ -57,12 +57,11 @@ def require_knots(knots: int) -> None:
         )
 
 
-def require_stop(speed: float | None, distance: float) -> tuple[float | None, float]:
-    """Return the speed [m/s] and the distance [m] that define a stop, or raise an error if they are negative."""
+def require_stop(speed: float, distance: float) -> None:
+    """Raise an error if the speed [m/s] or the distance [m] that defines a stop is negative."""
     for name, value, unit in (("stop_speed", speed, "m/s"), ("stop_distance", distance, "m")):
-        if value is not None and not (np.isfinite(value) and value >= 0):
+        if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} must be at least 0 and finite [{unit}], but {value!r} was given")
-    return speed, distance
 
 
 def require_regular(slowest: Scalar) -> None:

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Float, Int
 
 from qtraj.design.limits import Limits, require_limits
-from qtraj.design.proof.certificate import PROVED, SAMPLED, Certificate, require_float64
+from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.ends import begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.parts import (
-    STOP_DISTANCE,
-    Part,
-    known_zero,
-    of_path,
-    standing as standing_route,
-)
-from qtraj.design.timing.proof import prove
+from qtraj.design.timing.part_timing import Posed, TimedPart, timed
+from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
 from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_knots,
@@ -37,20 +30,17 @@ from qtraj.design.timing.requirements import (
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.search import MARGIN, Found, Problem, fastest, last_gap
-from qtraj.design.timing.sources import Source, source
-from qtraj.design.timing.tables import tables
+from qtraj.design.timing.search import MARGIN, Found
+from qtraj.design.timing.sources import source
+from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import constants, is_traced
-from qtraj.foundation.namespace import namespace
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.vehicle import RoadParameters
-
-KNOTS = 512
 
 REACHED = 1e-5
 """An end speed counts as reached if it is lower than required by at most this fraction."""
@@ -63,7 +53,8 @@ def retime(
     end_speed: ArrayInput | None = None,
     knots: int | None = None,
     *,
-    stop_speed: float | None = None,
+    tolerance: float = 1e-3,
+    stop_speed: float = 0.0,
     stop_distance: float = STOP_DISTANCE,
     periodic: bool | None = None,
     throw: bool = False,
@@ -121,12 +112,13 @@ def retime(
     if lap:
         require_lap(path, start_speed, end_speed)
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
-    knots = KNOTS if knots is None else knots
-    require_knots(knots)
+    if knots is not None:
+        require_knots(knots)
     given = limits.given()
-    if isinstance(path, Route):
-        path = standing_route(path, *require_stop(stop_speed, stop_distance))
-    parts, standing = of_path(path, knots, "jerk" in given, of_shape)
+    require_stop(stop_speed, stop_distance)
+    if isinstance(path, Route) and stop_speed > 0:
+        path = with_stops(path, known_segments(path), stop_speed, stop_distance)
+    parts, standing = of_path(path, names, of_shape)
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
@@ -135,94 +127,43 @@ def retime(
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
-    found = _retimed(path, parts, standing, bounds, road, speeds, names, lap)
-    retimed = Retimed(*found, vehicle, of_shape)
+    posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
+    *found, gap = _retimed(posed, parts, standing, speeds)
+    retimed = Retimed(*found, vehicle, of_shape, gap)
     return retimed.check() if throw else retimed
 
 
-class _Timed(NamedTuple):
-    """The timing of a part: coefficients of u̇², usage and status of limits in each cell, knots, and search result.
-
-    The usage of a limit is the ratio of the quantity to the limit. The search result is None for a stop.
-    """
-
-    powers: Float[Any, "cells 4"]
-    usage: Float[Any, "limits cells"]
-    codes: Int[Any, "limits cells"]
-    knots: Float[Any, " cells+1"]
-    found: Found | None
-
-
 def _retimed(
-    path: AbstractHodograph,
-    parts: list[Part],
-    standing: tuple[bool, bool],
-    bounds: dict[str, Scalar],
-    vehicle: RoadParameters | None,
-    speeds: tuple[Scalar | None, ...],
-    names: tuple[str, ...],
-    lap: bool,
-) -> tuple[RetimedPath, Scalar, Certificate, Any, Any, Any, Any]:
+    p: Posed, parts: list[Part], standing: tuple[bool, bool], speeds: tuple[Scalar | None, ...]
+) -> tuple[Any, ...]:
     """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
-    begins = begun(path, wanted, np.array(standing))
-    if not isinstance(path, Route):
+    begins = begun(p.path, wanted, np.array(standing))
+    if not isinstance(p.path, Route):
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
-    timed, traced = [], is_traced(path, bounds, vehicle, speeds)
-    polynomials = constants(source(path))
+    found = []
     for k, part in enumerate(parts):
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
-        at_rest = rest[0] and first, rest[1] and last
-        timed.append(_timed(path, polynomials, part, bounds, vehicle, ends, at_rest, names, lap))
-    enough = np.array([last_gap(part.grid.cells) for part in parts if part.grid is not None])
-    ends = begins.pace, begins.wanted
+        found.append(timed(p, part, ends, (rest[0] and first, rest[1] and last)))
+    traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = eqx.filter_jit(_judged) if traced else _judged
-    return judge(path, timed, bounds, ends, enough, vehicle, of_parts(parts), names, rest)
-
-
-def _timed(
-    path: AbstractHodograph,
-    polynomials: Source | None,
-    part: Part,
-    bounds: dict[str, Scalar],
-    vehicle: RoadParameters | None,
-    ends: Any,
-    rest: tuple[bool, bool],
-    names: tuple[str, ...],
-    lap: bool,
-) -> _Timed:
-    ends_of_part: list[Any] = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
-    start, end = ends_of_part
-    grid = part.grid
-    if grid is None:
-        unit, nothing = np.array([[1.0, 0, 0, 0]]), np.zeros((len(listed(names, vehicle is not None)), 1))
-        return _Timed(unit, nothing, np.full((len(NAMES), 1), PROVED, np.int32), np.stack([start, end]), None)
-    stops = np.array(part.stops)
-    problem = Problem(path, start, end, bounds, ends, vehicle, stops)
-    found = fastest(problem, tables(grid, rest, "jerk" in bounds, lap))
-    codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
-    if polynomials is not None:
-        # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
-        xp = namespace(found.unbounded, found.powers)
-        given = {name: xp.where(found.unbounded, np.nan, bounds[name]) for name in names}
-        found_powers, given, road = constants((found.powers, given, vehicle))
-        codes = prove(polynomials, grid, (found_powers, np.array(rest)), given, road).codes
-    return _Timed(found.powers, found.usage, codes, start + grid.knots * ((end - start) / grid.cells), found)
+    cells = of_parts([x.grid for x in found], [part.stops for part in parts])
+    own = [x._replace(grid=None) for x in found]
+    return judge(p.path, own, p.bounds, (begins.pace, begins.wanted), p.vehicle, cells, p.names, rest)
 
 
 def _judged(
     path: AbstractHodograph,
-    timed: list[_Timed],
+    timed: list[TimedPart],
     bounds: dict[str, Scalar],
     speeds: tuple[Any, Any],
-    enough: Float[Any, " searches"],
     vehicle: RoadParameters | None,
     cells: Cells,
     names: tuple[str, ...],
     rest: tuple[bool, bool],
-) -> tuple[RetimedPath, Scalar, Certificate, Any, Any, Any, Any]:
+) -> tuple[Any, ...]:
     """Combine the timings of all parts, and return the fields of `Retimed`."""
     xp: Any = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
     knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
@@ -246,15 +187,15 @@ def _judged(
     time = timing.duration if xp is np else stop_gradient(timing.duration)
     time = time + sum(found.sensitivity for found in searches) if xp is jnp else time
     steps = sum((found.steps for found in searches), np.zeros((), np.int32))
-    code = _code(xp, certificate.code, searches, enough, (ends, wanted), (powers, time))
-    return RetimedPath(path, timing), time, certificate, usage, ends, code, steps
+    code = _code(xp, certificate.code, searches, (ends, wanted), (powers, time))
+    gap = sum(x.excess for x in timed) / time
+    return RetimedPath(path, timing), time, certificate, usage, ends, code, steps, gap
 
 
 def _code(
     xp: Any,
     code: Any,
     searches: list[Found],
-    enough: Any,
     speeds: tuple[Any, Any],
     finite: tuple[Any, Scalar],
 ) -> Any:
@@ -266,7 +207,7 @@ def _code(
     missed = xp.any(xp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = xp.any((wanted <= 0) & (ends > 0))
-    found = xp.all(xp.stack([x.error for x in searches]) < enough)
+    found = xp.all(xp.stack([x.error for x in searches]) < 1)
     is_finite = xp.isfinite(finite[0]).all() & xp.isfinite(xp.asarray(finite[1]))
     for failed, result in (
         (missed, ResultCode.end_speed_not_reached),

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.timing.grid import Grid, Shape, derivatives, uniform
-from qtraj.design.timing.parts import Part, known_segments, standing_ends
+from qtraj.design.timing.parts import known_segments, standing_ends
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.route import Route
@@ -34,19 +34,32 @@ class Cells(NamedTuple):
 def cells_of(path: RetimedPath) -> Cells | None:
     """Return the cells of the timing, or None if they are not dyadic parts of the segments of the original path.
 
-    For a path with one segment and traced knots, the result assumes cells of equal length. Check this assumption with
-    `divides_equally`.
+    For a path with one segment that is traced or a batch, the result assumes cells of equal length. If the knots are
+    traced, check this assumption with `divides_equally`.
     """
     knots, count = path.timing.knots, path.timing.coefficients.shape[-2]
-    if not isinstance(path.path, Route):
-        if count & (count - 1):
+    if path.duration.ndim or is_traced(path.path, knots):
+        if isinstance(path.path, Route) or count & (count - 1):
             return None
         found = Cells(uniform(count), np.arange(count), np.zeros((2, count), bool))
         return found if is_traced(knots) or bool(np.all(divides_equally(path, found))) else None
-    if path.duration.ndim or is_traced(path.path, knots):
+    if not isinstance(path.path, Route):
+        grid = _dyadic(np.asarray(knots), np.zeros(1), np.asarray(path.path.duration)[None])
+        return None if grid is None else Cells(grid, np.arange(count), np.zeros((2, count), bool))
+    segments = known_segments(path.path)
+    grid = _dyadic(np.asarray(knots), segments.starts, segments.durations)
+    if grid is None:
         return None
-    segments, at = known_segments(path.path), np.asarray(knots)
-    starts, spans = segments.starts, segments.durations
+    columns = np.flatnonzero(segments.coefficients[grid.segment, 1:].any(axis=(1, 2)))
+    grid = Grid(np.arange(columns.size + 1.0), *(x[columns] for x in grid[1:]))
+    sides = np.stack([grid.middle - grid.half == -1, grid.middle + grid.half == 1])
+    return Cells(grid, columns, sides & standing_ends(segments)[grid.segment].T) if columns.size else None
+
+
+def _dyadic(
+    at: Float[np.ndarray, " cells+1"], starts: Float[np.ndarray, " n"], spans: Float[np.ndarray, " n"]
+) -> Grid | None:
+    """Return the cells between the knots `at` as dyadic parts of segments, or None if they are not such parts."""
     own = np.clip(np.searchsorted(starts, 0.5 * (at[1:] + at[:-1]), side="right") - 1, 0, starts.size - 1)
     half = np.exp2(np.round(np.log2(np.maximum(np.diff(at), 1e-300) / spans[own])))
     middle = (2 * np.round(((at[1:] + at[:-1] - 2 * starts[own]) / spans[own] / half - 1) / 2) + 1) * half - 1
@@ -54,10 +67,7 @@ def cells_of(path: RetimedPath) -> Cells | None:
     error = max(np.abs(ends - np.stack([at[:-1], at[1:]])).max(), abs(at[0]), abs(at[-1] - starts[-1] - spans[-1]))
     if error > ROUNDINGS * np.finfo(float).eps * (starts[-1] + spans[-1]):
         return None
-    columns = np.flatnonzero(segments.coefficients[own, 1:].any(axis=(1, 2)))
-    grid = Grid(np.arange(columns.size + 1.0), own[columns], middle[columns], half[columns])
-    sides = np.stack([grid.middle - grid.half == -1, grid.middle + grid.half == 1])
-    return Cells(grid, columns, sides & standing_ends(segments)[grid.segment].T) if columns.size else None
+    return Grid(np.arange(own.size + 1.0), own, middle, half)
 
 
 def divides_equally(path: RetimedPath, cells: Cells) -> Any:
@@ -69,19 +79,22 @@ def divides_equally(path: RetimedPath, cells: Cells) -> Any:
     return xp.max(error / duration, axis=-1) <= ROUNDINGS * float(np.finfo(knots.dtype).eps)
 
 
-def of_parts(parts: list[Part]) -> Cells:
-    """Return the moving cells of all parts of a path; the single cell that a stop has in the timing is omitted."""
-    columns, grids, stops, first = [], [], [], 0
-    for part in parts:
-        count = 1 if part.grid is None else part.grid.cells
-        if part.grid is not None:
+def of_parts(grids: list[Grid | None], ends: list[tuple[bool, bool]]) -> Cells:
+    """Return the moving cells of all parts of a path; the grid of a stop is None, which has one cell in the timing.
+
+    `ends` indicates for each part whether the velocity of the path is zero at its start and at its end.
+    """
+    columns, stops, first = [], [], 0
+    for grid, own in zip(grids, ends, strict=True):
+        count = 1 if grid is None else grid.cells
+        if grid is not None:
             columns.append(first + np.arange(count))
-            grids.append(part.grid[1:])
             stops.append(np.zeros((2, count), bool))
-            stops[-1][0, 0], stops[-1][1, -1] = part.stops
+            stops[-1][0, 0], stops[-1][1, -1] = own
         first += count
     moving = np.concatenate(columns)
-    grid = Grid(np.arange(moving.size + 1.0), *(np.concatenate(x) for x in zip(*grids, strict=True)))
+    fields = zip(*(grid[1:] for grid in grids if grid is not None), strict=True)
+    grid = Grid(np.arange(moving.size + 1.0), *(np.concatenate(x) for x in fields))
     return Cells(grid, moving, np.concatenate(stops, axis=1))
 
 

@@ -121,7 +121,7 @@ def _certificate(
     knots = xp.asarray(path.timing.knots)
     own = codes[np.array([NAMES.index(name) for name in names])]
     own = xp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
-    if not isinstance(path.path, Route):
+    if is_traced(path) and not isinstance(path.path, Route):
         own = xp.where(divides_equally(path, cells), own, SAMPLED)
     still = np.ones((len(names), 1))
     all_codes = xp.concatenate([own, (PROVED * still).astype(own.dtype)], axis=1)[:, place]

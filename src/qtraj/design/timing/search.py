@@ -80,7 +80,8 @@ class Found(NamedTuple):
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
     (limits, cells) is the largest ratio of each quantity to its limit, in the order of `listed`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
-    the optimality error of the last search. `unbounded` indicates whether no limit bounds the speed.
+    the optimality error of the last search, divided by the largest allowed one. `unbounded` indicates whether no limit
+    bounds the speed.
     """
 
     powers: Float[Any, "cells 4"]
@@ -96,24 +97,25 @@ def last_gap(cells: int) -> float:
     return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
 
 
-def fastest(problem: Problem, t: Tables) -> Found:
+def fastest(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | None = None) -> Found:
     """Compute the fastest timing; `powers` and `sensitivity` have derivatives with respect to the path and limits.
 
-    The search runs in NumPy. For a traced problem, it is one operation of JAX.
+    `start` are the coefficients of the first iterate, by default those of `initial`. The search runs in NumPy. For a
+    traced problem, it is one operation of JAX.
     """
-    names, search = tuple(problem.bounds), functools.partial(_searched, t, problem.stops)
+    names, search = tuple(problem.bounds), functools.partial(_searched, t, problem.stops, start)
     if not is_traced(problem):
         with np.errstate(all="ignore"):  # a failed search ends with NaN
             program, places = _imposed(problem, t)
             r = on_host(search, _shapes(program, places), program[1:], places)
             powers, usage, error = _satisfied(r, r.coefficients, t, places, names)
         zero: Any = np.zeros(())
-        return Found(powers, usage, zero, r.steps, error, r.unbounded)
+        return Found(powers[t.filled], usage[:, t.filled], zero, r.steps, error, r.unbounded)
     program, places = eqx.filter_jit(_imposed)(problem, t)
     r = on_host(search, _shapes(program, places), *constants((program[1:], places)))
     best, sensitivity = _differentiable(program, r)
     powers, usage, error = eqx.filter_jit(_satisfied)(r, best, t, stop_gradient(places), names)
-    return Found(powers, usage, sensitivity, r.steps, error, r.unbounded)
+    return Found(powers[t.filled], usage[:, t.filled], sensitivity, r.steps, error, r.unbounded)
 
 
 class Result(NamedTuple):
@@ -138,7 +140,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     cells, grid = t.grid.cells, t.grid
     xp: Any = jnp if is_traced(problem) else np
     count = 2 * (cells + 1)
-    shape = Shape(problem.path, problem.start, (problem.end - problem.start) / cells)
+    shape = Shape(problem.path, problem.start, (problem.end - problem.start) / grid.knots[-1])
     r = derivatives(shape, grid, t.cell, t.place)
     bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
     found = parts(r, shape.per_cell, bounds, problem.vehicle)
@@ -153,8 +155,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     upper = c.upper
     for end, bound in zip(ends, problem.ends, strict=True):
         upper = xp.where(end, xp.maximum(upper, 1 / bound), upper)
-    padding = np.zeros(upper.shape, bool)  # this node does not exist
-    padding[1, cells] = True
+    padding = ~t.nodes.basis.any(axis=(0, 1))  # these nodes do not exist
     forms = xp.where(xp.broadcast_to(padding, c.forms.shape), 0.0, c.forms)
     jerk = c.jerk
     if jerk is not None:
@@ -173,7 +174,7 @@ def _shapes(program: Program, places: Parts) -> Result:
     )
 
 
-def _searched(t: Tables, stops: Bool[Any, " 2"], of_nodes: tuple[Any, ...], between: Parts) -> Result:
+def _searched(t: Tables, stops: Bool[Any, " 2"], start: Any, of_nodes: tuple[Any, ...], between: Parts) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
     `of_nodes` contains the fields of `Program` after the nodes. The batch axis of the arguments is the first axis.
@@ -182,7 +183,7 @@ def _searched(t: Tables, stops: Bool[Any, " 2"], of_nodes: tuple[Any, ...], betw
     program, within = Program(t.nodes, *of_nodes), t.within
     cells, count = within.shape[-1], program.constraints.per_node
     with np.errstate(all="ignore"):  # a failed search ends with NaN
-        state = begun(program, initial(program))
+        state = begun(program, initial(program) if start is None else start[None])
         size = len(state.steps)
         factors = np.ones((count, size, cells))
         used, usage = factors.copy(), np.zeros((between.upper.shape[0] + count - 1, size, cells))
@@ -195,6 +196,7 @@ def _searched(t: Tables, stops: Bool[Any, " 2"], of_nodes: tuple[Any, ...], betw
             found = _between_nodes(places, within, last.coefficients)
             used[:, which], usage[:, which] = factors[:, which], found
             excess, over = _grouped(places, found), OVER * 2.0 ** max(search - 2, 0)
+            excess = np.where((last.error < enough)[:, None], excess, 1.0)  # such violations mean nothing
             factors[:, which] *= np.where(excess > 1, 1 + over * (excess - 1), 1.0)
             if search + 1 < len(GAPS):
                 continue
@@ -228,7 +230,7 @@ def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str
     slower = xp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.coefficients
     powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
-    error = xp.where(slower >= 1 - SLOWED, r.error, np.inf)
+    error = xp.where(slower >= 1 - SLOWED, r.error / last_gap(t.grid.cells), np.inf)
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
         usage = r.usage * xp.stack(factors)[:, None]

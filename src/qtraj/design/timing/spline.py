@@ -13,7 +13,7 @@ import operator
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from qtraj.design.timing.seam import added, repeated
 from qtraj.foundation.namespace import namespace
@@ -66,15 +66,15 @@ def power_form(knots: Float[Any, " cells+1"], lap: bool = False) -> Float[Any, "
         before, after = knots[:1].repeat(DEGREE), knots[-1:].repeat(DEGREE)
     t = np.concatenate([before, knots, after])
     start, length = knots[:-1], np.diff(knots)
-    basis = [np.ones((1, cells))]
+    basis = [np.where(length > 0, 1.0, 0.0)[None]]
     for degree in range(1, DEGREE + 1):
         new = [np.zeros((degree + 1, cells)) for _ in range(degree + 1)]
         for k, lower in enumerate(basis):  # the function whose support ends k + 1 knots after the start of the cell
             left = t[np.arange(cells) + DEGREE + k + 1 - degree]
             right = t[np.arange(cells) + DEGREE + k + 1]
-            span = right - left
-            grows = np.stack([(start - left) / span, length / span])
-            falls = np.stack([(right - start) / span, -length / span])
+            inverse = np.divide(1.0, right - left, out=np.zeros(cells), where=length > 0)
+            grows = np.stack([(start - left) * inverse, length * inverse])
+            falls = np.stack([(right - start) * inverse, -length * inverse])
             for power in range(2):
                 new[k][power : power + degree] += falls[power] * lower
                 new[k + 1][power : power + degree] += grows[power] * lower
@@ -82,19 +82,32 @@ def power_form(knots: Float[Any, " cells+1"], lap: bool = False) -> Float[Any, "
     return np.stack(basis, axis=1)
 
 
-def nodes(
-    knots: Float[Any, " cells+1"], rest: tuple[bool, bool], jumps: Bool[Any, " cells"] | None = None, lap: bool = False
-) -> Nodes:
+def inserted(
+    knots: Float[np.ndarray, " cells+1"], powers: Float[np.ndarray, "coarse 4"], coarse: Float[np.ndarray, " coarse+1"]
+) -> Float[np.ndarray, " cells+3"]:
+    """Return the coefficients of a given spline for cells that divide its cells.
+
+    `powers` are the coefficients of the spline in its cells, between the knots `coarse`, for powers of the position
+    from 0 to 1. A coefficient is the blossom (the symmetric trilinear form) of a cubic at three consecutive knots.
+    """
+    t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
+    three = np.stack([t[k : k + knots.size + DEGREE - 1] for k in (1, 2, 3)])
+    wide = [t[k + 1 : k + knots.size + DEGREE] - t[k : k + knots.size + DEGREE - 1] for k in range(DEGREE + 1)]
+    first = np.argmax(np.stack(wide[1:3] + wide[:1] + wide[3:]) > 0, axis=0)  # a cell that is not empty
+    place = np.array([1, 2, 0, 3])[first] + np.arange(first.size)
+    cell = np.clip(np.searchsorted(coarse, 0.5 * (t[place] + t[place + 1]), side="right") - 1, 0, len(powers) - 1)
+    x, y, z = (three - coarse[cell]) / np.diff(coarse)[cell]
+    c = powers[cell].T
+    return c[0] + c[1] * (x + y + z) / 3 + c[2] * (x * y + y * z + z * x) / 3 + c[3] * x * y * z
+
+
+def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], lap: bool = False) -> Nodes:
     """Return the nodes; `rest` indicates whether the spline is zero at the start and at the end.
 
-    `jumps` indicates the cells at whose end a constraint may jump. The node inside such a cell is moved to its end, so
-    that the constraint is imposed on both sides of the knot, and the integral is computed by the trapezoidal rule. The
-    spline of a `lap` is periodic.
+    The spline of a `lap` is periodic.
     """
     length, cells = np.diff(knots), knots.size - 1
-    moved = np.zeros(cells, bool) if jumps is None else jumps
-    inner, at_knots, inside = np.where(moved, 1.0, 0.5), np.zeros(cells + 1), np.where(moved, 0.0, 4.0)
-    ends = np.where(moved, 3.0, 1.0) * np.ones((2, 1))
+    inner, at_knots, inside, ends = np.full(cells, 0.5), np.zeros(cells + 1), np.full(cells, 4.0), np.ones((2, cells))
     for side, (is_at_rest, cell) in enumerate(zip(rest, (0, -1), strict=True)):
         if is_at_rest:
             inner[cell] = (REST_PLACE, 1 - REST_PLACE)[side]
@@ -102,13 +115,18 @@ def nodes(
     at_knots[:-1] += length * ends[0] / 6
     at_knots[1:] += length * ends[1] / 6
     form = power_form(knots, lap)
-    # At the last knot, the first coefficient of the cell has zero weight.
-    last = np.roll(_at(form[..., -1:], np.ones(1), length[-1:]), -1, axis=1)
+    # At the end of a cell, the first of its coefficients has no influence.
+    last = np.roll(_at(form, np.ones(cells), length), -1, axis=1)
     last[:, -1] = 0.0
-    at_each = np.concatenate([_at(form, np.zeros(cells), length), last], axis=-1)
+    at_each = np.concatenate([_at(form, np.zeros(cells), length), last[..., -1:]], axis=-1)
+    empty = np.append(length == 0, False)
+    first = empty[1:-1] & ~empty[:-2]
+    at_each[..., 1:-1] = np.where(first, last[..., :-1], at_each[..., 1:-1])
     free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))
     free[0], free[-1] = 1.0 - rest[0], 1.0 - rest[1]
     free[-DEGREE:] *= not lap
+    standing[:] = empty
+    standing[0, 1:-1][first] = 0.0
     standing[0, 0], standing[0, -1], standing[1, -1] = *rest, 1.0
     return Nodes(
         np.stack([knots, np.append(knots[:-1] + inner * length, knots[-1])]),
@@ -130,7 +148,8 @@ def within(knots: Float[Any, " cells+1"], count: int, lap: bool = False) -> Floa
 def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[Any, "3 4 cells"]:
     z, one = place, np.ones_like(place)
     powers = np.stack([[one, z, z**2, z**3], [0 * z, one, 2 * z, 3 * z**2], [0 * z, 0 * z, 2 * one, 6 * z]])
-    return np.einsum("dpn,pkn->dkn", powers, form) / length ** np.arange(ORDERS)[:, None, None]
+    safe = np.where(length > 0, length, 1.0)
+    return np.einsum("dpn,pkn->dkn", powers, form) / safe ** np.arange(ORDERS)[:, None, None]
 
 
 def local(coefficients: Float[Any, "*batch cells+3"]) -> Float[Any, "4 *batch cells"]:

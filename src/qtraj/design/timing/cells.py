@@ -1,0 +1,198 @@
+"""Choose the cells of a timing: small where the path bends, where its parameter slows, and where limits take turns.
+
+The first cells are the segments of the path. A cell is halved while the path turns by more than `TURN` in it, or |r'|
+varies by more than the factor `UNEVEN`. Then cells are halved where a cubic does not approximate the relaxed timing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from qtraj.design.timing.grid import Grid
+from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
+
+TURN, UNEVEN = 0.3, 2.0
+"""Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
+
+SMALLEST = 1e-9
+"""Fraction of the length of the path below which a cell is not halved because of the shape of the path."""
+
+LONGER = 3.0
+"""Largest ratio of the lengths of two neighbours: a smooth spline changes its slope only within several cells."""
+
+FEWEST, MOST = 8, 2**15
+"""Smallest number of cells, and the number above which no cells are halved."""
+
+HALVINGS, PASSES = 48, 24
+"""Largest numbers of halvings of a segment, and of passes over all cells."""
+
+BEND = 0.1
+"""Weight of the error of the jerk in the estimates of errors."""
+
+FINE = 2 * PLACES - 1
+"""Number of points in a cell at which |r'| is evaluated for its length."""
+
+Derivatives = Callable[[Int[np.ndarray, "*n"], Float[np.ndarray, "*n"]], Float[np.ndarray, "3 3 *n"]]
+"""Function that returns the first three derivatives of the path at places −1 ≤ s ≤ 1 in segments."""
+
+
+class Cells(NamedTuple):
+    """Cells in order; each is the part `middle` ± `half` of a segment, in which −1 ≤ s ≤ 1."""
+
+    segment: Int[np.ndarray, " cells"]
+    middle: Float[np.ndarray, " cells"]
+    half: Float[np.ndarray, " cells"]
+
+    def halved(self, which: Bool[np.ndarray, " cells"]) -> Cells:
+        """Return the cells with some of them divided into two."""
+        count = 1 + which
+        segment, middle, half = (np.repeat(x, count) for x in self)
+        first = (np.cumsum(count) - count)[which]
+        for side, sign in ((first, -1.0), (first + 1, 1.0)):
+            half[side] /= 2
+            middle[side] += sign * half[side]
+        return Cells(segment, middle, half)
+
+    def places(self, count: int) -> tuple[Int[np.ndarray, "cells count"], Float[np.ndarray, "cells count"]]:
+        """Return the segments and places of `count` equidistant points in each cell."""
+        place = self.middle[:, None] + self.half[:, None] * np.linspace(-1.0, 1.0, count)
+        return self.segment[:, None] + np.zeros(count, int), place
+
+    def grid(self, spans: Float[np.ndarray, " segments"], first: int) -> Grid:
+        """Return the grid of the cells; `spans` are the durations of the segments, whose indices start at `first`."""
+        starts = np.concatenate([[0.0], np.cumsum(spans)])
+        at = starts[self.segment] + 0.5 * (self.middle - self.half + 1) * spans[self.segment]
+        return Grid(np.append(at, starts[-1]) * (at.size / starts[-1]), self.segment + first, self.middle, self.half)
+
+
+class Shape(NamedTuple):
+    """The derivatives of a path in its segments, and the durations of the segments."""
+
+    derivatives: Derivatives
+    spans: Float[np.ndarray, " segments"]
+
+    def lengths(self, cells: Cells) -> Float[np.ndarray, " cells"]:
+        """Return the lengths of cells in the parameter of the path."""
+        return cells.half * self.spans[cells.segment]
+
+
+def resolved(shape: Shape) -> Cells:
+    """Return cells in which the path turns little, and in which |r'| varies little."""
+    count = shape.spans.size
+    cells, total = Cells(np.arange(count), np.zeros(count), np.ones(count)), 0.0
+    while cells.half.size < FEWEST:
+        cells = cells.halved(np.ones(cells.half.size, bool))
+    candidates = np.ones(cells.half.size, bool)
+    for _ in range(HALVINGS):
+        own = Cells(*(x[candidates] for x in cells))
+        r1 = shape.derivatives(*own.places(FINE))[0]
+        speed = np.sqrt(np.sum(r1 * r1, axis=0))
+        length = speed.mean(axis=1) * shape.lengths(own)
+        total = total or length.sum()
+        along = np.sum(r1[..., 1:] * r1[..., :-1], axis=0)
+        turn = np.arctan2(np.linalg.norm(np.cross(r1[..., 1:], r1[..., :-1], axis=0), axis=0), along).sum(axis=1)
+        uneven = speed.max(axis=1) > UNEVEN * speed.min(axis=1)
+        halved = np.zeros(candidates.size, bool)
+        halved[candidates] = ((turn > TURN) | uneven) & (length > SMALLEST * total)
+        if not halved.any():
+            break
+        cells, candidates = cells.halved(halved), np.repeat(halved, 1 + halved)
+    return cells
+
+
+class Profile(NamedTuple):
+    """A timing at the samples of cells: a = u̇², |r'|, and bounds on the acceleration [m/s²]; and in each cell.
+
+    `fourth` are the absolute fourth differences of a in a cell, and `times` [s] the times in the cells.
+    """
+
+    a: Samples
+    pace: Samples
+    accelerations: Samples
+    fourth: Float[np.ndarray, " cells"]
+    times: Float[np.ndarray, " cells"]
+
+
+def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
+    """Return the profile of the relaxed timing."""
+    r = shape.derivatives(*cells.places(FINE))
+    speed = np.sqrt(np.sum(r[0] ** 2, axis=0))
+    simpson = (speed[:, :-2:2] + 4 * speed[:, 1::2] + speed[:, 2::2]) / 6
+    distances = simpson * (shape.lengths(cells) / (PLACES - 1))[:, None]
+    found, pace = relaxed(r[..., ::2], distances, task), speed[:, ::2]
+    a = np.divide(found.squares, pace**2, out=np.zeros_like(pace), where=pace > 0)
+    fourth = np.abs(a @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
+    return Profile(a, pace, found.accelerations, fourth, found.times)
+
+
+def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, float]:
+    """Return cells that approximate the relaxed timing, and the duration of the relaxed timing.
+
+    `accuracy` is the largest relative error of the duration.
+    """
+    cells, time = resolved(shape), 0.0
+    for _ in range(PASSES):
+        profile = relaxed_profile(shape, task, cells)
+        time, error = float(profile.times.sum()), _errors(shape, task, cells, profile)
+        if not error.sum() > accuracy * time or error.size > MOST // 2:
+            break
+        cells = cells.halved(error > accuracy * time / error.size)
+    return _graded(shape, cells), time
+
+
+def refined(
+    shape: Shape,
+    task: Task,
+    accuracy: float,
+    cells: Cells,
+    powers: Float[np.ndarray, "cells 4"],
+    times: Float[np.ndarray, " cells"],
+) -> Cells:
+    """Halve cells where a timing is not smooth.
+
+    `powers` are the coefficients of a = u̇² in the cells, and `times` the times in the cells [s]. The third derivative
+    of a smooth function hardly jumps.
+    """
+    least = relaxed_profile(shape, task, cells)
+    length = shape.lengths(cells)
+    jump = np.pad(np.abs(np.diff(6 * powers[:, 3] / length**3)), 1)
+    jump[1:-1][np.diff(cells.segment) > 0] = 0.0
+    fourth = np.maximum(jump[1:], jump[:-1]) * length**3 / (PLACES - 1) ** 4
+    a = powers @ np.linspace(0.0, 1.0, PLACES) ** np.arange(4)[:, None]
+    error = _errors(shape, task, cells, least._replace(a=a, fourth=fourth, times=times))
+    allowed = accuracy * times.sum() / error.size
+    for _ in range(2):
+        halved = error > allowed
+        if cells.half.size + halved.sum() > MOST:
+            break
+        cells, error = cells.halved(halved), np.repeat(np.where(halved, error / 4, error), 1 + halved)
+    return _graded(shape, cells)
+
+
+def _errors(shape: Shape, task: Task, cells: Cells, p: Profile) -> Float[np.ndarray, " cells"]:
+    """Return estimates of the errors of the times in cells, if a is approximated by a cubic in each cell.
+
+    An estimate is the sum of the errors of a, of its slope and of its second derivative, relative to a, and to what
+    the limits on acceleration and jerk allow: a timing accelerates less than it may where its slope oscillates.
+    """
+    length = shape.lengths(cells)
+    with np.errstate(all="ignore"):  # without motion, the estimates are zero
+        a, pace, accelerations = (x[:, 1:-1].mean(axis=1) for x in p[:3])
+        value = p.fourth / (32 * a)
+        slope = p.fourth * pace / (4 * length * accelerations)
+        bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * float(task.bounds.get("jerk", np.inf)))
+    return p.times * (np.nan_to_num(value) + sum(np.minimum(np.nan_to_num(x), 1.0) for x in (slope, bend)))
+
+
+def _graded(shape: Shape, cells: Cells) -> Cells:
+    """Halve cells that are much longer than a neighbour."""
+    while True:
+        length = np.pad(shape.lengths(cells), 1, constant_values=np.inf)
+        long = length[1:-1] > LONGER * np.minimum(length[2:], length[:-2])
+        if not long.any():
+            return cells
+        cells = cells.halved(long)

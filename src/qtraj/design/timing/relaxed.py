@@ -1,0 +1,101 @@
+"""Compute a timing that is at least as fast as the fastest one: limits couple speed and acceleration, which it ignores.
+
+Let w be the squared speed and s the distance along the path. The limits imply an upper bound on w at each point, and an
+upper bound on the acceleration |dw/ds|/2 along the path. The largest w(s) with both bounds takes two passes. It is the
+fastest timing itself for limits on the speed, the lateral and the longitudinal acceleration and the rates of rotation.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.design.timing.constraints import Parts, parts
+from qtraj.path.vehicle import RoadParameters
+
+PLACES = 5
+"""Number of equidistant samples in each cell, both ends included."""
+
+STEEP = 32.0
+"""Where no limit bounds the acceleration, it is such that the speed can change within 1/`STEEP` of the path."""
+
+Samples = Float[np.ndarray, "cells {PLACES}"]
+
+
+class Relaxed(NamedTuple):
+    """The relaxed timing at the samples of all cells: squared speeds w [m²/s²], and the times in the cells [s]."""
+
+    squares: Samples
+    accelerations: Samples
+    times: Float[np.ndarray, " cells"]
+
+
+class Task(NamedTuple):
+    """The limits by name, the parameters of a vehicle or None, and the largest squared speeds at both ends [m²/s²].
+
+    The end of a `lap` is its start.
+    """
+
+    bounds: dict[str, Any]
+    vehicle: RoadParameters | None
+    ends: tuple[float, float]
+    lap: bool
+
+
+def relaxed(
+    r: Float[np.ndarray, "3 3 cells {PLACES}"],
+    distances: Float[np.ndarray, "cells {PLACES}-1"],
+    task: Task,
+) -> Relaxed:
+    """Return the relaxed timing for the derivatives `r` of the path, and the `distances` [m] between the samples."""
+    found = parts(r.reshape(3, 3, -1), np.ones(()), task.bounds, task.vehicle)
+    square, length = np.sum(r[0] ** 2, axis=0), distances.sum()
+    slowest = _inverse_rates(found).reshape(square.shape)
+    highest = np.divide(square, slowest, out=np.full(square.shape, np.inf), where=(slowest > 0) & (square > 0))
+    for end, place in zip(task.ends, ((0, 0), (-1, -1)), strict=True):
+        highest[place] = min(highest[place], end)
+    steepest = _accelerations(found, task.bounds, np.sqrt(square).ravel()).reshape(square.shape)
+    finite = highest[np.isfinite(highest) & (highest > 0)]
+    known = steepest[np.isfinite(steepest)]
+    reached = 2 * known.max() * length if known.size else 1.0
+    most = finite.max() if finite.size else reached
+    steepest = np.where(np.isfinite(steepest), steepest, STEEP * most / length)
+    rises = np.zeros(square.shape)
+    rises[:, :-1] = 2 * np.minimum(steepest[:, 1:], steepest[:, :-1]) * distances
+    squares = _reachable(np.minimum(highest, most).ravel(), rises.ravel(), 3 if task.lap else 1).reshape(square.shape)
+    speed = np.sqrt(squares)
+    both = speed[:, 1:] + speed[:, :-1]
+    times = np.divide(2 * distances, both, out=np.full(both.shape, np.inf), where=both > 0)
+    return Relaxed(squares, steepest, times.sum(axis=1))
+
+
+def _reachable(highest: Any, rises: Any, laps: int) -> Float[np.ndarray, " samples"]:
+    """Return the largest squared speeds up to `highest` that change by at most `rises` to the next sample."""
+    own, place = np.tile(highest, laps), np.cumsum(np.tile(rises, laps))
+    place = np.concatenate([[0.0], place[:-1]])
+    rising = np.minimum.accumulate(own - place) + place
+    falling = np.minimum.accumulate((own + place)[::-1])[::-1] - place
+    middle = highest.size * (laps // 2)
+    return np.maximum(np.minimum(rising, falling), 0.0)[middle : middle + highest.size]
+
+
+def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
+    """Return 1/a for the largest a = u̇² that the limits allow for the best a', and 0 if a is unbounded."""
+    rows = [*p.upper, np.zeros(p.upper.shape[1:])]
+    if p.road is not None:
+        rows.append(p.road.upper)
+    for (aa, ab), (_, bb) in p.forms:
+        rows.append(np.sqrt(np.maximum(aa - np.divide(ab * ab, bb, out=np.zeros_like(bb), where=bb > 0), 0.0)))
+    return np.max(rows, axis=0)
+
+
+def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " samples"]) -> Any:
+    """Return upper bounds on the acceleration along the path [m/s²], infinite where there is none."""
+    named = [bounds[name] for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
+    most = np.full(pace.shape, min(map(float, named), default=np.inf))
+    if p.road is None:
+        return most
+    steady, _, steep = p.road.along
+    onto = p.road.onto[0] + np.abs(steady)
+    grip = np.divide(0.5 * pace * onto, steep, out=np.full(pace.shape, np.inf), where=steep > 0)
+    return np.minimum(most, grip)
