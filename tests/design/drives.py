@@ -37,12 +37,24 @@ def street(s):
     """Return the points (n, 3) of the street: straights joined by a bend of 90° around the first stop."""
     middle, half = float(way(STOPS[0][0])), 0.5 * np.pi / 2 * RADIUS
     u = np.linspace(0.0, float(way(END)) + 1.0, 200_001)
-    inside = np.clip((np.abs(u - middle) - half) / -6.0 + 1.0, 0.0, 1.0)  # curvature rises over 6 m
-    curvature = (3 * inside**2 - 2 * inside**3) / RADIUS
-    step = u[1] - u[0]
-    heading = np.append(0.0, np.cumsum(0.5 * (curvature[1:] + curvature[:-1])) * step)
-    x, y = (np.append(0.0, np.cumsum(0.5 * (f[1:] + f[:-1])) * step) for f in (np.cos(heading), np.sin(heading)))
+    x, y = plan(u, bend(u, middle, half) / RADIUS)
     return np.stack([np.interp(s, u, x), np.interp(s, u, y), 0.02 * s], axis=-1)
+
+
+def bend(u, middle, half):
+    """Return the curvature of a bend at distances `u`, relative to its largest value; it rises over 6 m."""
+    inside = np.clip((np.abs(u - middle) - half) / -6.0 + 1.0, 0.0, 1.0)
+    return 3 * inside**2 - 2 * inside**3
+
+
+def plan(u, curvature):
+    """Return x and y at equally spaced distances `u` of a street with this curvature."""
+    heading = _integral(u, curvature)
+    return _integral(u, np.cos(heading)), _integral(u, np.sin(heading))
+
+
+def _integral(u, f):
+    return np.append(0.0, np.cumsum(0.5 * (f[1:] + f[:-1])) * (u[1] - u[0]))
 
 
 def recorded(noise=0.01, seed=0, rate=10.0):

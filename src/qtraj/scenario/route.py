@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from qtraj.design.fitting.fit_route import fit_route
+from qtraj.design.fitting.route_stops import NOISY_DISTANCE
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route.arguments import require_suitable
 from qtraj.design.tuning_route.tune_route import tune_route
@@ -58,9 +59,15 @@ class RouteFitPart(Part):
         values="a positive finite number [m/s]",
     )
     stop_speed: keys.Positive | None = key(
-        "largest speed at a stop; by default 0.5 % of the largest speed", None, values="a positive finite number [m/s]"
+        "largest speed at a stop; by default 0.5 % of the largest speed, or more in noise",
+        None,
+        values="a positive finite number [m/s]",
     )
-    stop_distance: keys.Metres = key("largest distance from the mean position at a stop", STANDSTILL)
+    stop_distance: keys.Metres | None = key(
+        f"largest distance from the mean position at a stop; by default {STANDSTILL} m, but at least "
+        f"{NOISY_DISTANCE:g} standard deviations of the positions",
+        None,
+    )
 
     def _faults(self) -> Iterator[str]:
         if self.smoothing is not None and self.tolerance is not None:

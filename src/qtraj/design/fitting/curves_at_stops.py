@@ -11,12 +11,13 @@ from jaxtyping import Float
 
 from qtraj.design.fitting import route_choice as choice
 from qtraj.design.fitting.course import Course, Joints, course, joints
+from qtraj.design.fitting.motion import Motion
 from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_choice import Problem
 from qtraj.design.fitting.route_solution import Solution, solution
 from qtraj.design.fitting.units import Units
-from qtraj.design.fitting.zone_progress import Criterion, progress_in
-from qtraj.design.fitting.zones import Motion, find_zones, with_slow_points
+from qtraj.design.fitting.zone_progress import SPACING, Criterion, progress_in
+from qtraj.design.fitting.zones import find_zones, scale_of, with_slow_points
 from qtraj.path import pieces, progress
 
 STIFF = 5.0
@@ -33,16 +34,15 @@ class Curves(NamedTuple):
     joints: Joints
 
 
-def with_curves(
-    recording: Recording, problem: Problem, found: Solution, stops: list[tuple[float, float]], smoothing: float
-) -> Curves | None:
+def with_curves(recording: Recording, problem: Problem, motion: Motion, smoothing: float) -> Curves | None:
     """Return the fit with curves at the stops, or None for a drive without slow points, or only with reversals."""
-    motion = with_slow_points(Motion(problem.knots, found.states, stops))
-    zones = find_zones(motion)
+    scale = scale_of(motion)
+    motion = with_slow_points(motion, scale)
+    zones = find_zones(motion, scale)
     if not zones:
         return None
-    own = progress_in(motion, zones, Criterion(smoothing, recording.step))
-    along = course(float(recording.times[-1]), stops, zones, own)
+    own = progress_in(motion, zones, Criterion(smoothing, recording.step, SPACING * scale.time))
+    along = course(float(recording.times[-1]), motion.stops, zones, own)
     is_stop = problem.stops.matrix[-4, 3::3] < 0
     at = joints(along, problem.knots, is_stop)
     w, rates = along.at(recording.times)

@@ -10,22 +10,21 @@ samples. Only the comparison with the recording is compiled.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.fitting import route_choice as choice
 from qtraj.design.fitting.curves_at_stops import Curves, segments, with_curves
+from qtraj.design.fitting.fit_in_time import Choice, fit_in_time
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.noise_free import without_smoothing
 from qtraj.design.fitting.recording import Recording, read_recording
 from qtraj.design.fitting.route_choice import Problem
-from qtraj.design.fitting.route_knots import Grid, equal_knots, read_knots, with_stops, without_gaps
-from qtraj.design.fitting.route_outliers import SMOOTHING, without_outliers
+from qtraj.design.fitting.route_knots import Grid, read_knots
+from qtraj.design.fitting.route_outliers import without_outliers
 from qtraj.design.fitting.route_sigmas import read_sigmas
-from qtraj.design.fitting.route_solution import solution, with_inliers
 from qtraj.design.fitting.route_stops import Standing, find_stops
 from qtraj.design.fitting.route_system import in_seconds, predict, sample_system, solve
 from qtraj.design.fitting.route_window import Cut, Widened, clipped, cut, widened
@@ -39,10 +38,7 @@ from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.rate_residual import compare_upright
 from qtraj.path.residual import Residual, compare
 from qtraj.path.route import Route, from_segments
-from qtraj.path.track import MIN_SAMPLES, STANDSTILL, Track, require_track, to_float64
-
-MAX_HALVINGS, MIN_GAIN = 3, 0.03
-"""Maximum number of halvings of the knot spacing, and the minimum relative decrease of the score by a halving."""
+from qtraj.path.track import MIN_SAMPLES, Track, require_track, to_float64
 
 GAP = 4.0
 """Minimum length of a gap, in median knot spacings or in time steps of the recording, whichever is longer."""
@@ -57,7 +53,7 @@ def fit_route(
     velocity_sigma: ArrayInput | None = None,
     *,
     stop_speed: float | int | None = None,
-    stop_distance: float | int | None = STANDSTILL,
+    stop_distance: float | int | None = None,
     window: Sequence[float | int] | None = None,
     throw: bool = False,
 ) -> FittedRoute:
@@ -75,14 +71,16 @@ def fit_route(
     drives almost straight, about one second for a car in a town. Knots are at most one unit apart, held-out intervals
     last at least 1.5 units, and a stop lasts at least one unit and four time steps of the recording. A stop is an
     interval in which the vehicle stays within `stop_distance` [m] of its mean position and is not faster than
-    `stop_speed` [m/s], by default 0.5 % of its largest speed. At a stop the velocity and acceleration of the route are
-    exactly zero.
+    `stop_speed` [m/s]. By default they are 0.1 m and 0.5 % of the largest speed. If knots and smoothing are chosen by
+    cross-validation, they are at least six standard deviations of the positions and four of the fitted velocity, so
+    that jitter at standstill is one stop. At a stop the velocity and acceleration of the route are exactly zero.
 
-    Next to a stop, and where the vehicle creeps or halts for a moment, noise is not a curve that was driven. There the
-    route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from about a third of a unit of
-    length before the stop to as much after it; all samples are fitted again in the parameter w, and the progress keeps
-    the vehicle at rest. So the curvature is that of the street up to the stop. Stops at which the vehicle reverses, and
-    recordings without noise, are fitted in the time only.
+    Next to a stop, and where the vehicle creeps, halts for a moment, or starts or ends slowly, noise is not a curve
+    that was driven. There the route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from
+    about a third of the distance that the vehicle drives almost straight before the stop, or more in noise, to as much
+    after it; all samples are fitted again in the parameter w, and the progress keeps the vehicle at rest. So the
+    curvature is that of the street up to the stop. Stops at which the vehicle reverses, and recordings without noise,
+    are fitted in the time only.
 
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
     distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The
@@ -107,7 +105,6 @@ def fit_route(
     them with fewer than eight samples, standard deviations of the wrong shape, or a `velocity_sigma` without recorded
     velocities. RuntimeError with `throw` if the result is not finite.
     """
-    stop_distance = STANDSTILL if stop_distance is None else stop_distance
     _require(tolerance=tolerance, smoothing=smoothing, stop_speed=stop_speed, stop_distance=stop_distance)
     require_track(track)
     if window is not None and knots is not None and np.ndim(knots):
@@ -119,28 +116,28 @@ def fit_route(
     recording = read_recording(track, *sigmas)
     unit = recording.units
     knots, smoothing = knots_and_smoothing(track, knots, tolerance, smoothing)
-    given = _Choice(
+    given = Choice(
         read_knots(knots, recording.times, recording.step, unit.time),
         None if tolerance is None else float(tolerance) / unit.length,
         None if smoothing is None else float(smoothing) / unit.time**5,
         () if window is None else (wide.start / unit.time, wide.end / unit.time),
     )
     standing = Standing(
-        None if stop_speed is None else float(stop_speed) * unit.time / unit.length, float(stop_distance) / unit.length
+        None if stop_speed is None else float(stop_speed) * unit.time / unit.length,
+        None if stop_distance is None else float(stop_distance) / unit.length,
     )
     free = knots is None and tolerance is None and smoothing is None
     exact = without_smoothing(recording) if free and not find_stops(recording, standing) else None
     if exact is not None:
-        given = _Choice(Grid(exact[0], float(exact[0][1]), True), None, exact[1], given.ends)
+        given = Choice(Grid(exact[0], float(exact[0][1]), True), None, exact[1], given.ends)
     elif not few:
         recording = without_outliers(recording, given.grid.knots)
-    stops = find_stops(recording, standing)
-    problem, best, stretch_error = _chosen(recording, stops, given)
-    recording, found = with_inliers(recording, problem, best, solution(recording, problem, best))
+    in_time = fit_in_time(recording, standing, given, in_noise=free and exact is None and not few)
+    recording, problem, best, stretch_error, found, motion = in_time
 
     part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)
     origin = to_float64(track.positions)[0]
-    curves = with_curves(recording, problem, found, stops, best) if exact is None else None
+    curves = with_curves(recording, problem, motion, best) if exact is None else None
     if curves is None:
         path = _route(wide.inner, origin, part, unit)
     else:
@@ -148,7 +145,7 @@ def fit_route(
         recording, problem = curves.recording, curves.problem
     track = wide.inner
     inliers = (recording.weights > 0)[wide.inside]
-    stops, gaps = (unit.time * np.reshape(x, (-1, 2)) for x in (stops, _gaps(recording, problem.knots)))
+    stops, gaps = (unit.time * np.reshape(x, (-1, 2)) for x in (motion.stops, _gaps(recording, problem.knots)))
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path), track)
     fitted = FittedRoute(
         path,
@@ -167,18 +164,6 @@ def fit_route(
         as_array(part.knots * unit.time, path.duration.dtype),
     )
     return fitted.check() if throw else fitted
-
-
-class _Choice(NamedTuple):
-    """The first knots, and the given tolerance or smoothing; what is None is chosen. All in units of the recording.
-
-    `ends` are the ends of a window, which are knots, too.
-    """
-
-    grid: Grid
-    tolerance: float | None
-    smoothing: float | None
-    ends: tuple[float, ...] = ()
 
 
 def _chosen_sigma(sigma: Any, name: str, chosen: np.ndarray) -> Any:
@@ -207,38 +192,6 @@ def _curved(wide: Widened, origin: np.ndarray, curves: Curves, unit: Units) -> R
     if wide.track is not wide.inner:
         route = route.window(wide.start, min(wide.end, float(arrays[2])))
     return jax.tree.map(lambda x: as_array(x, dtype), route)
-
-
-def _chosen(recording: Recording, stops: list[tuple[float, float]], given: _Choice) -> tuple[Problem, float, float]:
-    """Return the problem on the chosen knots, the smoothing, and the RMS position error in held-out intervals.
-
-    The error is NaN if the recording is too short for held-out intervals.
-    """
-    duration, start = float(recording.times[-1]), SMOOTHING / recording.step
-    folds = choice.folds(recording.times, recording.step)
-
-    def on(knots: np.ndarray) -> Problem:
-        return choice.problem(recording, *with_stops(knots, stops, given.ends), folds)
-
-    grid, spacing, fixed = given.grid
-    problem = on(grid)
-    if given.smoothing is not None:
-        best = given.smoothing
-    elif given.tolerance is not None:
-        best = choice.largest_smoothing(recording, problem, start, given.tolerance)
-    elif not folds:
-        best = start
-    else:
-        best, min_score = choice.best_smoothing(problem, start)
-        for _ in range(0 if fixed else MAX_HALVINGS):
-            spacing /= 2
-            finer = on(without_gaps(equal_knots(duration, spacing), recording.times))
-            if choice.score(finer, best) > min_score * (1 - MIN_GAIN):
-                break
-            problem = finer
-            best, min_score = choice.best_smoothing(problem, best)
-    stretch_error = float(np.sqrt(choice.position_score(recording, problem, best, folds))) if folds else np.nan
-    return problem, best, stretch_error
 
 
 def _prediction_error(recording: Recording, problem: Problem, smoothing: float) -> float:

@@ -9,14 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.fitting.motion import Motion
 from qtraj.design.fitting.route_jumps import lengths
-from qtraj.design.fitting.zones import Motion, Zone
+from qtraj.design.fitting.zones import Zone
 
 SAMPLES = 400
 """Number of parts of a zone in which its motion is sampled."""
 
-SPACING, MIN_PARTS, MAX_PARTS = 0.35, 6, 40
-"""Usual duration of a cubic, in units of time, and bounds on their number."""
+SPACING, MIN_PARTS, MAX_PARTS = 0.39, 6, 40
+"""Usual duration of a cubic, relative to that of almost straight motion, and bounds on their number."""
 
 BRAKING, STEEP = 0.7, 1.5
 """Bounds on the changes of V² and of its slope in a zone, relative to V² at its end; V remains positive."""
@@ -70,27 +71,36 @@ class _Samples(NamedTuple):
 
 
 class Criterion(NamedTuple):
-    """The weight of ∫|r'''|²dt relative to the sum of squared distances of samples with this time `step`."""
+    """The weight of ∫|r'''|²dt relative to the sum of squared distances of samples with this time `step`.
+
+    `spacing` is the usual duration of a cubic.
+    """
 
     smoothing: float
     step: float
+    spacing: float
 
 
 def progress_in(motion: Motion, zones: list[Zone], criterion: Criterion) -> list[ZoneProgress]:
     """Return the progress in each zone."""
     samples = [_sampled(motion, zone) for zone in zones]
+    stops = [next(stop for stop in motion.stops if zone.stop in stop) for zone in zones]
     speeds: dict[tuple[float, float], list[float]] = {}
-    for zone, own in zip(zones, samples, strict=True):
-        stop = next(stop for stop in motion.stops if zone.stop in stop)
+    for stop, own in zip(stops, samples, strict=True):
         least = (1 - BRAKING) * own.speed[0] ** 2
         speeds.setdefault(stop, []).append(max(least, own.speed[0] ** 2 + 0.5 * min(own.slope, 0.0) * own.way[-1]))
     at_stop = {stop: float(np.exp(0.5 * np.mean(np.log(squares)))) for stop, squares in speeds.items()}
-    rest = {stop: stop[1] > stop[0] for stop in at_stop}
-    stops = [next(stop for stop in at_stop if zone.stop in stop) for zone in zones]
     return [
-        _progress(zone, x, at_stop[stop], rest[stop], criterion)
+        _progress(zone, x, at_stop[stop], _rate_at(motion, stop, x, at_stop[stop]), criterion)
         for zone, x, stop in zip(zones, samples, stops, strict=True)
     ]
+
+
+def _rate_at(motion: Motion, stop: tuple[float, float], x: _Samples, at_stop: float) -> float | None:
+    """Return the rate of the progress at a slow point, which zones on both sides share, or None at an end."""
+    if stop[1] > stop[0]:
+        return 0.0
+    return None if stop[0] in motion.ends else x.rate * max(float(x.speed[-1]), LEAST_SPEED) / at_stop
 
 
 def _sampled(motion: Motion, zone: Zone) -> _Samples:
@@ -104,11 +114,10 @@ def _sampled(motion: Motion, zone: Zone) -> _Samples:
     return _Samples(t, way, speed / zone.rate, zone.rate)
 
 
-def _progress(zone: Zone, x: _Samples, at_stop: float, rest: bool, criterion: Criterion) -> ZoneProgress:
-    """Return the progress; `at_stop` is the speed along the curve at the slow point, where the vehicle may `rest`."""
+def _progress(zone: Zone, x: _Samples, at_stop: float, slowest: float | None, criterion: Criterion) -> ZoneProgress:
+    """Return the progress; at the slow point, V is `at_stop`, and the progress has the `slowest` rate."""
     goal = _goal(x, at_stop)
-    slowest = 0.0 if rest else x.rate * max(x.speed[-1], LEAST_SPEED) / at_stop
-    parts = int(np.clip(round(x.t[-1] / SPACING), MIN_PARTS, MAX_PARTS))
+    parts = int(np.clip(round(x.t[-1] / criterion.spacing), MIN_PARTS, MAX_PARTS))
     rates = _rates(x, goal, slowest, parts, criterion)
     return _in_time(zone, rates if zone.stop > zone.end else rates[::-1])
 
@@ -125,11 +134,13 @@ def _knots(parts: int, duration: float) -> np.ndarray:
     return duration * np.clip(np.arange(-2, parts + 3) / parts, 0.0, 1.0)
 
 
-def _rates(x: _Samples, goal: np.ndarray, slowest: float, parts: int, criterion: Criterion) -> Float[np.ndarray, " n"]:
+def _rates(
+    x: _Samples, goal: np.ndarray, slowest: float | None, parts: int, criterion: Criterion
+) -> Float[np.ndarray, " n"]:
     """Return the coefficients of the quadratic B-spline of the rate, from the end of the zone to the slow point.
 
     They are not negative, so the rate is not. The first two are the rate at the end of the zone, and the last two are
-    the `slowest` rate, so the second derivative is zero at both ends.
+    the `slowest` rate, so the second derivative is zero at both ends. Without a `slowest` rate, the last two are free.
     """
     from scipy.interpolate import BSpline
     from scipy.optimize import nnls
@@ -137,10 +148,9 @@ def _rates(x: _Samples, goal: np.ndarray, slowest: float, parts: int, criterion:
     knots, count = _knots(parts, x.t[-1]), parts + 2
     table = BSpline(knots, np.eye(count), 2).antiderivative()(x.t)
     shares = (knots[3:] - knots[:-3]) / 3
-    given, free = np.zeros(count), np.arange(2, count - 2)
-    given[:2], given[-2:] = x.rate, slowest
-    least = LEAST_RATE * goal[-1] / x.t[-1]  # no other stop
-    given[free] = least
+    given, free = np.zeros(count), np.arange(2, count if slowest is None else count - 2)
+    given[:2], given[-2:] = x.rate, slowest or 0.0
+    given[free] = LEAST_RATE * goal[-1] / x.t[-1]  # no other stop
     # The third derivative of the progress is constant in each part.
     third = (parts / x.t[-1]) ** 2 * np.diff(_ends_of_slopes(parts), axis=0)
     density = x.t[-1] / criterion.step / len(x.t)

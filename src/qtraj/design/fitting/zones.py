@@ -1,20 +1,20 @@
 """Find the zones of a drive: the last metres before each slow point, and the first metres after it.
 
-Slow points are the stops, and the points at which the vehicle creeps or halts for a moment. A fit in time cannot
-determine the shape of a path there: its noise below walking pace is not a curve that was driven. In a zone, the route
-is therefore a curve with a progress (see `qtraj.path.progress`).
+Slow points are the stops, the points at which the vehicle creeps or halts for a moment, and the ends of the recording
+near which it is slow. A fit in time cannot determine the shape of a path there: its noise below walking pace is not a
+curve that was driven. In a zone, the route is therefore a curve with a progress (see `qtraj.path.progress`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
+from qtraj.design.fitting.motion import Motion, straight_motion
 from qtraj.design.fitting.route_jumps import lengths
-from qtraj.design.fitting.route_system import design, predict
 
-LENGTH = 0.35
-"""Length of a zone, in units of length of the recording."""
+LENGTH, AT_END = 0.39, 2.0
+"""Length of a zone, relative to the distance that the vehicle drives almost straight, and the factor for a zone at an
+end of the recording, which has samples on one side of its slow point only."""
 
 MOST = 1.25
 """A drive between two slow points that is shorter than this number of lengths of its zones consists of these zones."""
@@ -22,26 +22,47 @@ MOST = 1.25
 SLOW, APART = 0.08, 0.5
 """Maximum speed at a slow point in units of the recording, and minimum distance of slow points in lengths of a zone."""
 
+QUIET, NOISIEST = 0.0027, 5.0
+"""Noise of the acceleration of a fit, in units of almost straight motion, above which zones are longer, and the largest
+ratio to it that makes them longer. A fit in time has this noise, divided by the squared speed, as noise of its
+curvature."""
+
+LENGTH_POWER, SLOW_POWER = 1.5, 0.5
+"""Powers of this ratio: of the length of a zone, from fits to random drives, and of the maximum speed at a slow point,
+at which the noise of the curvature is always the same."""
+
+FAST = 1.0
+"""Speed at which a zone ends that is longer because of noise, in units of the recording."""
+
 LEAST_SPEED = 0.15
 """Minimum speed along the curve, in units of the recording; slower vehicles have a slower progress."""
+
+BACK, AWAY = 0.003, 2.0
+"""Minimum distance by which a vehicle comes back in a zone where it reverses, relative to the zone and to the noise."""
 
 SAMPLES = 32
 """Number of samples between two knots, for lengths along the path."""
 
 
-class Motion(NamedTuple):
-    """A fit in time: the states (m, 3, 3) at its knots (m,), and its slow points as intervals (start, end).
+class Scale(NamedTuple):
+    """The lengths of a zone, the largest speed at a `slow` point, and the `time` of almost straight motion.
 
-    The interval of a stop has a duration; that of another slow point has none.
+    A zone is between `shortest` and `length` long.
     """
 
-    knots: Float[np.ndarray, " m"]
-    states: Float[np.ndarray, "m 3 3"]
-    stops: list[tuple[float, float]]
+    shortest: float
+    length: float
+    slow: float
+    time: float
 
-    def at(self, t: np.ndarray, order: int = 0) -> Float[np.ndarray, "n 3"]:
-        """Return the positions (order 0) or the velocities (order 1) at increasing times."""
-        return predict(design(self.knots, t, order), self.states)
+
+def scale_of(motion: Motion) -> Scale:
+    """Return the scale of the zones, which depends on the noise of the motion."""
+    time, length = straight_motion(motion)
+    noise = motion.noise.acceleration * time**2 / length if length else 0.0
+    ratio = float(np.clip(noise / QUIET, 1.0, NOISIEST))
+    shortest = LENGTH * length
+    return Scale(shortest, shortest * ratio**LENGTH_POWER, SLOW * ratio**SLOW_POWER, time)
 
 
 class Zone(NamedTuple):
@@ -57,15 +78,22 @@ class Zone(NamedTuple):
         return min(self.stop, self.end), max(self.stop, self.end)
 
 
-def with_slow_points(motion: Motion) -> Motion:
-    """Add the slow points that are not stops, the slowest first, if they are far enough from all others."""
+def with_slow_points(motion: Motion, scale: Scale) -> Motion:
+    """Add the slow points that are not stops, if they are far enough from all others: the ends, and then the slowest.
+
+    An end is a slow point if the vehicle is slow near it. No other slow point is near an end, where a drive between
+    them would be too short for a zone.
+    """
     t = _instants(motion.knots)
     speed, way = _travelled(motion, t)
+    apart = APART * scale.length
     kept = np.interp([x for stop in motion.stops for x in stop], t, way).tolist()
+    slow = np.flatnonzero(speed < scale.slow)
+    ends = [k for k in (0, len(t) - 1) if (np.abs(way[slow] - way[k]) < apart).any()]
     found = []
-    slow = np.flatnonzero(speed < SLOW)
-    for k in slow[np.argsort(speed[slow], kind="stable")]:
-        if all(abs(way[k] - x) >= APART * LENGTH for x in [*kept, way[0], way[-1]]):
+    for k in [*ends, *slow[np.argsort(speed[slow], kind="stable")]]:
+        others = kept if k in ends else [*kept, way[0], way[-1]]
+        if all(abs(way[k] - x) > apart for x in others):
             kept.append(float(way[k]))
             found.append((float(t[k]), float(t[k])))
     return motion._replace(stops=sorted([*motion.stops, *found]))
@@ -82,40 +110,65 @@ def _travelled(motion: Motion, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return speed, np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
 
 
-def find_zones(motion: Motion) -> list[Zone]:
-    """Return the zones in order; a stop at which the vehicle reverses has none."""
-    found = [zone for leg in _legs(motion) for zone in _zones_of(motion, *leg)]
-    reverse = [stop for stop in motion.stops if _reverses(motion, stop, found)]
-    return [zone for zone in found if not any(zone.stop in stop for stop in reverse)]
+def find_zones(motion: Motion, scale: Scale) -> list[Zone]:
+    """Return the zones in order; a slow point at which the vehicle reverses has none.
+
+    A slow point whose zone ends where such a zone would end has none, either: their rates agree only with each other.
+    """
+    found = [zone for leg in _legs(motion) for zone in _zones_of(motion, scale, *leg)]
+    zones_at = {stop: [zone for zone in found if zone.stop in stop] for stop in motion.stops}
+    fresh = [stop for stop, own in zones_at.items() if _reverses(motion, own)]
+    while fresh:
+        ends = {zone.end for stop in fresh for zone in zones_at.pop(stop)}
+        fresh = [stop for stop, own in zones_at.items() if any(zone.end in ends for zone in own)]
+    return [zone for own in zones_at.values() for zone in own]
 
 
 def _legs(motion: Motion) -> list[tuple[float, float, bool, bool]]:
     """Return the drives between the slow points: start, end, and whether each of them is a slow point."""
-    edges = [float(motion.knots[0]), *(t for stop in motion.stops for t in stop), float(motion.knots[-1])]
+    start, end = motion.ends
+    edges = [start, *(t for stop in motion.stops for t in stop), end]
     legs = zip(edges[::2], edges[1::2], strict=True)
     last = len(motion.stops)
     return [(a, b, k > 0, k < last) for k, (a, b) in enumerate(legs) if b > a]
 
 
-def _zones_of(motion: Motion, a: float, b: float, from_stop: bool, to_stop: bool) -> list[Zone]:
+def _zones_of(motion: Motion, scale: Scale, a: float, b: float, from_stop: bool, to_stop: bool) -> list[Zone]:
     inner = motion.knots[(motion.knots > a) & (motion.knots < b)]
     t = _instants(np.concatenate([[a], inner, [b]]))
     speed, way = _travelled(motion, t)
-    count = int(from_stop) + int(to_stop)
-    if not count or way[-1] == 0:
+    first = _length(speed, way, scale, a in motion.ends) if from_stop else 0.0
+    last = _length(speed[::-1], way[-1] - way[::-1], scale, b in motion.ends) if to_stop else 0.0
+    if first + last == 0 or way[-1] == 0:
         return []
-    short = way[-1] < MOST * count * LENGTH
-    length = way[-1] / count if short else LENGTH
+    short = way[-1] < MOST * (first + last)
+    until = way[-1] * first / (first + last) if short else first
     found = []
-    for chosen, stop, at in ((from_stop, a, length), (to_stop, b, way[-1] - length)):
+    for chosen, stop, at in ((from_stop, a, until), (to_stop, b, until if short else way[-1] - last)):
         if chosen:
             end = float(np.interp(at, way, t))
             own = float(np.interp(end, t, speed))
-            found.append(Zone(stop, end, min(1.0, own / LEAST_SPEED) if short and count == 2 else 1.0))
+            # Of a short drive, the other end is in another zone or at an end of the recording.
+            found.append(Zone(stop, end, min(1.0, own / LEAST_SPEED) if short else 1.0))
     return found
 
 
-def _reverses(motion: Motion, stop: tuple[float, float], zones: list[Zone]) -> bool:
-    """Return whether the vehicle leaves a stop in the direction from which it came."""
-    chords = [np.diff(motion.at(np.array(zone.interval)), axis=0)[0] for zone in zones if zone.stop in stop]
-    return len(chords) == 2 and float(chords[0] @ chords[1]) < 0
+def _length(speed: np.ndarray, way: np.ndarray, scale: Scale, at_end: bool) -> float:
+    """Return the length of a zone, for speeds at distances from its slow point: up to where the vehicle is fast."""
+    fast, factor = np.flatnonzero(speed > FAST), AT_END if at_end else 1.0
+    return float(np.clip(way[fast[0]] if len(fast) else np.inf, factor * scale.shortest, factor * scale.length))
+
+
+def _turns_back(motion: Motion, zone: Zone) -> bool:
+    """Return whether the slow point of a zone is not the farthest from its other end, apart from noise."""
+    at = motion.at(np.linspace(*zone.interval, SAMPLES + 1))
+    distances = lengths(at - motion.at(np.array([zone.end])))
+    at_slow_point = float(max(distances[0], distances[-1]))
+    return float(distances.max()) > at_slow_point + max(BACK * at_slow_point, AWAY * motion.noise.position)
+
+
+def _reverses(motion: Motion, zones: list[Zone]) -> bool:
+    """Return whether the vehicle reverses in the zones of a slow point, or leaves it to where it came from."""
+    chords = [np.diff(motion.at(np.array(zone.interval)), axis=0)[0] for zone in zones]
+    back = len(chords) == 2 and float(chords[0] @ chords[1]) < 0
+    return back or any(_turns_back(motion, zone) for zone in zones)
