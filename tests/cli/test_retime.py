@@ -8,6 +8,7 @@ import pytest
 import xarray
 
 import qtraj as qt
+from qtraj.design.timing import part_timing, search
 from qtraj.scenario import KINDS
 from qtraj.scenario.reader import read_scenario
 from qtraj.scenario.route import EMBEDDED, read_retiming, retiming
@@ -82,9 +83,22 @@ def test_an_end_speed_out_of_reach_is_a_failure_with_results(qtraj, tmp_path):
 
 
 @pytest.mark.parametrize("limit", ["speed=1e-300", "speed=1e300", "acceleration=1e300"])
-def test_a_failed_search_is_a_failure_with_results(qtraj, default, tmp_path, limit):
-    """The figure and the numbers of a timing that contains NaN: neither an error of matplotlib nor `nan`."""
+def test_a_limit_whose_powers_overflow_is_refused(qtraj, default, tmp_path, limit):
     result = qtraj("retime", default[2] / "path.json", "--limit", limit, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "use other units" in " ".join(result.stderr.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_failed_search_is_a_failure_with_results(qtraj, default, tmp_path, monkeypatch):
+    """The figure and the numbers of a timing that contains NaN: neither an error of matplotlib nor `nan`."""
+
+    def failed(*given):
+        found = search.fastest(*given)
+        return found._replace(powers=np.nan * found.powers, usage=np.nan * found.usage)
+
+    monkeypatch.setattr(part_timing, "fastest", failed)
+    result = qtraj("retime", default[2] / "path.json", "--limit", "speed=9", "--out", tmp_path / "out")
     assert result.exit_code == 1, result.output
     assert "duration  unknown instead of" in result.stdout
     assert not {"nan", "inf"} & set(result.stdout.split())

@@ -89,7 +89,7 @@ def test_a_violation_of_the_friction_is_removed_by_a_slower_timing():
     assert 1 + 1e-4 < largest < 1.01
     assert factor < 1 / largest
     assert float(jnp.max(after)) < 1 + search.ALLOWED
-    assert error == np.inf  # a timing that was slowed down by more than 1e-4 is not called the fastest
+    assert error > 5e-5  # half of the fraction by which u̇² was reduced
 
 
 def test_friction_does_not_hide_a_violation_of_another_limit():
@@ -98,7 +98,7 @@ def test_friction_does_not_hide_a_violation_of_another_limit():
     assert 1.03 < largest**0.5 < float(jnp.max(usage[ROWS.index("friction")]))
     np.testing.assert_allclose(float(jnp.max(after[ROWS.index("speed")])), 1.0, rtol=1e-9)
     np.testing.assert_allclose(factor, 1 / largest, rtol=1e-9)
-    assert error == np.inf
+    assert error > 1e-2
 
 
 def test_a_hill_that_is_too_steep_for_the_tyres_is_reported():

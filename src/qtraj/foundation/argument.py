@@ -14,10 +14,13 @@ _AN = re.compile(r"(?!uint|uni[cfqtv]|use)[aeiou]", re.IGNORECASE)
 """The start of a name that begins with the sound of a vowel."""
 
 
-def require_type(value: Any, kind: type | UnionType, name: str, expected: str) -> None:
-    """Raise a ValueError if the argument `name` is not an instance of `kind`; `expected` describes what is."""
+def require_type(value: Any, kind: type | UnionType, name: str, expected: str, advice: str = "") -> None:
+    """Raise a ValueError if the argument `name` is not an instance of `kind`; `expected` describes what is.
+
+    `advice` is added to the message.
+    """
     if not isinstance(value, kind):
-        raise ValueError(f"{name} must be {expected}, but {described(value)} was given")
+        raise ValueError(f"{name} must be {expected}, but {described(value)} was given{advice and ': '}{advice}")
 
 
 def described(value: Any) -> str:

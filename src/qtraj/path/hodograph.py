@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
@@ -131,7 +132,24 @@ class AbstractHodograph(eqx.Module):
 
 def require_path(path: AbstractHodograph) -> None:
     """Raise a ValueError if the argument `path` is not a path."""
-    require_type(path, AbstractHodograph, "path", "a path, such as a SpiralHelix or a Route")
+    expected = "a path, such as a SpiralHelix or a Route"
+    require_type(
+        path, AbstractHodograph, "path", expected, "" if isinstance(path, AbstractHodograph) else _advice(path)
+    )
+
+
+def _advice(given: Any) -> str:
+    """Return advice on an argument from which a path can be made."""
+    kinds = {kind.__name__ for kind in type(given).__mro__}
+    if kinds & {"PPoly", "BPoly", "BSpline"}:
+        return "convert it with qtraj.Route.from_piecewise(spline)"
+    if "Track" in kinds:
+        return "fit a route with qtraj.fit_route(track).path, or a single turn with qtraj.fit(track).path"
+    if isinstance(getattr(given, "path", None), AbstractHodograph):
+        return "pass its field path"
+    if isinstance(given, list | tuple | np.ndarray | jax.Array):
+        return "qtraj.Shape.through(points) is a curve through points"
+    return ""
 
 
 def _arc_length(path: AbstractHodograph) -> Scalar:

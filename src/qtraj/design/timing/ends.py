@@ -17,7 +17,7 @@ class Begun(NamedTuple):
 
     `pace` are the speeds |r'(u)| at both ends, and `wanted` the prescribed speeds. `largest` contains the bounds on a
     at both ends of a part, by (is first part, is last part); `free` are the infinite bounds for all other parts.
-    `slowest` is the lowest speed |r'(u)| divided by the highest.
+    `slowest` is the lowest speed |r'(u)| divided by the highest one, and `highest` the highest one.
     """
 
     pace: Float[Any, " 2"]
@@ -25,6 +25,7 @@ class Begun(NamedTuple):
     largest: dict[tuple[bool, bool], Float[Any, " 2"]]
     free: Float[Any, " 2"]
     slowest: Scalar
+    highest: Scalar
 
 
 def begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> Begun:
@@ -34,7 +35,8 @@ def begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> Be
     """
     xp: Any = jnp if is_traced(path, wanted) else np
     times = xp.asarray(path.duration) * np.linspace(0.0, 1.0, 257)
-    speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
+    with np.errstate(over="ignore"):  # the caller reports an infinite speed
+        speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
     pace = xp.where(standing, 0.0, speeds[np.array([0, -1])])
     goal = xp.stack([xp.asarray(v) for v in wanted])
     bounded = (pace > 0) & (goal > 0) & xp.isfinite(goal)
@@ -42,4 +44,5 @@ def begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> Be
     largest, free = xp.where(bounded, ratio**2, np.inf), np.full(2, np.inf)
     sides = [(True, False), (False, True), (True, True)]
     of_parts = {side: xp.where(np.array(side), largest, free) for side in sides}
-    return Begun(pace, goal, of_parts, free, xp.min(speeds) / xp.max(speeds))
+    most = xp.max(speeds)
+    return Begun(pace, goal, of_parts, free, xp.min(speeds) / most, most)

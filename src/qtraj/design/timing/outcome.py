@@ -42,6 +42,8 @@ class Retimed(AbstractOutcome):
     - `iterations`: the number of steps of all searches.
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
+    - `gap`: the estimated relative distance of the duration from the minimum over all timings; NaN if the number of
+      cells was given, or if the path or a limit was traced.
     """
 
     path: RetimedPath
@@ -112,28 +114,30 @@ class Retimed(AbstractOutcome):
         code = ResultCode(int(np.asarray(self.code)[at]))
         time = float(np.asarray(self.duration)[at])
         if code == ResultCode.successful:
+            gap = float(np.asarray(self.gap)[at])
+            near = "" if np.isnan(gap) else f" (to within {100 * max(gap, 1e-6):.1g} %)"
             return (
-                f"converged: the fastest timing takes {time:.6g} s, and every limit is proved to be satisfied on the "
-                "whole path."
+                f"converged: the fastest timing takes {time:.6g} s{near}, and every limit is proved to be satisfied on "
+                "the whole path."
             )
         if code == ResultCode.end_speed_not_reached:
             start, end = np.asarray(self.speeds)[at]
             return f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end."
         if code == ResultCode.not_converged:
             return (
-                "the search stopped before it converged. The returned timing may be slower than necessary. Try more "
-                f"knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
+                "the search stopped before it converged. The returned timing may be slower than necessary. Try another "
+                f"tolerance, or other limits. The limits on this timing: {self.certificate.explain(at)}"
             )
         if code == ResultCode.not_finite and np.isfinite(np.asarray(self.timing.coefficients)[at]).all():
             return (
                 "the search failed: the squared speed is not positive between two knots, so the duration is NaN. Try "
-                "more knots, or add a limit on the acceleration, which keeps the timing smooth near a stop."
+                "another tolerance, or add a limit on the acceleration, which keeps the timing smooth near a stop."
             )
         if code == ResultCode.not_finite:
             return (
                 "the search failed, and the timing contains NaN. Check that path, limits and speeds are finite. With a "
                 "limit on friction or power, a slope or a bank may be too steep for the tyres or the engine: raise the "
-                "limit, use fewer knots, or check the path."
+                "limit, or check the path."
             )
         if code == int(np.asarray(self.certificate.code)[at]):  # the text of the certificate names the limits
             return self.certificate.explain(at)
@@ -159,6 +163,7 @@ class Retimed(AbstractOutcome):
             "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
             "code": Quantity(self.code, "1", "result code of the search"),
             "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
+            "gap": Quantity(self.gap, "1", "estimated relative distance of the duration from the minimum"),
             **vehicle_quantities(self.vehicle),
             **findings.variables,
         }

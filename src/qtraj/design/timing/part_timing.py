@@ -1,8 +1,10 @@
-"""Compute the fastest timing of one part of a path, prove its limits, and choose its cells.
+"""Compute the fastest timing of one part of a path, choose its cells, and prove its limits.
 
-The cells are chosen for an accuracy of the relaxed timing. If the timing is slower than the relaxed one by more than
-the tolerance, it is computed again on smaller cells, until it is fast enough or hardly becomes faster.
+The first cells approximate the relaxed timing. If the timing is slower than the relaxed one by more than the tolerance,
+cells are halved where the timing is not smooth, and it is computed again, until it hardly becomes faster.
 """
+
+from __future__ import annotations
 
 from typing import Any, NamedTuple
 
@@ -16,7 +18,7 @@ from qtraj.design.timing.grid import Grid, of_segments, path_derivatives, unifor
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.search import Found, Problem, fastest
+from qtraj.design.timing.search import Found, Problem, fastest, last_gap
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
 from qtraj.design.timing.tables import tables
@@ -28,18 +30,21 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
+KNOTS = 512
+"""Number of cells of a part if they cannot be chosen, because the path or a limit is traced."""
+
 ACCURACY, CHANGE, ATTEMPTS = 0.1, 0.3, 4
-"""The accuracy of the cells and the change of the duration that ends the attempts, as fractions of the tolerance."""
+"""As fractions of the tolerance, the accuracy of the cells, and the change of the duration at which cells are no longer
+halved; and how often they are halved."""
+
+LEAST_ERROR = 0.1
+"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
 
 SLOWER = (3e-5, 3e-4, 3e-3)
 """Fractions by which u̇² is reduced until all limits are proved: in sharp bends, rounding errors exceed the margin."""
-
-
-KNOTS = 512
-"""Number of cells of a part if they cannot be chosen, because the path or a limit is traced."""
 
 
 class Posed(NamedTuple):
@@ -59,10 +64,11 @@ class Posed(NamedTuple):
 
 
 class TimedPart(NamedTuple):
-    """The timing of a part: coefficients of u̇², usage and status of limits in each cell, knots, and search result.
+    """The timing of a part: coefficients of u̇², usage and status of limits in each cell, and knots.
 
-    The usage of a limit is the ratio of the quantity to the limit. The search result and the grid are None for a stop.
-    `excess` is the estimated difference to the smallest duration with more cells [s], or NaN.
+    The usage of a limit is the ratio of the quantity to the limit. `found` is the result of the search, and None for a
+    stop. `enough` is the largest optimality error of a search that converged, and `excess` the estimated difference to
+    the minimum duration over all timings [s], or NaN.
     """
 
     powers: Float[Any, "cells 4"]
@@ -70,12 +76,31 @@ class TimedPart(NamedTuple):
     codes: Int[Any, "limits cells"]
     knots: Float[Any, " cells+1"]
     found: Found | None = None
-    grid: Grid | None = None
+    enough: Any = np.zeros(())
     excess: Any = np.zeros(())
 
 
-def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> TimedPart:
-    """Return the fastest timing of a part of the path, with a proof of its limits.
+class _Searched(NamedTuple):
+    """The result of a search on a grid, the knots of the timing, and whether u̇² is zero at its ends."""
+
+    grid: Grid
+    found: Found
+    knots: Float[Any, " cells+1"]
+    enough: float
+    rest: tuple[bool, bool]
+
+    @property
+    def powers(self) -> Float[np.ndarray, "cells 4"]:
+        """The coefficients of u̇² as known numbers, even if they are differentiated."""
+        return np.asarray(constants(self.found.powers))
+
+    def times(self) -> Float[np.ndarray, " cells"]:
+        """Return the times in the cells [s] as known numbers."""
+        return np.diff(np.asarray(Timing(self.powers, constants(self.knots), self.rest).times))
+
+
+def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[TimedPart, Grid | None]:
+    """Return the fastest timing of a part of the path with a proof of its limits, and its cells, or None for a stop.
 
     `ends` are the bounds on u̇² at both ends, and `rest` indicates where u̇² is zero.
     """
@@ -83,32 +108,15 @@ def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> TimedPart
         rows = len(listed(p.names, p.vehicle is not None))
         knots = np.stack([np.asarray(part.start), np.asarray(part.end)])
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
-        return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots)
+        return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
     known = constants((p.path, p.bounds, p.vehicle, ends))
     if p.knots is not None or is_traced(known):
-        return _proved(p, rest, _searched(p, part, _fixed(p, part), ends, rest)[0])
-    shape = _shape(known[0], part)
-    task = _task(known, p.lap, part, rest, shape)
-    accuracy = ACCURACY * p.tolerance
-    cells, least = chosen(shape, task, accuracy)
-    if "jerk" in p.bounds:
-        cells, _ = chosen(shape, task, COARSE)
-    found, times = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
-    excess = times.sum() - least
-    for _ in range(ATTEMPTS):
-        before = times.sum()
-        if not excess > p.tolerance * before:
-            break
-        count, cells = len(times), refined(shape, task, accuracy, cells, np.asarray(constants(found.powers)), times)
-        if cells.half.size == count:
-            break
-        finer, times = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest, found)
-        if not times.sum() < before:  # the search failed, or the duration is the smallest to within its tolerance
-            break
-        found, excess = finer, min(times.sum() - least, before - times.sum())
-        if excess < CHANGE * p.tolerance * before:
-            break
-    return _proved(p, rest, found._replace(excess=np.asarray(max(excess, 0.0))))
+        x, excess = _searched(p, part, _fixed(p, part), ends, rest), np.nan
+    else:
+        shape = _shape(known[0], part)
+        x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(known, p.lap, part, rest, shape))
+    powers, usage, codes = _proved(p, x)
+    return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
 
 
 def _fixed(p: Posed, part: Part) -> Grid:
@@ -118,6 +126,34 @@ def _fixed(p: Posed, part: Part) -> Grid:
     cells = max(p.knots or KNOTS, 1 << (2 * (part.last - part.first) - 1).bit_length())
     starts = known_segments(p.path).starts[part.first : part.last]
     return of_segments(np.append(starts, part.end), part.first, cells, part.stops)
+
+
+def _on_chosen_cells(
+    p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], shape: Shape, task: Task
+) -> tuple[_Searched, float]:
+    """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
+    accuracy = ACCURACY * p.tolerance
+    cells, least = chosen(shape, task, accuracy)
+    if "jerk" in p.bounds:
+        cells, _ = chosen(shape, task, COARSE)
+    found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
+    times = found.times()
+    excess = times.sum() - least
+    for _ in range(ATTEMPTS):
+        before = times.sum()
+        halved = refined(shape, task, accuracy, cells, found.powers, times)
+        if not excess > p.tolerance * before or halved.half.size == cells.half.size:
+            break
+        cells = halved
+        finer = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest, found)
+        times = finer.times()
+        if not times.sum() < before:  # the search failed, or the duration is the smallest to within its tolerance
+            break
+        found, excess = finer, min(times.sum() - least, before - times.sum())
+        if excess < CHANGE * p.tolerance * before:
+            break
+    enough = max(found.enough, LEAST_ERROR * p.tolerance)
+    return found._replace(enough=enough), float(max(excess, 0.0))
 
 
 def _shape(path: AbstractHodograph, part: Part) -> Shape:
@@ -144,63 +180,53 @@ def _task(known: Any, lap: bool, part: Part, rest: tuple[bool, bool], shape: Sha
     _, bounds, vehicle, ends = known
     r1 = shape.derivatives(np.array([0, shape.spans.size - 1]), np.array([-1.0, 1.0]))[0]
     at_rest = np.array(rest) | np.array(part.stops)
-    squares = np.where(at_rest, 0.0, np.asarray(ends) * np.sum(r1 * r1, axis=0))
+    squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
     most = float(squares[0]), float(squares[1])
     return Task({name: np.asarray(x) for name, x in bounds.items()}, vehicle, most, lap)
 
 
 def _searched(
-    p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool], before: TimedPart | None = None
-) -> tuple[TimedPart, Any]:
-    """Return the timing, and the times in its cells [s] as known numbers, if they can be known.
-
-    The search starts from the timing `before`, if it is given, whose cells are divided by those of the grid.
-    """
-    start, end = (x if is_traced(x) else np.asarray(x) for x in part[:2])
+    p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool], before: _Searched | None = None
+) -> _Searched:
+    """Search for the fastest timing, starting from the timing `before`, whose cells are divided by those of `grid`."""
+    span: Any = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
+    start, end = span
     joint = np.diff(grid.segment) > 0
     smooth = np.full(grid.cells - 1, 2)
     smooth[joint] = part.smooth[grid.segment[:-1][joint] - part.first]
-    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
     t, first = tables(grid, rest, p.lap, smooth), None
-    if before is not None and before.grid is not None:
+    if before is not None:
         scale = grid.knots[-1] / before.grid.knots[-1]
-        first = inserted(t.grid.knots, np.asarray(constants(before.powers)), before.grid.knots * scale)
-    found = fastest(problem, t, first)
-    codes = np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
+        first = inserted(t.grid.knots, before.powers, before.grid.knots * scale)
+    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
     knots = start + grid.knots * ((end - start) / grid.knots[-1])
-    timing = Timing(*constants((found.powers, knots)), rest)
-    times = None if is_traced(timing) else np.diff(np.asarray(timing.times))
-    return TimedPart(found.powers, found.usage, codes, knots, found, grid, np.asarray(np.nan)), times
+    return _Searched(grid, fastest(problem, t, first), knots, last_gap(t.grid.cells), rest)
 
 
-def _proved(p: Posed, rest: tuple[bool, bool], x: TimedPart) -> TimedPart:
-    """Return the timing with the status of all limits; slow it down if a limit is not proved."""
+def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any]:
+    """Return the coefficients of u̇², the usage and the status of limits; slow down the timing if one is not proved."""
+    powers, usage = x.found.powers, x.found.usage
     if p.polynomials is None:
-        return x
-    codes = _codes(p, rest, x)
+        return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32)
+    codes = _codes(p, p.polynomials, x, powers)
+    if is_traced(constants(powers)):
+        return powers, usage, codes
     rows = [NAMES.index(name) for name in p.names]
-    for fraction in () if is_traced(constants(x.powers)) else SLOWER:
+    exponents = np.array([POWERS.get(name, 0.0) for name in listed(p.names, p.vehicle is not None)])
+    for fraction in SLOWER:
         if (codes[rows] == PROVED).all():
             break
-        slower = _slower(p, x, fraction)
-        found = _codes(p, rest, slower)
+        slower = (1 - fraction) * x.found.powers
+        found = _codes(p, p.polynomials, x, slower)
         if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
-            x, codes = slower, found
-    return x._replace(codes=codes)
+            powers, codes, usage = slower, found, x.found.usage * (1 - fraction) ** exponents[:, None]
+    return powers, usage, codes
 
 
-def _codes(p: Posed, rest: tuple[bool, bool], x: TimedPart) -> Any:
-    assert x.found is not None
-    assert x.grid is not None
-    assert p.polynomials is not None
+def _codes(p: Posed, polynomials: Source, x: _Searched, powers: Any) -> Any:
+    """Return the status of all limits in all cells."""
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
-    xp = namespace(x.found.unbounded, x.powers)
+    xp = namespace(x.found.unbounded, powers)
     given = {name: xp.where(x.found.unbounded, np.nan, p.bounds[name]) for name in p.names}
-    powers, given, road = constants((x.powers, given, p.vehicle))
-    return prove(p.polynomials, x.grid, (powers, np.array(rest)), given, road).codes
-
-
-def _slower(p: Posed, x: TimedPart, fraction: float) -> TimedPart:
-    """Return the timing with u̇² reduced by a fraction; only the usage of friction and power does not change."""
-    factors = [(1 - fraction) ** POWERS.get(name, 0.0) for name in listed(p.names, p.vehicle is not None)]
-    return x._replace(powers=x.powers * (1 - fraction), usage=x.usage * np.array(factors)[:, None])
+    own, given, road = constants((powers, given, p.vehicle))
+    return prove(polynomials, x.grid, (own, np.array(x.rest)), given, road).codes

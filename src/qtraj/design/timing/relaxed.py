@@ -48,7 +48,8 @@ def relaxed(
     task: Task,
 ) -> Relaxed:
     """Return the relaxed timing for the derivatives `r` of the path, and the `distances` [m] between the samples."""
-    found = parts(r.reshape(3, 3, -1), np.ones(()), task.bounds, task.vehicle)
+    one: Any = np.ones(())
+    found = parts(r.reshape(3, 3, -1), one, task.bounds, task.vehicle)
     square, length = np.sum(r[0] ** 2, axis=0), distances.sum()
     slowest = _inverse_rates(found).reshape(square.shape)
     highest = np.divide(square, slowest, out=np.full(square.shape, np.inf), where=(slowest > 0) & (square > 0))

@@ -6,6 +6,7 @@ import numpy as np
 
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.road import ROAD
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import QUANTITIES
@@ -16,6 +17,13 @@ ACCELERATIONS = ("acceleration", "longitudinal_acceleration", "friction", "jerk"
 MIN_KNOTS, MAX_KNOTS = 16, 2**14
 """Smallest and largest number of cells between two stops; with 2**15 cells, a search with a limit on the jerk did not
 converge."""
+
+
+LEAST_TOLERANCE = 1e-6
+"""Smallest tolerance; with a smaller one, rounding errors would exceed it."""
+
+REPRESENTABLE = 1e50
+"""Largest limit and speed; the sixth power of a number up to this bound is finite."""
 
 
 def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
@@ -49,12 +57,39 @@ def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
         )
 
 
-def require_knots(knots: int) -> None:
-    """Raise an error if `knots` is not a power of two from `MIN_KNOTS` to `MAX_KNOTS`."""
-    if not isinstance(knots, int) or not MIN_KNOTS <= knots <= MAX_KNOTS or knots & (knots - 1):
+def require_knots(knots: Any) -> int:
+    """Return `knots`, or raise an error if it is not a power of two from `MIN_KNOTS` to `MAX_KNOTS`."""
+    whole = isinstance(knots, int | np.integer) and not isinstance(knots, bool)
+    if not whole or not MIN_KNOTS <= knots <= MAX_KNOTS or int(knots) & (int(knots) - 1):
         raise ValueError(
             f"knots must be a power of two from {MIN_KNOTS} to {MAX_KNOTS}, such as 512, but {knots!r} was given"
         )
+    return int(knots)
+
+
+def require_tolerance(tolerance: float) -> None:
+    """Raise an error if the tolerance is not between `LEAST_TOLERANCE` and 1."""
+    known = concrete(tolerance)
+    if known is None or known.ndim or not LEAST_TOLERANCE <= known < 1:
+        raise ValueError(
+            f"tolerance, the relative distance of the duration from the minimum, must be from {LEAST_TOLERANCE:g} to "
+            f"below 1, but {tolerance!r} was given"
+        )
+
+
+def require_representable(bounds: dict[str, Any], highest: Any) -> None:
+    """Raise an error if a limit, or the largest |r'|, is so small or so large that its powers are not finite."""
+    given = {f"the limit on {name}": bound for name, bound in bounds.items() if name not in ROAD}
+    for what, value in (*given.items(), ("the largest speed |r'| of the path", highest)):
+        known = concrete(value)
+        if known is None or ((known == np.inf).all() and value is not highest):
+            continue
+        own = known[known < np.inf] if value is not highest else known
+        if ((own != 0) & ~((np.abs(own) >= 1 / REPRESENTABLE) & (np.abs(own) <= REPRESENTABLE))).any():
+            raise ValueError(
+                f"{what} is {float(own.flat[0]):g}, but retime computes with its powers and needs values from "
+                f"{1 / REPRESENTABLE:g} to {REPRESENTABLE:g}: use other units"
+            )
 
 
 def require_stop(speed: float, distance: float) -> None:

@@ -23,8 +23,10 @@ from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_knots,
     require_regular,
+    require_representable,
     require_stop,
     require_timing_limits,
+    require_tolerance,
     speed_at,
 )
 from qtraj.design.timing.retimed_cells import Cells, of_parts
@@ -68,15 +70,19 @@ def retime(
     at rest where the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only
     between the ends.
 
-    Let u be the path parameter. The function u̇²(u) is a cubic spline with continuous second derivative and `knots`
-    cells; `knots` is a power of two, by default 512. With more cells the duration is closer to the minimum over all
-    timings.
+    Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends, where
+    |r'(u)| is small and where the active limit changes. Cells are halved until the estimated distance of the duration
+    from the minimum over all timings is at most `tolerance`, relative to the duration; the field `gap` of the result is
+    this estimate. The result does not depend on the speed |r'(u)| of the parameter. With `knots`, a power of two, there
+    are so many cells of almost equal length instead; for a traced path or traced limits, 512 is the default.
 
-    A route is divided at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to
-    rest, and the stops keep their durations. An interval is also treated as a stop if the speed is at most `stop_speed`
-    [m/s] and the vehicle stays within `stop_distance` [m]. There the path of the result differs from `path` by at most
-    that distance. The default of `stop_speed` is 0.2 m/s, but at most 2 % of the highest speed; with zero the path is
-    unchanged.
+    At a joint of a route where its acceleration jumps, the acceleration of the result may jump, too. Elsewhere it is
+    continuous.
+
+    A route is divided at its stops. Each drive between two stops is timed from rest to rest, and the stops keep their
+    durations. With `stop_speed` > 0, an interval is also treated as a stop if the speed is at most `stop_speed` [m/s]
+    and the vehicle stays within `stop_distance` [m]. There the path of the result differs from `path` by at most that
+    distance.
 
     A `Shape` has no stops, and its path parameter is a length instead of a time. `periodic`, by default true for a
     closed shape unless a speed is given, computes a flying lap: the end of the path is its start, where speed,
@@ -95,30 +101,37 @@ def retime(
     `start_speed` is given.
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
-    a negative speed, `knots` that is not a power of two from 16 to 16384, float32, a path other than a route whose
-    velocity is zero at an instant, a route that is traced, is always at rest, reverses within a segment, or whose
-    velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit
-    on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it starts or
-    has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
+    limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
+    wrong `tolerance`, float32, a path that has a timing already, a path other than a route whose velocity is zero at an
+    instant, a route that is traced, is always at rest, has a velocity of zero within a segment, or whose velocity jumps
+    (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit on power but
+    none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it starts or has stops, and
+    for a speed at an end. RuntimeError with `throw` if the retiming fails.
     """
     of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
         free = start_speed is None and end_speed is None
         path, stop_speed, periodic = path.route, 0.0, path.closed and free if periodic is None else periodic
     require_path(path)
+    if isinstance(path, RetimedPath):
+        raise ValueError(
+            "this path has a timing already: pass its original path, path.path, which has the same shape, to time it "
+            "with other limits"
+        )
     require_limits(limits)
     require_float64(path)
     lap = bool(periodic)
     if lap:
         require_lap(path, start_speed, end_speed)
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
-    if knots is not None:
-        require_knots(knots)
+    knots = None if knots is None else require_knots(knots)
+    require_tolerance(tolerance)
     given = limits.given()
     require_stop(stop_speed, stop_distance)
     if isinstance(path, Route) and stop_speed > 0:
         path = with_stops(path, known_segments(path), stop_speed, stop_distance)
-    parts, standing = of_path(path, names, of_shape)
+    with np.errstate(over="ignore"):  # reported below
+        parts, standing = of_path(path, names, of_shape)
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
@@ -129,7 +142,7 @@ def retime(
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
     *found, gap = _retimed(posed, parts, standing, speeds)
-    retimed = Retimed(*found, vehicle, of_shape, gap)
+    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, gap=gap)
     return retimed.check() if throw else retimed
 
 
@@ -139,18 +152,19 @@ def _retimed(
     """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
     begins = begun(p.path, wanted, np.array(standing))
+    require_representable(p.bounds, begins.highest)
     if not isinstance(p.path, Route):
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
-    found = []
+    found: list[tuple[TimedPart, Any]] = []
     for k, part in enumerate(parts):
         first, last = k == 0, k == len(parts) - 1
         ends = begins.free if not (first or last) else begins.largest[(first, last)]
         found.append(timed(p, part, ends, (rest[0] and first, rest[1] and last)))
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = eqx.filter_jit(_judged) if traced else _judged
-    cells = of_parts([x.grid for x in found], [part.stops for part in parts])
-    own = [x._replace(grid=None) for x in found]
+    own, grids = (list(x) for x in zip(*found, strict=True))
+    cells = of_parts(grids, [part.stops for part in parts])
     return judge(p.path, own, p.bounds, (begins.pace, begins.wanted), p.vehicle, cells, p.names, rest)
 
 
@@ -183,11 +197,13 @@ def _judged(
     pace, wanted = speeds
     squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
     ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace
-    searches = [x.found for x in timed if x.found is not None]
+    moving = [x for x in timed if x.found is not None]
+    searches: list[Any] = [x.found for x in moving]
+    found = xp.all(xp.stack([x.error for x in searches]) < xp.stack([x.enough for x in moving]))
     time = timing.duration if xp is np else stop_gradient(timing.duration)
     time = time + sum(found.sensitivity for found in searches) if xp is jnp else time
     steps = sum((found.steps for found in searches), np.zeros((), np.int32))
-    code = _code(xp, certificate.code, searches, (ends, wanted), (powers, time))
+    code = _code(xp, certificate.code, (found, searches), (ends, wanted), (powers, time))
     gap = sum(x.excess for x in timed) / time
     return RetimedPath(path, timing), time, certificate, usage, ends, code, steps, gap
 
@@ -195,19 +211,19 @@ def _judged(
 def _code(
     xp: Any,
     code: Any,
-    searches: list[Found],
+    searched: tuple[Any, list[Found]],
     speeds: tuple[Any, Any],
     finite: tuple[Any, Scalar],
 ) -> Any:
     """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
 
+    `searched` contains whether all searches converged, and their results.
     `speeds` are the speeds at both ends and the prescribed speeds; the numbers `finite` must be finite.
     """
-    ends, wanted = speeds
+    (found, searches), (ends, wanted) = searched, speeds
     missed = xp.any(xp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
     # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
     ignored = xp.any((wanted <= 0) & (ends > 0))
-    found = xp.all(xp.stack([x.error for x in searches]) < 1)
     is_finite = xp.isfinite(finite[0]).all() & xp.isfinite(xp.asarray(finite[1]))
     for failed, result in (
         (missed, ResultCode.end_speed_not_reached),

@@ -55,7 +55,7 @@ MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""
 
 SLOWED = 1e-4
-"""If a = u̇² must be reduced by more than this fraction after the last search, the search has not converged."""
+"""If a = u̇² is reduced by more than this fraction after the last search, the change of the duration is an error."""
 
 
 class Problem(NamedTuple):
@@ -80,7 +80,7 @@ class Found(NamedTuple):
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
     (limits, cells) is the largest ratio of each quantity to its limit, in the order of `listed`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
-    the optimality error of the last search, divided by the largest allowed one. `unbounded` indicates whether no limit
+    the optimality error of the last search. `unbounded` indicates whether no limit
     bounds the speed.
     """
 
@@ -230,7 +230,7 @@ def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str
     slower = xp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.coefficients
     powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
-    error = xp.where(slower >= 1 - SLOWED, r.error / last_gap(t.grid.cells), np.inf)
+    error = r.error + xp.where(slower >= 1 - SLOWED, 0.0, 0.5 * (1 - slower))  # the duration changes by half as much
     if between.road is None:
         factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
         usage = r.usage * xp.stack(factors)[:, None]

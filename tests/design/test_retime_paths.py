@@ -1,0 +1,150 @@
+"""`retime` on regular paths of every kind: random curves, sharp bends, slow parameters, straight lines."""
+
+import numpy as np
+import pytest
+from benchmarks.random_paths import exact_duration, random_path
+from scipy.interpolate import CubicSpline, PPoly
+
+import qtraj as qt
+from qtraj.design.timing import spline
+
+STREET = {"speed": 13.0, "lateral_acceleration": 2.0, "longitudinal_acceleration": 1.5}
+FAST, SLOW = range(30), range(30, 330)
+SMOOTH = [seed for seed in range(14) if random_path(seed).kinds[2] != "cubic hermite"]
+"""Paths whose acceleration does not jump."""
+
+
+def from_rest(path, limits, **options):
+    """The fastest timing from rest to rest."""
+    return qt.retime(path, qt.Limits(**limits), 0.0, 0.0, **options)
+
+
+def of_random(seed, **more):
+    """The path with the timing of a random path, or None if it reverses on a straight line."""
+    path = random_path(seed)
+    try:
+        return path, from_rest(qt.Route.from_piecewise(path.spline), path.limits | more)
+    except ValueError as error:
+        if path.kinds[0] == "lines" and "the velocity of the route is zero at" in str(error):
+            return path, None
+        raise
+
+
+def check_against_the_exact_duration(seed):
+    path, timed = of_random(seed)
+    if timed is None:
+        return
+    assert timed.code == qt.ResultCode.successful, timed.result
+    exact = exact_duration(path, 50_000)
+    assert -1e-3 * exact < float(timed.duration) - exact < 5e-3 * exact
+    assert float(timed.gap) < 5e-3
+
+
+@pytest.mark.parametrize("seed", FAST)
+def test_random_paths_are_timed_as_fast_as_a_forward_and_a_backward_pass(seed):
+    check_against_the_exact_duration(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SLOW)
+def test_more_random_paths_are_timed_as_fast_as_a_forward_and_a_backward_pass(seed):
+    check_against_the_exact_duration(seed)
+
+
+@pytest.mark.parametrize("seed", SMOOTH)
+def test_with_a_limit_on_the_jerk_smaller_cells_give_the_same_duration(seed):
+    path = random_path(seed)
+    limits = path.limits | {"jerk": path.limits["longitudinal_acceleration"]}
+    route = qt.Route.from_piecewise(path.spline)
+    coarse, fine = from_rest(route, limits), from_rest(route, limits, tolerance=1e-4)
+    assert coarse.code == fine.code == qt.ResultCode.successful
+    assert float(coarse.duration) == pytest.approx(float(fine.duration), rel=1e-3)
+    assert float(coarse.gap) < 1e-3
+
+
+def test_straight_lines_with_a_limit_on_the_jerk():
+    """V = 5, A = J = 1: a ramp takes 6 s, so the duration is L/V + 6 s. Rounding does not turn the lines into bends."""
+    rng, zero = np.random.default_rng(0), np.zeros((2, 3))
+    for end in np.round(rng.uniform(-200, 200, (20, 3)), 1):
+        route = qt.Route([0.0, 1], [[0, 0, 0], end], zero, zero)
+        timed = from_rest(route, {"speed": 5.0, "acceleration": 1.0, "jerk": 1.0})
+        assert timed.code == qt.ResultCode.successful
+        assert float(timed.duration) == pytest.approx(np.linalg.norm(end) / 5 + 6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("points", "duration"),
+    [
+        ([(16, -6, -2), (16, -6, -2), (3, -17, 3), (18, 11, -1), (10, 11, -1)], 28.69),
+        ([(18, 17, 3), (-17, 16, -2), (17, 13, 3), (-15, -3, -2)], 29.32),
+        ([(-15, -5, 2), (-6, 4, -1), (4, 16, -3), (-18, -16, 2), (17, -13, -2)], 30.91),
+        ([(19, -15, 1), (-10, 10, 1), (18, -12, 2), (10, 11, -1)], 28.60),
+    ],
+)
+def test_sharp_bends(points, duration):
+    """The durations are those of a forward and a backward pass; some bends turn by more than 90° within 0.1 s."""
+    route = qt.Route.from_piecewise(CubicSpline(5.0 * np.arange(len(points)), np.array(points, float)))
+    timed = from_rest(route, STREET)
+    assert timed.code == qt.ResultCode.successful
+    assert float(timed.duration) == pytest.approx(duration, rel=1.5e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("slow", [0.5, 5e-3])
+def test_the_duration_does_not_depend_on_the_parameter(scale, slow):
+    """A parabola whose parameter w slows down in the middle to a fraction of its mean: w' = slow + 3 (1 - slow) s²."""
+    cubic = np.polynomial.Polynomial([0.0, slow, 0.0, 1 - slow])
+    x, y = 40.0 * cubic, 20.0 * cubic**2
+    own = [np.pad(p.coef, (0, 7 - p.coef.size)) for p in (x, y)]
+    c = np.stack([*own, np.zeros(7)], axis=1) / scale ** np.arange(7)[:, None]
+    shifted = PPoly(c[::-1, None], [0.0, scale])
+    whole = PPoly(np.stack([_about(shifted, -scale), _about(shifted, 0.0)], axis=1), [0.0, scale, 2 * scale])
+    route = qt.Route.from_piecewise(whole)
+    plain = PPoly(np.array([[[0.0, 20, 0]], [[40.0, -40, 0]], [[-40.0, 20, 0]]]), [0.0, 2.0])
+    expected = from_rest(qt.Route.from_piecewise(plain), STREET, tolerance=1e-5).duration
+    timed = from_rest(route, STREET)
+    assert timed.code == qt.ResultCode.successful
+    assert timed.path.path.segments == 2
+    assert float(timed.duration) == pytest.approx(float(expected), rel=1e-3)
+
+
+def _about(p, start):
+    """The coefficients of a polynomial in powers of t − start."""
+    return np.stack([p.derivative(k)(start) / np.prod(np.arange(1.0, k + 1)) for k in range(7)])[::-1]
+
+
+def test_the_second_derivative_of_the_path_may_jump():
+    """Two arcs of different parameter speed meet: the timing is as fast as on each arc alone."""
+    turn = CubicSpline([0.0, 1, 2], [[0, 0, 0], [10, 0, 0], [20, 3, 0]], bc_type=((1, [10.0, 0, 0]), (1, [10.0, 6, 0])))
+    c, x = turn.c.copy(), turn.x.copy()
+    bent = PPoly(np.concatenate([c[:3], c[3:]]) + np.zeros_like(c), x)
+    bent.c[1, 1] += [0.0, 4.0, 0]  # the curvature jumps at the joint
+    timed = from_rest(qt.Route.from_piecewise(bent), STREET)
+    assert timed.code == qt.ResultCode.successful
+    assert float(timed.gap) < 1e-3
+
+
+def test_a_finer_spline_is_the_same_function():
+    rng = np.random.default_rng(4)
+    coarse = np.cumsum(np.append(0.0, rng.uniform(0.5, 2, 6)))
+    fine = np.sort(np.concatenate([coarse, 0.5 * (coarse[1:] + coarse[:-1])]))
+    coefficients = rng.normal(size=coarse.size + 2)
+    powers = np.einsum("pkn,kn->np", spline.power_form(coarse), spline.local(coefficients))
+    found = spline.inserted(fine, powers, coarse)
+    again = np.einsum("pkn,kn->np", spline.power_form(fine), spline.local(found))
+    for z in (0.0, 0.3, 1.0):
+        at = again @ z ** np.arange(4)
+        u = fine[:-1] + z * np.diff(fine)
+        cell = np.minimum(np.searchsorted(coarse, u, side="right") - 1, coarse.size - 2)
+        place = (u - coarse[cell]) / np.diff(coarse)[cell]
+        expected = np.sum(powers[cell] * place[:, None] ** np.arange(4), axis=1)
+        np.testing.assert_allclose(at, expected, rtol=0, atol=1e-13)
+
+
+def test_the_gap_is_saved(tmp_path):
+    path = random_path(6)
+    timed = from_rest(qt.Route.from_piecewise(path.spline), path.limits)
+    timed.save(tmp_path / "timed.json")
+    assert float(qt.load(tmp_path / "timed.json").gap) == float(timed.gap) > 0
+    fixed = from_rest(qt.Route.from_piecewise(path.spline), path.limits, knots=256)
+    assert np.isnan(float(fixed.gap))
