@@ -43,6 +43,25 @@ class Sampled(AbstractGeometricPath):
     waypoints = property(lambda self: (np.array([0.0, self._duration]), self(np.array([0.0, self._duration]))))
 
 
+class OfSpline(AbstractGeometricPath):
+    """A spline of SciPy for TOPPRA."""
+
+    def __init__(self, spline):
+        self._orders = spline, spline.derivative(1), spline.derivative(2)
+
+    def rows(self, u):
+        """r, r' and r'' at many parameters."""
+        return np.stack([p(np.atleast_1d(u)) for p in self._orders])
+
+    def __call__(self, path_positions, order=0):
+        return self._orders[order](path_positions)
+
+    dof = property(lambda self: 3)
+    path_interval = property(lambda self: self._orders[0].x[[0, -1]])
+    duration = property(lambda self: float(self._orders[0].x[-1]))
+    waypoints = property(lambda self: (self.path_interval, self(self.path_interval)))
+
+
 def coefficients(rows):
     """The speed, the lateral acceleration per a, and (p, q) in the longitudinal acceleration p·a + q·a'/2."""
     _, r1, r2 = rows
@@ -53,13 +72,18 @@ def coefficients(rows):
 class VehicleLimits(LinearConstraint):
     """The three limits, on x = u̇² and ü."""
 
+    def __init__(self, limits):
+        super().__init__()
+        self._limits = limits
+
     def compute_constraint_params(self, path, gridpoints, *args, **kwargs):
         """Coefficients as TOPPRA defines them."""
         speed, across, along = coefficients(path.rows(gridpoints))
         n = len(gridpoints)
-        highest = np.minimum((SPEED / speed) ** 2, LATERAL / np.maximum(across, 1e-12))
+        most, lateral, longitudinal = (self._limits[name] for name in LIMITS)
+        highest = np.minimum((most / speed) ** 2, lateral / np.maximum(across, 1e-12))
         bounds = np.stack([np.zeros(n), highest], axis=1)
-        sides, limits = np.tile([[[1.0], [-1.0]]], (n, 1, 1)), np.full((n, 2), LONGITUDINAL)
+        sides, limits = np.tile([[[1.0], [-1.0]]], (n, 1, 1)), np.full((n, 2), longitudinal)
         return speed[:, None], along[:, None], np.zeros((n, 1)), sides, limits, None, bounds
 
 
@@ -73,27 +97,30 @@ class Solution(NamedTuple):
     processor: float
 
 
-def with_toppra(own, grid):
-    """Solve the problem for a `Sampled` path on a grid of parameters."""
+def with_toppra(own, grid, limits=LIMITS):
+    """Solve the problem for a path on a grid of parameters; the duration is NaN without a solution."""
     own.rows(grid)  # compiled before the clock starts
     start, used_before = time.perf_counter(), time.process_time()
-    problem = TOPPRA([VehicleLimits()], own, gridpoints=grid, solver_wrapper="seidel")
+    problem = TOPPRA([VehicleLimits(limits)], own, gridpoints=grid, solver_wrapper="seidel")
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     spent, processor = time.perf_counter() - start, time.process_time() - used_before
+    if speeds is None:
+        return Solution(grid, np.full(len(grid), np.nan), np.nan, spent, processor)
     duration = float(np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])))
     return Solution(grid, speeds**2, duration, spent, processor)
 
 
-def sampled_excess(own, solution):
+def sampled_excess(own, solution, limits=LIMITS):
     """Return the largest relative excess of a limit at `PLACES` places of each interval."""
     grid, a = solution.grid, solution.squares
     fine = (grid[:-1, None] + np.diff(grid)[:, None] * (np.arange(PLACES) + 0.5) / PLACES).ravel()
     inner, slope = np.interp(fine, grid, a), np.repeat(np.diff(a) / np.diff(grid), PLACES)
     speed, across, along = coefficients(own.rows(fine))
+    most, lateral, longitudinal = (limits[name] for name in LIMITS)
     used = [
-        speed * np.sqrt(inner) / SPEED,
-        across * inner / LATERAL,
-        np.abs(along * inner + 0.5 * speed * slope) / LONGITUDINAL,
+        speed * np.sqrt(inner) / most,
+        across * inner / lateral,
+        np.abs(along * inner + 0.5 * speed * slope) / longitudinal,
     ]
     return max(np.max(x) for x in used) - 1
 

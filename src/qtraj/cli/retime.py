@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from qtraj.cli import layout, limit_option, terminal
+from qtraj.cli.console import message
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress_bar import Watch
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 @terminal.command(
     "qtraj retime  (the built-in scenario)",
     "qtraj retime bus.toml --out results",
-    "qtraj retime drive.csv --limit speed=13.9 --limit lateral_acceleration=2",
+    "qtraj retime drive.csv --limit speed=13.9 --limit acceleration=2",
     "qtraj retime centre_line.csv --limit speed=60 --limit lateral_acceleration=15 --limit longitudinal_acceleration=8",
 )
 def retime(
@@ -86,6 +87,7 @@ class Result(NamedTuple):
 
 def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Result:
     from qtraj.design.speed_profile import speed_profile
+    from qtraj.design.timing.requirements import ACCELERATIONS
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
     from qtraj.scenario.route import retiming
@@ -99,6 +101,12 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict
         if task.tuning is not None:
             watch.say("tuning")
             tuned = task.tuning(watch.tuning)
+        if not set(ACCELERATIONS) & set(task.limits.given()):
+            message(
+                "note",
+                "no limit bounds the acceleration along the path, so the speed may change as fast as the other limits "
+                f"allow: consider a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}"
+            )
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
         watch.say("checking the limits")

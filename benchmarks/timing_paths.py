@@ -1,0 +1,128 @@
+"""`retime` on random regular paths of every kind, against the exact minimum duration and TOPPRA.
+
+    python -m benchmarks.timing_paths
+    python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
+
+The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
+acceleration. The exact duration is computed by a forward and a backward pass on 200 000 samples. TOPPRA (extra `dev`)
+gets 1 000 equidistant grid points; its limits are then evaluated between them. With a limit on the jerk, the duration
+is compared with that for a tenfold smaller tolerance.
+"""
+
+import argparse
+import time
+
+import jax
+import numpy as np
+
+import qtraj as qt
+from benchmarks.random_paths import exact_duration, random_path
+from benchmarks.timing_toppra import OfSpline, sampled_excess, with_toppra
+
+GRID = 1000
+
+
+def timed(path, **options):
+    """The fastest timing from rest to rest and the processor time [s], or None if a straight line reverses."""
+    start = time.process_time()
+    try:
+        found = qt.retime(qt.Route.from_piecewise(path.spline), qt.Limits(**path.limits), 0.0, 0.0, **options)
+    except ValueError as error:
+        if "the velocity of the route is zero at" in str(error):
+            return None
+        raise
+    return found, time.process_time() - start
+
+
+def quantiles(name, values, unit=""):
+    """Print the median, the 90 % quantile and the extremes."""
+    low, middle, high, most = np.quantile(values, [0.0, 0.5, 0.9, 1.0])
+    print(f"  {name}: median {middle:.3g}{unit}, 90 % below {high:.3g}{unit}, {low:.3g} to {most:.3g}{unit}")
+
+
+def random_paths(count):
+    """Compare with the exact durations."""
+    refused, failed, gaps, claimed, seconds, cells = 0, [], [], [], [], []
+    for seed in range(count):
+        path = random_path(seed)
+        result = timed(path)
+        if result is None:
+            refused += 1
+            continue
+        found, taken = result
+        gap = float(found.duration) / exact_duration(path) - 1
+        if found.code != qt.ResultCode.successful or not -2e-3 < gap < 5e-3:
+            failed.append((seed, int(found.code), gap))
+        gaps.append(gap)
+        claimed.append(float(found.gap))
+        seconds.append(1e3 * taken)
+        cells.append(found.timing.knots.size - 1)
+    print(f"{count} random paths: {refused} reverse on a straight line and are refused")
+    print(f"  not proved, or not within 0.5 % of the exact duration: {len(failed)} {failed[:5]}")
+    quantiles("longer than the exact duration by", gaps)
+    quantiles("estimate `gap`", claimed)
+    quantiles("processor time", seconds, " ms")
+    quantiles("cells", cells)
+
+
+def with_jerk(count):
+    """Compare with the durations for a tenfold smaller tolerance."""
+    failed, changes, seconds, seed = [], [], [], 0
+    while len(changes) < count:
+        path = random_path(seed)
+        seed += 1
+        if path.kinds[2] == "cubic hermite":  # its acceleration jumps
+            continue
+        jerk = path.limits["longitudinal_acceleration"] * np.exp(np.random.default_rng(seed).uniform(-1, 2))
+        path.limits["jerk"] = float(jerk)
+        result, fine = timed(path), timed(path, tolerance=1e-4)
+        if result is None or fine is None:
+            continue
+        change = float(result[0].duration) / float(fine[0].duration) - 1
+        if max(int(result[0].code), int(fine[0].code)) or abs(change) > 5e-3:
+            failed.append((seed - 1, int(result[0].code), int(fine[0].code), change))
+        changes.append(change)
+        seconds.append(1e3 * result[1])
+    print(f"{count} random paths with a limit on the jerk")
+    print(f"  not proved, or not within 0.5 % of the duration for the tolerance 1e-4: {len(failed)} {failed[:5]}")
+    quantiles("longer by", changes)
+    quantiles("processor time", seconds, " ms")
+
+
+def beside_toppra(count):
+    """Compare with TOPPRA on the same paths."""
+    excess, own, other, ratio = [], [], [], []
+    for seed in range(count):
+        path = random_path(seed)
+        result = timed(path)
+        if result is None:
+            continue
+        own.append(1e3 * result[1])
+        spline = OfSpline(path.spline)
+        found = with_toppra(spline, np.linspace(0.0, spline.duration, GRID + 1), path.limits)
+        other.append(1e3 * found.processor)
+        if np.isfinite(found.duration):
+            excess.append(1 + sampled_excess(spline, found, path.limits))
+            ratio.append(found.duration / float(result[0].duration))
+    print(f"TOPPRA with {GRID} intervals on {len(own)} of these paths: {len(ratio)} solved")
+    quantiles("largest ratio of a quantity to its limit between the grid points", excess)
+    quantiles("duration, relative to that of `retime`", ratio)
+    quantiles("processor time of TOPPRA", other, " ms")
+    quantiles("processor time of `retime`, proofs included", own, " ms")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--paths", type=int, default=200)
+    parser.add_argument("--jerk", type=int, default=20)
+    parser.add_argument("--toppra", type=int, default=20)
+    given = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    np.seterr(all="ignore")
+    random_paths(given.paths)
+    with_jerk(given.jerk)
+    beside_toppra(given.toppra)
+
+
+if __name__ == "__main__":
+    main()
