@@ -6,7 +6,7 @@
     python -m benchmarks.installs --extras all --types 0.9
 
 Prints one row for each environment; the exit code is 1 if one fails. The wheel is built from the source distribution,
-so that both are complete. With `--types`, pyright (extra `dev`) also reads the installed package as the type checkers of
+so that both are complete. With `--types`, pyright (extra `dev`) also reads the installed package as type checkers of
 users do; the row fails if fewer symbols have known types. The seconds depend on the network and on the cache of pip.
 """
 
