@@ -168,6 +168,28 @@ def test_a_duration_too_short_is_refused_with_the_minimum(name):
     np.testing.assert_allclose(traced(0.5 * minimum).duration, minimum, rtol=1e-15)
 
 
+def test_an_s_curve_in_its_own_minimum_duration_is_the_fastest():
+    """Its coasting rate is almost a double root if the acceleration rises in a tiny part of the duration."""
+    rng = np.random.default_rng(21)
+    angle, a, v = np.exp(rng.uniform(-8, 1, 200)), np.exp(rng.uniform(-4, 4, 200)), np.exp(rng.uniform(-3, 3, 200))
+    j = a * np.exp(rng.uniform(-2, 16, 200))
+    for row in zip(v, a, j, angle, strict=True):
+        for limits in (row[:3], (None, *row[1:3])):
+            fastest = SCurve(*limits).profile(row[3])
+            found = SCurve(*limits, duration=fastest.duration).profile(row[3])
+            assert abs(float(np.sum(found.pieces, axis=1)[-1]) - 1) <= 1e-13
+            assert float(found.peak(1)[1]) <= float(fastest.peak(1)[1]) * (1 + ROUND_OFF)
+            assert np.all(np.diff(np.concatenate([[0.0], found.switches])) >= 0)
+
+
+@pytest.mark.parametrize("name", FROM_LIMITS)
+def test_switches_are_not_negative_and_ascend(name):
+    for angle in (0.0, -0.0, 1e-40, 1e-12, *cases(40)[0]):
+        for v, a, j in zip(*cases(10)[1:], strict=True):
+            switches = np.asarray(FROM_LIMITS[name](v, a, j).profile(angle).switches)
+            assert np.all(np.diff(np.concatenate([[0.0], switches])) >= 0)
+
+
 def test_a_longer_duration_that_the_end_rates_do_not_allow_is_refused():
     with pytest.raises(ValueError, match="some longer durations are impossible too"):
         TimeOptimal(2.0, 1.0, start_rate=1.0, end_rate=1.0, duration=1.0).profile(0.1)

@@ -49,7 +49,10 @@ class Profile(eqx.Module):
 
     @property
     def switches(self) -> Float[Array, " n"]:
-        """The end times (n,) [s] of the segments, to be passed as `jumps` to an integration; the last is `duration`."""
+        """The end times (n,) [s] of the segments, ascending, to be passed as `jumps` to an integration.
+
+        The last one is `duration`.
+        """
         return _switches(self.starts, self.duration)
 
     def angle(self, t: ScalarLike) -> Scalar:
@@ -111,7 +114,8 @@ class Profile(eqx.Module):
 
 @of_arrays
 def _switches(starts: Float[Array, " n"], duration: Scalar) -> Float[Array, " n"]:
-    return xp.concatenate([starts[1:], duration[None]])
+    # Round-off may exchange the ends of segments of almost zero width.
+    return xp.concatenate([xp.minimum(xp.sort(starts[1:]), duration), duration[None]])
 
 
 @of_arrays
@@ -243,9 +247,13 @@ def require_limits(motion_profile: AbstractProfile) -> None:
         require_positive(value, name, UNITS[name])
 
 
-def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
-    """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible."""
-    feasible = duration >= minimum * (1 - TOLERANCE * float(xp.finfo(minimum.dtype).eps))
+def fixed_duration(duration: Scalar, minimum: Scalar, size: Scalar | None = None) -> tuple[Scalar, Flag]:
+    """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible.
+
+    If `minimum` is a difference of larger times, `size` is their size; round-off is relative to it.
+    """
+    round_off = TOLERANCE * float(xp.finfo(minimum.dtype).eps) * (minimum if size is None else size)
+    feasible = duration >= minimum - round_off
     return xp.where(feasible, duration, minimum), feasible
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -71,13 +71,16 @@ def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
         max_rate = motion_profile.max_rate.astype(total.dtype)
         coasting = rate > max_rate
         rate = xp.where(coasting, max_rate, rate)
-    ramp, full = _ramp(rate, a, j)
+    ramp, full = (xp.where(is_nonzero(total), x, 0.0) for x in _ramp(rate, a, j))
     coast = xp.where(coasting, size / rate - full, 0.0)
-    minimum = duration = xp.where(is_nonzero(total), 2 * full + coast, 0.0)
+    minimum = duration = 2 * full + coast
     feasible = xp.asarray(True)
     if motion_profile.duration is not None:
         duration, feasible = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
-        ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
+        slower = _rate_in_time(size, duration, a, j)
+        # At the minimum duration, v may be almost a double root. An inaccurate v must not exceed the fastest slew's
+        # rate, because its ramps would then last longer than the duration. The derivative of v is kept.
+        ramp, full = _ramp(slower - stop_gradient(xp.maximum(slower - rate, 0.0)), a, j)
         coast = xp.maximum(duration - 2 * full, 0.0)
     first_half = xp.stack([ramp, full - 2 * ramp, ramp, coast])
     return _chain(total, duration, first_half, j / size, feasible), minimum

@@ -6,7 +6,7 @@ import equinox as eqx
 
 from qtraj.foundation.arrays import concrete, real_scalar, require_finite
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -19,6 +19,9 @@ from qtraj.motion.profiles.profile import (
     nonzero_size,
     require_limits,
 )
+
+RAMP_ROUND_OFF = 8
+"""Relative error of the end rates, in machine epsilons, within which the angle of a slew is that of a single ramp."""
 
 
 @storable
@@ -85,10 +88,11 @@ def _timed(motion_profile: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]
     coast = _fastest(task)
     if resting:
         nonzero = is_nonzero(total)
-        coast = _Coast(coast.rate, xp.where(nonzero, coast.width, 0.0), xp.where(nonzero, coast.duration, 0.0))
+        coast = _Coast(*(xp.where(nonzero, x, 0.0) for x in (coast.rate, coast.width, coast.duration)))
     minimum, feasible = coast.duration, xp.asarray(True)
     if motion_profile.duration is not None:
-        duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
+        size = minimum + (abs(task.start) + abs(task.end)) / task.acceleration
+        duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum, size)
         coast, exists = _in_time(task, duration)
         feasible = long_enough & exists
     return _chain(task, coast, total, feasible, resting), minimum
@@ -116,20 +120,42 @@ def _fastest(task: _Task) -> _Coast:
     """Return the coast of the fastest slew of Φ from rate v0 to rate v1, for limits V of rate and A of acceleration.
 
     The peak rate of the slew is v_p = s√(sAΦ + (v0² + v1²)/2) with a sign s = ±1. If |v_p| would exceed V, the slew
-    coasts at sV.
+    coasts at sV. s·v_p is at least s·v0 and s·v1, and equal to the larger of these on a ramp.
     """
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
-    sense = xp.where(angle < (v0 + v1) * abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
-    peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
+    sense, is_ramp = _sense(task)
+    speed = _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
+    lowest = xp.maximum(sense * v0, sense * v1)
+    peak = sense * _rounded(speed, xp.where(is_ramp, lowest, xp.maximum(speed, lowest)))
     width = xp.zeros_like(angle)
     if task.rate is not None:
         clipped = abs(peak) > task.rate
         max_rate = xp.where(clipped, task.rate, 1.0)
         coasted = angle - sense * (2 * max_rate**2 - v0**2 - v1**2) / (2 * acceleration)
         width = xp.where(clipped, coasted / (sense * max_rate), width)
+        width = _rounded(width, xp.maximum(width, 0.0))
         peak = xp.where(clipped, sense * max_rate, peak)
-    ramps = sense * (2 * peak - v0 - v1) / acceleration
+    ramps = sense * ((peak - v0) + (peak - v1)) / acceleration
     return _Coast(peak, width, ramps + width)
+
+
+def _sense(task: _Task) -> tuple[Scalar, Flag]:
+    """Return the sign s of `_fastest`, and whether Φ is the angle of a single ramp from v0 to v1.
+
+    If v0 and v1 have the same sign, the duration is discontinuous at the angle of the ramp: for a slightly smaller
+    angle, the slew must reverse. Round-off must not decide on this, so an angle within `RAMP_ROUND_OFF` of the ramp
+    counts as the ramp, for which s is the sign of v0 and v1.
+    """
+    v0, v1 = task.start, task.end
+    excess = task.angle - (v0 + v1) * abs(v1 - v0) / (2 * task.acceleration)
+    round_off = RAMP_ROUND_OFF * float(xp.finfo(excess.dtype).eps) * (v0**2 + v1**2) / (2 * task.acceleration)
+    is_ramp = abs(excess) <= round_off
+    return xp.where(xp.where(is_ramp, v0 + v1, excess) < 0, -1.0, 1.0).astype(excess.dtype), is_ramp
+
+
+def _rounded(x: Scalar, value: Scalar) -> Scalar:
+    """Return `value`, which differs from `x` only by round-off, with the derivative of `x`."""
+    return x + stop_gradient(value - x)
 
 
 def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
@@ -150,7 +176,8 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     rate = mean + xp.where(between, linear, xp.where(offset < 0, -outer, outer))
     width = xp.maximum(duration - (abs(rate - v0) + abs(rate - v1)) / a, 0.0)
     slack = 4 * TOLERANCE * float(xp.finfo(duration.dtype).eps)
-    exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
+    size = a * duration + abs(v0) + abs(v1)  # of the rates of which `square` and `spare_time` are differences
+    exists = (square >= -slack * a * duration * size) & (a * spare_time >= -slack * size)
     if task.rate is not None:
         # At the minimum T, v is a double root, so only half of its digits are accurate.
         exists &= abs(rate) <= task.rate * (1 + slack**0.5)

@@ -255,7 +255,7 @@ def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, 
 def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
     """Return the end times [s] of all segments of consecutive slews of the `angles` [rad]."""
     within = mapped(lambda angle: law.profile(angle).switches)(angles)
-    return (_arrivals(law, angles)[:-1, None] + within).ravel()
+    return xp.sort((_arrivals(law, angles)[:-1, None] + within).ravel())  # round-off may exchange equal instants
 
 
 def _direction(vector: Vec3) -> Vec3:
