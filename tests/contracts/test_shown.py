@@ -84,7 +84,7 @@ EXAMPLES = [
     qt.Upright(),
     JOINT,
     qt.Arm([JOINT, qt.Joint([0.0, 1.0, 0.0], [0.0, 0.0, 0.5])], [0.0, 0.0, 1.0]),
-    qt.CubicSpline(2.0, max_rate=0.8),
+    qt.MultiKnotCubic(2.0, max_rate=0.8),
     qt.Damping(),
     qt.Driving.along(ROUTE),
     qt.HystereticLaw(qt.AccelerationLaw(1.0, 2.0), sampling=0.1),

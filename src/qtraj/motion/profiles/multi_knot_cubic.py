@@ -1,4 +1,4 @@
-"""Compute cubic-spline profiles, which minimise ∫Φ̈² dt for a fixed duration within limits on rate and acceleration.
+"""Compute multi-knot cubic profiles, which minimise ∫Φ̈² dt for a fixed duration within limits on rate and acceleration.
 
 Paper C proposes cubic splines Φ(t) for a prescribed duration T and limits on rate and acceleration. Among all slews of
 this duration from rest to rest with |Φ̇| ≤ V and |Φ̈| ≤ A, the slew with the smallest ∫Φ̈² dt is a cubic spline. In its
@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import equinox as eqx
 
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import formerly, storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -38,8 +38,9 @@ class _Half(eqx.Module):
     acceleration: Scalar
 
 
+@formerly("CubicSpline")
 @storable
-class CubicSpline(AbstractProfile):
+class MultiKnotCubic(AbstractProfile):
     """The profile with minimum ∫Φ̈² dt for a `duration` [s] and limits `max_rate` [rad/s], `max_acceleration` [rad/s²].
 
     The angle is a cubic spline with knots at the instants at which a limit becomes active or inactive, and a single
@@ -54,7 +55,7 @@ class CubicSpline(AbstractProfile):
     duration: Scalar | None
     max_rate: Scalar | None
     max_acceleration: Scalar | None
-    name: ClassVar[str] = "cubic-spline"
+    name: ClassVar[str] = "multi-knot cubic"
     supports_numpy: ClassVar[bool] = True
 
     def __repr__(self) -> str:
@@ -67,7 +68,7 @@ class CubicSpline(AbstractProfile):
         self.max_acceleration = limit(max_acceleration)
         if self.duration is None:
             raise ValueError(
-                "a cubic-spline slew needs a duration [s]. Use TimeOptimal or SCurve for the minimum duration."
+                "a multi-knot cubic slew needs a duration [s]. Use TimeOptimal or SCurve for the minimum duration."
             )
         require_limits(self)
 
