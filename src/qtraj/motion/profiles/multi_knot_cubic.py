@@ -46,7 +46,7 @@ class MultiKnotCubic(AbstractProfile):
     The angle is a cubic spline with knots at the instants at which a limit becomes active or inactive, and a single
     cubic if no limit is active. The angle, rate and acceleration are continuous, except that the acceleration jumps at
     both ends, as in a `Cubic` profile. The slew starts and ends at rest. The minimum duration is the same as for a
-    `TimeOptimal` slew within the same limits.
+    `TimeOptimal` slew within the same limits. For a distance along a line, read m instead of rad.
 
     **Raises:** ValueError for values that are not positive, or if the duration is missing. `profile` raises a
     ValueError if the duration is too short.
@@ -59,7 +59,7 @@ class MultiKnotCubic(AbstractProfile):
     supports_numpy: ClassVar[bool] = True
 
     def __repr__(self) -> str:
-        return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²")
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def __init__(
         self, duration: ArrayInput, max_rate: ArrayInput | None = None, max_acceleration: ArrayInput | None = None

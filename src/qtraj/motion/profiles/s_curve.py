@@ -31,6 +31,7 @@ class SCurve(AbstractProfile):
 
     The limits are `max_rate` [rad/s], None for no limit, `max_acceleration` [rad/s²] and `max_jerk` [rad/s³]. If a
     fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
+    For a distance along a line, read m instead of rad.
 
     **Raises:** ValueError for values that are not positive. `profile` raises a ValueError if the duration is too short.
     """
@@ -56,7 +57,7 @@ class SCurve(AbstractProfile):
         require_limits(self)
 
     def __repr__(self) -> str:
-        return shown(self, max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³", duration="s")
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""

@@ -33,7 +33,8 @@ class TimeOptimal(AbstractProfile):
     `duration` [s] exceeds the minimum, the slew coasts at another rate; the acceleration keeps its limit value. The
     profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. If
     the acceleration about each body axis has its own limit, slews about a moving axis can be faster (Bilimoria and Wie
-    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s).
+    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s). For a distance along a
+    line, read m instead of rad.
 
     **Raises:** ValueError if a limit or the duration is not positive, or if the magnitude of a start or end rate
     exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or not possible with these rates.
@@ -67,9 +68,7 @@ class TimeOptimal(AbstractProfile):
                 _require_within(rate, self.max_rate, name)
 
     def __repr__(self) -> str:
-        return shown(
-            self, max_rate="rad/s", max_acceleration="rad/s²", start_rate="rad/s", end_rate="rad/s", duration="s"
-        )
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
