@@ -599,7 +599,7 @@ profiles_figure(profiles, *limits, title="C, section 3: an Euler turn by 90° un
 
 # %%
 try:
-    qt.Cubic(2.8, 0.8, 2.0).profile(angle)
+    qt.Cubic(2.8, 0.8, 2.0).profile(angle, unit="rad")
 except ValueError as refusal:
     print(refusal)
 else:
