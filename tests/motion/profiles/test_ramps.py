@@ -100,6 +100,21 @@ def test_the_duration_of_a_ramp_can_be_prescribed():
         assert float(np.sum(found.pieces, axis=1)[-1]) == pytest.approx(angle, rel=1e-12)
 
 
+def test_the_minimum_duration_of_a_slew_near_a_ramp_can_be_prescribed():
+    """Where the end rates are large and almost equal, the minimum is a small difference of long ramps."""
+    rng = np.random.default_rng(4)
+    for v0, v1, a in zip(*np.round(rng.uniform(-5, 5, (2, 200)), 2), np.exp(rng.uniform(-3, 2, 200)), strict=True):
+        for start, end in ((v0, v1), (v0, v0 + 0.01)):
+            for factor in (1.0, 1 + 1e-15, 1 + 1e-12, 1 - 1e-12, 1 + 1e-9):
+                angle = (start + end) * abs(end - start) / (2 * a) * factor
+                duration = TimeOptimal(None, a, start, end).profile(angle).duration
+                found = TimeOptimal(None, a, start, end, duration).profile(angle)
+                fastest = max(abs(start), abs(end))
+                round_off = 1e-14 * fastest**2 / a + 1e-12 * fastest * float(duration)
+                assert float(np.sum(found.pieces, axis=1)[-1]) == pytest.approx(angle, abs=round_off)
+                assert np.all(np.diff(np.concatenate([[0.0], found.switches])) >= 0)
+
+
 def test_derivatives_at_a_ramp_are_those_of_slightly_larger_angles():
     """dT/dΦ is 1/v_p with the sign of the rates; round-off of the peak rate v_p does not change it."""
     slopes = jax.jit(

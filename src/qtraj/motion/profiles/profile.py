@@ -117,8 +117,8 @@ class Profile(eqx.Module):
 
 @of_arrays
 def _switches(starts: Float[Array, " n"], duration: Scalar) -> Float[Array, " n"]:
-    # Round-off may exchange the ends of segments of almost zero width.
-    return xp.concatenate([xp.minimum(xp.sort(starts[1:]), duration), duration[None]])
+    # Round-off may exchange the ends of segments of almost zero width, or shift them to before the start.
+    return xp.concatenate([xp.clip(xp.sort(starts[1:]), 0.0, duration), duration[None]])
 
 
 @of_arrays

@@ -172,11 +172,12 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     linear = offset / xp.where(between, spare_time, 1.0)
     square = (a * duration) ** 2 - change**2 - 4 * a * abs(offset)
     outer = 2 * (a * abs(offset) + change**2 / 4) / (a * duration + _root(square))
+    outer = _rounded(outer, xp.minimum(outer, a * duration / 2))  # so that the ramps do not last longer than T
     rate = mean + xp.where(between, linear, xp.where(offset < 0, -outer, outer))
     width = xp.maximum(duration - (abs(rate - v0) + abs(rate - v1)) / a, 0.0)
     slack = 4 * TOLERANCE * float(xp.finfo(duration.dtype).eps)
     size = a * duration + abs(v0) + abs(v1)  # of the rates of which `square` and `spare_time` are differences
-    exists = (square >= -slack * a * duration * size) & (a * spare_time >= -slack * size)
+    exists = (square >= -slack * size**2) & (a * spare_time >= -slack * size)
     if task.rate is not None:
         # At the minimum T, v is a double root, so only half of its digits are accurate.
         exists &= abs(rate) <= task.rate * (1 + slack**0.5)
