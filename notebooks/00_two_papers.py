@@ -599,13 +599,13 @@ profiles_figure(profiles, *limits, title="C, section 3: an Euler turn by 90° un
 
 # %%
 try:
-    qt.Cubic(2.8, 0.8, 2.0).profile(angle)
+    qt.Cubic(2.8, 0.8, 2.0).profile(angle, unit="rad")
 except ValueError as refusal:
     print(refusal)
 else:
     raise AssertionError("a single cubic met its limits")
 fastest = qt.TimeOptimal(0.8, 2.0).profile(angle)
-splines = {f"cubic spline in {time:g} s": qt.CubicSpline(time, 0.8, 2.0).profile(angle) for time in (2.8, 2.4)}
+splines = {f"cubic spline in {time:g} s": qt.MultiKnotCubic(time, 0.8, 2.0).profile(angle) for time in (2.8, 2.4)}
 for spline in splines.values():
     assert float(spline.peak(1)[1]) < 0.8 * (1 + 1e-9)
     assert float(spline.peak(2)[1]) < 2.0 * (1 + 1e-9)

@@ -15,7 +15,7 @@ from qtraj.foundation import drawing as _drawing
 _PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "scenario", "viz")
 """Packages that are available as attributes without an import, for example `qtraj.path.hodograph`."""
 
-_RENAMED = {"TurnChain": "SlewSequence"}
+_RENAMED = {"CubicSpline": "MultiKnotCubic", "TurnChain": "SlewSequence"}
 """Former public names and the present ones; the former names issue a warning until version 1.0."""
 
 _import, _, _names = lazy_loader.attach_stub(__name__, __file__)

@@ -63,7 +63,7 @@ from .motion.pose.pose_law import (
 )
 from .motion.pose.pose_motion import PoseMotion as PoseMotion
 from .motion.pose.simulate_pose import simulate_pose as simulate_pose
-from .motion.profiles.cubic_spline import CubicSpline as CubicSpline
+from .motion.profiles.multi_knot_cubic import MultiKnotCubic as MultiKnotCubic
 from .motion.profiles.s_curve import SCurve as SCurve
 from .motion.profiles.slew_profile import slew_profile as slew_profile
 from .motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic

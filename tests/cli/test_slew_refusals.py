@@ -92,7 +92,7 @@ BAD = {
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
     "too short a time": (
         REST + LAW + "duration = 100\n",
-        ["[law]: a slew of", "but a duration of 100 s was given", "Increase the duration"],
+        ["[law]: a motion of", "but a duration of 100 s was given", "Increase the duration"],
     ),
     "a saved program": (
         "format = 'qtraj/1'\ntype = 'EulerTurn'\n",

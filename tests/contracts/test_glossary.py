@@ -31,6 +31,8 @@ GLOSSARY = {
     "sheets": "signs (branches) of the quaternion",
     "gain_growth": "spectral_abscissa",
     "TurnChain": "SlewSequence",
+    "qt.CubicSpline": "qt.MultiKnotCubic",
+    "qtraj.CubicSpline": "qtraj.MultiKnotCubic",
     "rooms": "packages",
     "floors": "layers",
     "lest": "so that … not",

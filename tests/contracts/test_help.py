@@ -69,14 +69,20 @@ def test_placements_and_frames_show_their_values():
     assert repr(qt.Upright()) == "Upright(up=[0, 0, 1])"
 
 
-def test_former_names_warn_and_are_the_present_ones():
-    with pytest.warns(DeprecationWarning, match="TurnChain is now called qtraj.SlewSequence"):
-        assert qt.TurnChain is qt.SlewSequence
-    assert "TurnChain" not in dir(qt)
+@pytest.mark.parametrize(("former", "present"), [("TurnChain", "SlewSequence"), ("CubicSpline", "MultiKnotCubic")])
+def test_former_names_warn_and_are_the_present_ones(former, present):
+    with pytest.warns(DeprecationWarning, match=f"{former} is now called qtraj.{present}"):
+        assert getattr(qt, former) is getattr(qt, present)
+    assert former not in dir(qt)
 
 
 def test_files_with_former_names_are_read(tmp_path):
-    turns = qt.SlewSequence(np.eye(4)[:3], qt.TimeOptimal(0.1, 0.2))
+    turns = qt.SlewSequence(np.eye(4)[:3], qt.MultiKnotCubic(9.0, max_rate=0.5))
     turns.save(tmp_path / "now.toml")
-    (tmp_path / "then.toml").write_text((tmp_path / "now.toml").read_text().replace("SlewSequence", "TurnChain"))
-    assert isinstance(qt.load(tmp_path / "then.toml"), qt.SlewSequence)
+    text = (tmp_path / "now.toml").read_text()
+    former = text.replace("SlewSequence", "TurnChain").replace("MultiKnotCubic", "CubicSpline")
+    assert former.count("TurnChain") == former.count("CubicSpline") == 1
+    (tmp_path / "then.toml").write_text(former)
+    loaded = qt.load(tmp_path / "then.toml")
+    assert isinstance(loaded, qt.SlewSequence)
+    assert isinstance(loaded.law, qt.MultiKnotCubic)

@@ -105,6 +105,13 @@ def test_invalid_limits_raise_with_a_reason(make, fragment):
 def test_an_unknown_limit_is_refused_with_a_suggestion():
     with pytest.raises(TypeError, match=r"no limit 'lateral_accel': did you mean 'lateral_acceleration'\?"):
         qt.Limits(lateral_accel=2.0)
+    for name, near in (("velocity", "speed"), ("max_speed", "speed"), ("max_jerk", "jerk"), ("speed_limit", "speed")):
+        with pytest.raises(TypeError, match=rf"no limit '{name}': did you mean '{near}'\?"):
+            qt.Limits(**{name: 2.0})
+    with pytest.raises(TypeError, match=r"no limit 'angular_velocity': did you mean 'angular_rate'\?"):
+        qt.Limits(angular_velocity=2.0)
+    with pytest.raises(TypeError, match=r"no limit 'max_acceleration': did you mean 'acceleration'\?"):
+        qt.Limits(max_acceleration=2.0)
     with pytest.raises(TypeError, match="no limit 'colour': the known limits are curvature, torsion"):
         qt.Limits(colour=2.0)
 

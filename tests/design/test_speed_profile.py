@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import qtraj as qt
 from qtraj.design.retimed_facts import retimed_fact_rows, retimed_limit_rows
@@ -60,6 +61,34 @@ def test_shares_are_parts_of_the_distance(profile):
     assert profile.active.tolist() == [2, 2, 1, 1]
     assert profile.durations == pytest.approx([10.0, 4 * 10**0.5])
     assert "20 m in 12.6491 s instead of 10 s; speed 0 %, lateral_acceleration 50 %" in repr(profile)
+
+
+def test_the_share_of_an_unknown_limit_names_the_known_ones(profile):
+    with pytest.raises(
+        ValueError,
+        match="without a limit 'jerk': the known limits of this timing are speed, lateral_acceleration, longitudinal",
+    ):
+        profile.share("jerk")
+    with pytest.raises(ValueError, match=r"without a limit 'velocity': did you mean 'speed'\?"):
+        profile.share("velocity")
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (CIRCLE, "a SpiralHelix"),
+        (np.zeros((5, 3)), r"an array of shape \(5, 3\)"),
+        (qt.Track([0.0, 1.0, 2.0, 3.0], np.eye(4, 3)), "a Track"),
+        (CubicSpline([0.0, 1.0, 2.0], np.eye(3)), "a CubicSpline"),
+        (None, "None"),
+    ],
+    ids=["path", "array", "track", "spline", "none"],
+)
+def test_anything_but_the_result_of_retime_is_refused(given, text):
+    with pytest.raises(
+        ValueError, match=rf"timed must be a Retimed, .*, but {text} was given\. Pass qtraj\.retime\(path, limits\)"
+    ):
+        qt.speed_profile(given)
 
 
 def test_the_start_at_rest_is_a_stop_of_no_length(profile):

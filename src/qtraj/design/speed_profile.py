@@ -11,15 +11,18 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
+from qtraj.design.samples_at_rest import mended, stops_of
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed, require_one
 from qtraj.design.timing.road import coefficients
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
+from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
@@ -84,7 +87,13 @@ class SpeedProfile(AbstractResult):
     stop_distance: Float[Array, " s"]
 
     def share(self, name: str) -> float:
-        """Return the fraction of the distance on which the limit with this name is reached."""
+        """Return the fraction of the distance on which the limit with this name is reached.
+
+        **Raises:** ValueError if the path was not timed with this limit.
+        """
+        if name not in self.names:
+            known = suggestion(str(name), self.names, "limits of this timing")
+            raise ValueError(f"the path was timed without a limit {name!r}: {known}")
         return float(self.shares[self.names.index(name)])
 
     def record(self) -> Record:
@@ -143,8 +152,13 @@ class SpeedProfile(AbstractResult):
 def speed_profile(timed: Retimed) -> SpeedProfile:
     """Compute the speed along a retimed path, and the limits that bound it, at four points of each cell of its timing.
 
-    **Raises:** ValueError for a batch of results, or for traced values.
+    **Raises:** ValueError for anything else than one result of `retime`, for a batch of results, or for traced values.
     """
+    if not isinstance(timed, Retimed):
+        raise ValueError(
+            f"timed must be a Retimed, the result of qtraj.retime, but {described(timed)} was given. "
+            "Pass qtraj.retime(path, limits)."
+        )
     require_one(timed)
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
     vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
@@ -155,20 +169,20 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     found = jax.tree.map(np.array, _sampled(timed.path, as_array(parameter, float), names, vehicle, bounds))
     still = found.speed <= STILL * found.speed.max()
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
-    values = np.stack([_mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
+    values = np.stack([mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
     ends = distance[::PER_CELL]
     usage = np.asarray(timed.usage)
     largest = usage.argmax(axis=0)
     active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
     shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
-    stops, places = _stops(found.times, distance, still)
+    stops, places = stops_of(found.times, distance, still)
     return SpeedProfile(
         names,
         times=as_float(found.times),
         parameter=as_float(parameter),
         distance=as_float(distance),
         speed=as_float(np.where(still, 0.0, found.speed)),
-        tangential=as_float(_mended(found.tangential, still, standing, False)),
+        tangential=as_float(mended(found.tangential, still, standing, False)),
         speed_bound=as_float(_bound(found, names, limits)),
         values=as_float(values),
         cell_distance=as_float(ends),
@@ -280,21 +294,3 @@ def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " 
             bound = (limit / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
         lowest = np.minimum(lowest, np.where(known, bound, np.inf))
     return lowest
-
-
-def _mended(values: np.ndarray, still: np.ndarray, standing: np.ndarray, vanishes: bool) -> np.ndarray:
-    """Replace values at rest by 0 during a stop or if the quantity `vanishes`, otherwise by the nearest known value."""
-    values = np.where(standing | (still & vanishes), 0.0, values)
-    known = np.flatnonzero(np.isfinite(values) & ~(still & ~standing & (not vanishes)))
-    if not known.size:
-        return values
-    missing = np.setdiff1d(np.arange(values.size), known)
-    nearest = known[np.abs(known[None] - missing[:, None]).argmin(axis=1)] if missing.size else missing
-    values[missing] = values[nearest]
-    return values
-
-
-def _stops(times: np.ndarray, distance: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time intervals at rest (s, 2), and the distances (s,) [m] travelled up to these stops."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
-    return np.stack([times[edges[:, 0]], times[edges[:, 1] - 1]], axis=1), distance[edges[:, 0]]

@@ -29,7 +29,7 @@ HOMES = (
     "qtraj.motion.manipulator.inverse",
     "qtraj.motion.pose.pose_law",
     "qtraj.motion.pose.pose_motion",
-    "qtraj.motion.profiles.cubic_spline",
+    "qtraj.motion.profiles.multi_knot_cubic",
     "qtraj.motion.profiles.profile",
     "qtraj.motion.profiles.s_curve",
     "qtraj.motion.profiles.smooth_step",

@@ -160,12 +160,53 @@ def test_a_fixed_duration_meets_end_rates():
 def test_a_duration_too_short_is_refused_with_the_minimum(name):
     minimum = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
     with pytest.raises(
-        ValueError, match=f"needs at least {minimum:.14g}"[:26] + r".*within the limits \(max_rate = 1 rad/s"
+        ValueError, match=f"needs at least {minimum:.14g}"[:26] + r".*within the limits \(max_rate = 1 and "
     ):
         IN_TIME[name](1.0, 0.7, 2.0, 0.999 * minimum).profile(2.0)
     traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
     assert not traced(0.5 * minimum).feasible
     np.testing.assert_allclose(traced(0.5 * minimum).duration, minimum, rtol=1e-15)
+
+
+def test_an_s_curve_in_its_own_minimum_duration_is_the_fastest():
+    """Its coasting rate is almost a double root if the acceleration rises in a tiny part of the duration."""
+    rng = np.random.default_rng(21)
+    angle, a, v = np.exp(rng.uniform(-8, 1, 200)), np.exp(rng.uniform(-4, 4, 200)), np.exp(rng.uniform(-3, 3, 200))
+    j = a * np.exp(rng.uniform(-2, 16, 200))
+    for row in zip(v, a, j, angle, strict=True):
+        for limits in (row[:3], (None, *row[1:3])):
+            fastest = SCurve(*limits).profile(row[3])
+            found = SCurve(*limits, duration=fastest.duration).profile(row[3])
+            assert abs(float(np.sum(found.pieces, axis=1)[-1]) - 1) <= 1e-13
+            assert float(found.peak(1)[1]) <= float(fastest.peak(1)[1]) * (1 + ROUND_OFF)
+            assert np.all(np.diff(np.concatenate([[0.0], found.switches])) >= 0)
+
+
+@pytest.mark.parametrize("name", FROM_LIMITS)
+def test_switches_are_not_negative_and_ascend(name):
+    for angle in (0.0, -0.0, 1e-40, 1e-12, *cases(40)[0]):
+        for v, a, j in zip(*cases(10)[1:], strict=True):
+            switches = np.asarray(FROM_LIMITS[name](v, a, j).profile(angle).switches)
+            assert np.all(np.diff(np.concatenate([[0.0], switches])) >= 0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 250.0])
+def test_a_profile_of_a_distance_has_no_unit_of_an_angle(scale):
+    """Metres or any other unit: the values scale with the unit, and nothing is called rad."""
+    law, unit = SCurve(2.5 * scale, 1.0 * scale, 1.5 * scale), SCurve(2.5, 1.0, 1.5)
+    found = law.profile(30.0 * scale, unit="m")
+    np.testing.assert_allclose(found.duration, unit.profile(30.0).duration, rtol=1e-15)
+    np.testing.assert_allclose(motion(found, 3.0), scale * motion(unit.profile(30.0), 3.0), rtol=1e-12)
+    assert "rad" not in repr(law)
+    slow = TimeOptimal(2.0, 1.0, duration=1.0)
+    with pytest.raises(
+        ValueError, match=r"a motion of 30 m with .* \(max_rate = 2 m/s and max_acceleration = 1 m/s²\)"
+    ):
+        slow.profile(30.0, unit="m")
+    with pytest.raises(ValueError, match=r"a motion of 30 with .* \(max_rate = 2 and max_acceleration = 1\)"):
+        slow.profile(30.0)
+    with pytest.raises(ValueError, match=r"max_rate must be positive and finite \[rad/s or m/s\], but -2.0 was given"):
+        TimeOptimal(-2.0, 1.0)
 
 
 def test_a_longer_duration_that_the_end_rates_do_not_allow_is_refused():
@@ -219,7 +260,7 @@ def test_profiles_are_stored_exactly(make, suffix, tmp_path):
         (lambda: SCurve(1.0, 1.0, math.nan), "max_jerk must be positive"),
         (lambda: Quintic(), "needs a duration"),
         (lambda: Cubic(duration=0.0), "duration must be positive"),
-        (lambda: Cubic(duration=1.0).profile(math.nan), "angle of a slew must be finite"),
+        (lambda: Cubic(duration=1.0).profile(math.nan), "angle or distance of a profile must be finite"),
         (lambda: Cubic(duration=1.0).profile([1.0, 2.0]), "must be a scalar"),
     ],
 )

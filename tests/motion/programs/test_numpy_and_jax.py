@@ -13,7 +13,7 @@ LAWS = [
     qt.TimeOptimal(0.1, 0.02, duration=50.0),
     qt.SCurve(0.1, 0.02, 0.01),
     qt.Quintic(max_rate=0.1, max_jerk=0.01),
-    qt.CubicSpline(40.0, 0.1, 0.02),
+    qt.MultiKnotCubic(40.0, 0.1, 0.02),
 ]
 
 

@@ -1,1 +1,1 @@
-"""Compute motion profiles Φ(t) of slews about a fixed axis, from limits or from a duration."""
+"""Compute motion profiles Φ(t), of slews about a fixed axis or motions along a line, from limits or from a duration."""

@@ -4,6 +4,9 @@ An `AbstractProfile`, such as `TimeOptimal`, computes the `Profile` of a slew of
 polynomial segments. Each segment is a polynomial in its own variable u = (t − start)/width ∈ [0, 1], so powers of time
 cannot overflow or underflow. At a switch between two segments, the values of the second segment are returned. The angle
 is constant before the start and after the end of the slew.
+
+No formula depends on the unit of the angle, so a profile can also describe a distance along a line: with limits in m/s,
+m/s² and m/s³, the angle Φ is the distance in metres. Messages contain the unit only if the caller specifies it.
 """
 
 import abc
@@ -29,7 +32,7 @@ PEAK_TOLERANCE = 1e-9
 
 @storable
 class Profile(eqx.Module):
-    """The angle of a slew and its derivatives on [0, duration].
+    """The angle of a slew and its derivatives on [0, duration]; for a distance along a line, read m instead of rad.
 
     The angle is `total` [rad] at `duration` [s]. Segment k of n starts at `starts[k]` [s], lasts `widths[k]` [s] and
     has the ascending coefficients `pieces[k]` (m,) in its variable u. The segments represent angle/total if the
@@ -49,7 +52,10 @@ class Profile(eqx.Module):
 
     @property
     def switches(self) -> Float[Array, " n"]:
-        """The end times (n,) [s] of the segments, to be passed as `jumps` to an integration; the last is `duration`."""
+        """The end times (n,) [s] of the segments, ascending, to be passed as `jumps` to an integration.
+
+        The last one is `duration`.
+        """
         return _switches(self.starts, self.duration)
 
     def angle(self, t: ScalarLike) -> Scalar:
@@ -111,7 +117,8 @@ class Profile(eqx.Module):
 
 @of_arrays
 def _switches(starts: Float[Array, " n"], duration: Scalar) -> Float[Array, " n"]:
-    return xp.concatenate([starts[1:], duration[None]])
+    # Round-off may exchange the ends of segments of almost zero width, or shift them to before the start.
+    return xp.concatenate([xp.clip(xp.sort(starts[1:]), 0.0, duration), duration[None]])
 
 
 @of_arrays
@@ -155,7 +162,8 @@ def stationary_points(curve: Polynomial) -> list[float]:
 class AbstractProfile(eqx.Module):
     """A motion profile, which computes the `Profile` of a slew of any angle, in minimum time or a fixed `duration` [s].
 
-    `name` is the name of the motion profile in messages.
+    A profile can also describe a distance along a line; read m instead of rad. `name` is the name of the motion profile
+    in messages.
     """
 
     duration: eqx.AbstractVar[Scalar | None]
@@ -167,8 +175,10 @@ class AbstractProfile(eqx.Module):
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
 
-    def profile(self, angle: ArrayInput) -> Profile:
-        """Return the profile of a slew of `angle` [rad], of either sign.
+    def profile(self, angle: ArrayInput, unit: str = "") -> Profile:
+        """Return the profile of a slew of `angle` [rad], or of a distance [m], of either sign.
+
+        `unit` is the unit in messages, such as "rad" or "m".
 
         **Raises:** ValueError for an angle that is not finite, and for a fixed duration that is too short for the angle
         within the limits. Inside a trace, no error is raised for such a duration; the profile's `feasible` is then
@@ -176,7 +186,7 @@ class AbstractProfile(eqx.Module):
         """
         timed = _timed if self.supports_numpy else _compiled_timed
         profile, minimum = timed(self, _scalar_angle(angle))
-        _require_feasible(self, profile, minimum)
+        _require_feasible(self, profile, minimum, unit)
         return profile
 
 
@@ -203,13 +213,14 @@ def _min_angle(total: Scalar) -> float:
 
 
 def _scalar_angle(angle: ArrayInput) -> Scalar:
-    """Return the angle of a slew [rad] as a finite scalar; raise a ValueError otherwise."""
+    """Return the angle of a slew as a finite scalar; raise a ValueError otherwise."""
     total = as_float(angle)
     if total.shape != ():
         raise ValueError(
-            f"the angle of a slew must be a scalar [rad], but shape {total.shape} was given. Use jax.vmap for a batch."
+            f"the angle or distance of a profile must be a scalar, but shape {total.shape} was given. "
+            "Use jax.vmap for a batch."
         )
-    require_finite(total, "the angle of a slew")
+    require_finite(total, "the angle or distance of a profile")
     return total
 
 
@@ -222,12 +233,13 @@ def limit(value: ArrayInput | None) -> Scalar | None:
     return None if constant is not None and constant == math.inf else number
 
 
-UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
+PER_TIME = {"max_rate": "/s", "max_acceleration": "/s²", "max_jerk": "/s³"}
+"""The units of the limits, without the unit of the angle or distance."""
 
 
 def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
     """Return the limits and the duration of a motion profile by field name, without values that are None."""
-    values = {name: getattr(motion_profile, name, None) for name in UNITS}
+    values = {name: getattr(motion_profile, name, None) for name in (*PER_TIME, "duration")}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -240,31 +252,37 @@ def is_fixed(motion_profile: AbstractProfile) -> bool:
 def require_limits(motion_profile: AbstractProfile) -> None:
     """Raise a ValueError if a limit or the duration is neither None nor a positive finite number."""
     for name, value in user_limits(motion_profile).items():
-        require_positive(value, name, UNITS[name])
+        unit = "s" if name == "duration" else f"rad{PER_TIME[name]} or m{PER_TIME[name]}"
+        require_positive(value, name, unit)
 
 
-def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
-    """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible."""
-    feasible = duration >= minimum * (1 - TOLERANCE * float(xp.finfo(minimum.dtype).eps))
+def fixed_duration(duration: Scalar, minimum: Scalar, size: Scalar | None = None) -> tuple[Scalar, Flag]:
+    """Return `duration` if it is feasible up to round-off, otherwise `minimum`; and whether `duration` is feasible.
+
+    If `minimum` is a difference of larger times, `size` is their size; round-off is relative to it.
+    """
+    round_off = TOLERANCE * float(xp.finfo(minimum.dtype).eps) * (minimum if size is None else size)
+    feasible = duration >= minimum - round_off
     return xp.where(feasible, duration, minimum), feasible
 
 
-def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar) -> None:
+def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar, unit: str) -> None:
     """Raise a ValueError that gives the minimum duration if a fixed duration is concrete and infeasible."""
     feasible = concrete(profile.feasible)
     if feasible is None or feasible or motion_profile.duration is None:
         return
     limits = user_limits(motion_profile)
     fixed = float(limits.pop("duration"))
-    angle, minimum_text = f"{float(profile.total):.9g} rad", f"{float(minimum):.17g} s"
+    angle, minimum_text = f"{float(profile.total):.9g} {unit}".rstrip(), f"{float(minimum):.17g} s"
     if fixed < float(minimum):
-        bounds = " and ".join(f"{name} = {float(value):.6g} {UNITS[name]}" for name, value in limits.items())
+        units = {name: f" {unit}{per_time}" if unit else "" for name, per_time in PER_TIME.items()}
+        bounds = " and ".join(f"{name} = {float(value):.6g}{units[name]}" for name, value in limits.items())
         raise ValueError(
-            f"a slew of {angle} with this {motion_profile.name} profile needs at least {minimum_text} within the "
+            f"a motion of {angle} with this {motion_profile.name} profile needs at least {minimum_text} within the "
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     raise ValueError(
-        f"with this start_rate and end_rate, a slew of {angle} cannot last exactly {fixed:.9g} s within the limits. "
+        f"with this start_rate and end_rate, a motion of {angle} cannot last exactly {fixed:.9g} s within the limits. "
         f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too. "
         "Change duration, start_rate or end_rate."
     )

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -31,6 +31,7 @@ class SCurve(AbstractProfile):
 
     The limits are `max_rate` [rad/s], None for no limit, `max_acceleration` [rad/s²] and `max_jerk` [rad/s³]. If a
     fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
+    For a distance along a line, read m instead of rad.
 
     **Raises:** ValueError for values that are not positive. `profile` raises a ValueError if the duration is too short.
     """
@@ -56,7 +57,7 @@ class SCurve(AbstractProfile):
         require_limits(self)
 
     def __repr__(self) -> str:
-        return shown(self, max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³", duration="s")
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
@@ -71,13 +72,16 @@ def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
         max_rate = motion_profile.max_rate.astype(total.dtype)
         coasting = rate > max_rate
         rate = xp.where(coasting, max_rate, rate)
-    ramp, full = _ramp(rate, a, j)
+    ramp, full = (xp.where(is_nonzero(total), x, 0.0) for x in _ramp(rate, a, j))
     coast = xp.where(coasting, size / rate - full, 0.0)
-    minimum = duration = xp.where(is_nonzero(total), 2 * full + coast, 0.0)
+    minimum = duration = 2 * full + coast
     feasible = xp.asarray(True)
     if motion_profile.duration is not None:
         duration, feasible = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
-        ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
+        slower = _rate_in_time(size, duration, a, j)
+        # At the minimum duration, v may be almost a double root. An inaccurate v must not exceed the fastest slew's
+        # rate, because its ramps would then last longer than the duration. The derivative of v is kept.
+        ramp, full = _ramp(slower - stop_gradient(xp.maximum(slower - rate, 0.0)), a, j)
         coast = xp.maximum(duration - 2 * full, 0.0)
     first_half = xp.stack([ramp, full - 2 * ramp, ramp, coast])
     return _chain(total, duration, first_half, j / size, feasible), minimum

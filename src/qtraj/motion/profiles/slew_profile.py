@@ -39,7 +39,8 @@ def slew_profile(
     without a `duration` [s], a slew takes the minimum time within the limits. A time-optimal profile needs
     `max_acceleration` and can have a `start_rate` and an `end_rate` [rad/s]; the other profiles start and end at rest.
     An S-curve needs `max_acceleration` and `max_jerk`. A polynomial needs a limit or a duration. The jerk can only be
-    limited if the acceleration is continuous, as for "s_curve", "quintic" and "septic".
+    limited if the acceleration is continuous, as for "s_curve", "quintic" and "septic". For a distance along a line,
+    read m instead of rad.
 
     **Raises:** ValueError for an unknown kind, a missing limit, a limit or an end rate that the profile cannot have,
     and invalid values.

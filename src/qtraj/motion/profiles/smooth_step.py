@@ -41,7 +41,7 @@ class AbstractSmoothStep(AbstractProfile):
         require_limits(self)
 
     def __repr__(self) -> str:
-        return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³")
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
@@ -83,7 +83,8 @@ class Cubic(AbstractSmoothStep):
 
     `duration` [s] is the duration T. With None, T is the minimum that satisfies `max_rate` [rad/s], `max_acceleration`
     [rad/s²] and `max_jerk` [rad/s³]. If a duration and limits are given, the duration must satisfy the limits. The
-    acceleration jumps at both ends, and the jerk limit applies between these jumps.
+    acceleration jumps at both ends, and the jerk limit applies between these jumps. For a distance along a line, read m
+    instead of rad.
 
     **Raises:** ValueError for values that are not positive, or if both duration and limits are missing. `profile`
     raises a ValueError if the duration is too short for a limit.

@@ -6,7 +6,7 @@ import equinox as eqx
 
 from qtraj.foundation.arrays import concrete, real_scalar, require_finite
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
@@ -20,6 +20,9 @@ from qtraj.motion.profiles.profile import (
     require_limits,
 )
 
+RAMP_ROUND_OFF = 8
+"""Relative error of the end rates, in machine epsilons, within which the angle of a slew is that of a single ramp."""
+
 
 @storable
 class TimeOptimal(AbstractProfile):
@@ -30,7 +33,8 @@ class TimeOptimal(AbstractProfile):
     `duration` [s] exceeds the minimum, the slew coasts at another rate; the acceleration keeps its limit value. The
     profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. If
     the acceleration about each body axis has its own limit, slews about a moving axis can be faster (Bilimoria and Wie
-    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s).
+    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s). For a distance along a
+    line, read m instead of rad.
 
     **Raises:** ValueError if a limit or the duration is not positive, or if the magnitude of a start or end rate
     exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or not possible with these rates.
@@ -64,9 +68,7 @@ class TimeOptimal(AbstractProfile):
                 _require_within(rate, self.max_rate, name)
 
     def __repr__(self) -> str:
-        return shown(
-            self, max_rate="rad/s", max_acceleration="rad/s²", start_rate="rad/s", end_rate="rad/s", duration="s"
-        )
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
@@ -85,10 +87,11 @@ def _timed(motion_profile: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]
     coast = _fastest(task)
     if resting:
         nonzero = is_nonzero(total)
-        coast = _Coast(coast.rate, xp.where(nonzero, coast.width, 0.0), xp.where(nonzero, coast.duration, 0.0))
+        coast = _Coast(*(xp.where(nonzero, x, 0.0) for x in (coast.rate, coast.width, coast.duration)))
     minimum, feasible = coast.duration, xp.asarray(True)
     if motion_profile.duration is not None:
-        duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
+        size = minimum + (abs(task.start) + abs(task.end)) / task.acceleration
+        duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum, size)
         coast, exists = _in_time(task, duration)
         feasible = long_enough & exists
     return _chain(task, coast, total, feasible, resting), minimum
@@ -116,20 +119,42 @@ def _fastest(task: _Task) -> _Coast:
     """Return the coast of the fastest slew of Φ from rate v0 to rate v1, for limits V of rate and A of acceleration.
 
     The peak rate of the slew is v_p = s√(sAΦ + (v0² + v1²)/2) with a sign s = ±1. If |v_p| would exceed V, the slew
-    coasts at sV.
+    coasts at sV. s·v_p is at least s·v0 and s·v1, and equal to the larger of these on a ramp.
     """
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
-    sense = xp.where(angle < (v0 + v1) * abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
-    peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
+    sense, is_ramp = _sense(task)
+    speed = _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
+    lowest = xp.maximum(sense * v0, sense * v1)
+    peak = sense * _rounded(speed, xp.where(is_ramp, lowest, xp.maximum(speed, lowest)))
     width = xp.zeros_like(angle)
     if task.rate is not None:
         clipped = abs(peak) > task.rate
         max_rate = xp.where(clipped, task.rate, 1.0)
         coasted = angle - sense * (2 * max_rate**2 - v0**2 - v1**2) / (2 * acceleration)
         width = xp.where(clipped, coasted / (sense * max_rate), width)
+        width = _rounded(width, xp.maximum(width, 0.0))
         peak = xp.where(clipped, sense * max_rate, peak)
-    ramps = sense * (2 * peak - v0 - v1) / acceleration
+    ramps = sense * ((peak - v0) + (peak - v1)) / acceleration
     return _Coast(peak, width, ramps + width)
+
+
+def _sense(task: _Task) -> tuple[Scalar, Flag]:
+    """Return the sign s of `_fastest`, and whether Φ is the angle of a single ramp from v0 to v1.
+
+    If v0 and v1 have the same sign, the duration is discontinuous at the angle of the ramp: for a slightly smaller
+    angle, the slew must reverse. Round-off must not decide on this, so an angle within `RAMP_ROUND_OFF` of the ramp
+    counts as the ramp, for which s is the sign of v0 and v1.
+    """
+    v0, v1 = task.start, task.end
+    excess = task.angle - (v0 + v1) * abs(v1 - v0) / (2 * task.acceleration)
+    round_off = RAMP_ROUND_OFF * float(xp.finfo(excess.dtype).eps) * (v0**2 + v1**2) / (2 * task.acceleration)
+    is_ramp = abs(excess) <= round_off
+    return xp.where(xp.where(is_ramp, v0 + v1, excess) < 0, -1.0, 1.0).astype(excess.dtype), is_ramp
+
+
+def _rounded(x: Scalar, value: Scalar) -> Scalar:
+    """Return `value`, which differs from `x` only by round-off, with the derivative of `x`."""
+    return x + stop_gradient(value - x)
 
 
 def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
@@ -147,10 +172,12 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     linear = offset / xp.where(between, spare_time, 1.0)
     square = (a * duration) ** 2 - change**2 - 4 * a * abs(offset)
     outer = 2 * (a * abs(offset) + change**2 / 4) / (a * duration + _root(square))
+    outer = _rounded(outer, xp.minimum(outer, a * duration / 2))  # so that the ramps do not last longer than T
     rate = mean + xp.where(between, linear, xp.where(offset < 0, -outer, outer))
     width = xp.maximum(duration - (abs(rate - v0) + abs(rate - v1)) / a, 0.0)
     slack = 4 * TOLERANCE * float(xp.finfo(duration.dtype).eps)
-    exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
+    size = a * duration + abs(v0) + abs(v1)  # of the rates of which `square` and `spare_time` are differences
+    exists = (square >= -slack * size**2) & (a * spare_time >= -slack * size)
     if task.rate is not None:
         # At the minimum T, v is a double root, so only half of its digits are accurate.
         exists &= abs(rate) <= task.rate * (1 + slack**0.5)

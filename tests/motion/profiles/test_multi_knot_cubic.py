@@ -26,7 +26,7 @@ ROUND_OFF = 1e-12
 @pytest.mark.parametrize("name", CASES)
 def test_limits_ends_and_duration(name):
     angle, time, rate, acceleration = CASES[name]
-    profile = qt.CubicSpline(time, rate, acceleration).profile(angle)
+    profile = qt.MultiKnotCubic(time, rate, acceleration).profile(angle)
     np.testing.assert_allclose(profile.duration, time, rtol=1e-15)
     np.testing.assert_allclose(profile.derivatives(0.0, 1), [0.0, 0.0], atol=ROUND_OFF)
     end = jax.vmap(lambda t: profile.derivatives(t, 1))(time * (1 - np.array([0.0, 1e-12])))
@@ -51,14 +51,14 @@ def test_a_slew_that_is_impossible_with_a_single_cubic():
     """90° in 2.8 s within 0.8 rad/s and 2 rad/s²; the minimum time is 2.3635 s, that of the time-optimal slew."""
     with pytest.raises(ValueError, match="needs at least"):
         qt.Cubic(2.8, 0.8, 2.0).profile(QUARTER)
-    assert qt.CubicSpline(2.8, 0.8, 2.0).profile(QUARTER).feasible
+    assert qt.MultiKnotCubic(2.8, 0.8, 2.0).profile(QUARTER).feasible
     least = float(qt.TimeOptimal(0.8, 2.0).profile(QUARTER).duration)
     np.testing.assert_allclose(least, 2.36349540849362, rtol=1e-14)
-    shortest, fastest = qt.CubicSpline(least, 0.8, 2.0).profile(QUARTER), qt.TimeOptimal(0.8, 2.0).profile(QUARTER)
+    shortest, fastest = qt.MultiKnotCubic(least, 0.8, 2.0).profile(QUARTER), qt.TimeOptimal(0.8, 2.0).profile(QUARTER)
     t = np.linspace(0.0, least, 57)
     np.testing.assert_allclose(jax.vmap(shortest.angle)(t), jax.vmap(fastest.angle)(t), atol=1e-7)  # a root at 0
-    with pytest.raises(ValueError, match=r"this cubic-spline profile needs at least 2\.3634"):
-        qt.CubicSpline(2.36, 0.8, 2.0).profile(QUARTER)
+    with pytest.raises(ValueError, match=r"this multi-knot cubic profile needs at least 2\.3634"):
+        qt.MultiKnotCubic(2.36, 0.8, 2.0).profile(QUARTER)
 
 
 def cost(profile):
@@ -110,14 +110,14 @@ def test_no_slew_has_a_smaller_cost(name):
         options={"maxiter": 500, "ftol": 1e-14},
     )
     assert found.success
-    best = cost(qt.CubicSpline(time, rate, acceleration).profile(angle))
+    best = cost(qt.MultiKnotCubic(time, rate, acceleration).profile(angle))
     assert best <= found.fun * (1 + 1e-6)
     np.testing.assert_allclose(best, found.fun, rtol=0.02)
 
 
 def test_derivatives_and_storage(tmp_path):
     def there(angle, time, rate):
-        return qt.CubicSpline(time, rate, 2.0).profile(angle).angle(0.7)
+        return qt.MultiKnotCubic(time, rate, 2.0).profile(angle).angle(0.7)
 
     point = jnp.asarray([QUARTER, 2.4, 0.8])
     slope = jax.jit(jax.grad(lambda x: there(*x)))(point)
@@ -126,19 +126,19 @@ def test_derivatives_and_storage(tmp_path):
         np.testing.assert_allclose(slope[k], central, rtol=1e-6, atol=1e-9)
     flat = jax.grad(lambda angle: there(angle, 2.4, 0.8))(0.0)
     assert np.isfinite(flat)
-    law = qt.CubicSpline(2.4, 0.8, 2.0)
+    law = qt.MultiKnotCubic(2.4, 0.8, 2.0)
     turn = qt.EulerTurn([1.0, 0, 0, 0], [1.0, 1.0, 0, 0], law)
     turn.save(tmp_path / "turn.toml")
     np.testing.assert_array_equal(qt.load(tmp_path / "turn.toml")(1.1).rate, turn(1.1).rate)
     whole = jax.vmap(turn)(jnp.linspace(0.0, 2.4, 41))
     assert np.linalg.norm(whole.rate, axis=1).max() <= 0.8 + 1e-12
-    traced = jax.jit(lambda T: qt.CubicSpline(T, 0.8, 2.0).profile(QUARTER).feasible)
+    traced = jax.jit(lambda T: qt.MultiKnotCubic(T, 0.8, 2.0).profile(QUARTER).feasible)
     assert not traced(2.0)
     assert traced(2.4)
 
 
 def test_single_precision_and_invalid_arguments():
-    profile = qt.CubicSpline(jnp.float32(2.4), 0.8, 2.0).profile(jnp.float32(QUARTER))
+    profile = qt.MultiKnotCubic(jnp.float32(2.4), 0.8, 2.0).profile(jnp.float32(QUARTER))
     assert profile.angle(1.0).dtype == np.float32
     np.testing.assert_allclose(profile.angle(jnp.float32(1.2)), QUARTER / 2, rtol=1e-6)
     for arguments, expected in (
@@ -148,4 +148,4 @@ def test_single_precision_and_invalid_arguments():
         ((1.0, None, 0.0), "max_acceleration must be positive"),
     ):
         with pytest.raises(ValueError, match=expected):
-            qt.CubicSpline(*arguments)
+            qt.MultiKnotCubic(*arguments)

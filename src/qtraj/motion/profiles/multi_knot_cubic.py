@@ -1,4 +1,4 @@
-"""Compute cubic-spline profiles, which minimise ∫Φ̈² dt for a fixed duration within limits on rate and acceleration.
+"""Compute multi-knot cubic profiles, which minimise ∫Φ̈² dt for a fixed duration within limits on rate and acceleration.
 
 Paper C proposes cubic splines Φ(t) for a prescribed duration T and limits on rate and acceleration. Among all slews of
 this duration from rest to rest with |Φ̇| ≤ V and |Φ̈| ≤ A, the slew with the smallest ∫Φ̈² dt is a cubic spline. In its
@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import equinox as eqx
 
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import formerly, storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -38,14 +38,15 @@ class _Half(eqx.Module):
     acceleration: Scalar
 
 
+@formerly("CubicSpline")
 @storable
-class CubicSpline(AbstractProfile):
+class MultiKnotCubic(AbstractProfile):
     """The profile with minimum ∫Φ̈² dt for a `duration` [s] and limits `max_rate` [rad/s], `max_acceleration` [rad/s²].
 
     The angle is a cubic spline with knots at the instants at which a limit becomes active or inactive, and a single
     cubic if no limit is active. The angle, rate and acceleration are continuous, except that the acceleration jumps at
     both ends, as in a `Cubic` profile. The slew starts and ends at rest. The minimum duration is the same as for a
-    `TimeOptimal` slew within the same limits.
+    `TimeOptimal` slew within the same limits. For a distance along a line, read m instead of rad.
 
     **Raises:** ValueError for values that are not positive, or if the duration is missing. `profile` raises a
     ValueError if the duration is too short.
@@ -54,11 +55,11 @@ class CubicSpline(AbstractProfile):
     duration: Scalar | None
     max_rate: Scalar | None
     max_acceleration: Scalar | None
-    name: ClassVar[str] = "cubic-spline"
+    name: ClassVar[str] = "multi-knot cubic"
     supports_numpy: ClassVar[bool] = True
 
     def __repr__(self) -> str:
-        return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²")
+        return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def __init__(
         self, duration: ArrayInput, max_rate: ArrayInput | None = None, max_acceleration: ArrayInput | None = None
@@ -67,7 +68,7 @@ class CubicSpline(AbstractProfile):
         self.max_acceleration = limit(max_acceleration)
         if self.duration is None:
             raise ValueError(
-                "a cubic-spline slew needs a duration [s]. Use TimeOptimal or SCurve for the minimum duration."
+                "a multi-knot cubic slew needs a duration [s]. Use TimeOptimal or SCurve for the minimum duration."
             )
         require_limits(self)
 
