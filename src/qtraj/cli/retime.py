@@ -105,7 +105,7 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict
             message(
                 "note",
                 "no limit bounds the acceleration along the path, so the speed may change as fast as the other limits "
-                f"allow: consider a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}"
+                f"allow: consider a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}",
             )
         watch.say("retiming")
         timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)

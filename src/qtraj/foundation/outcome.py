@@ -161,6 +161,12 @@ class ResultCode(enum.IntEnum):
         "only if start_speed or end_speed is given, and a limit on power only if start_speed is given.",
     )
 
+    duration_too_short = (
+        FAILURES + 19,
+        "the prescribed duration is shorter than that of the fastest timing within the limits, which is returned. Pass "
+        "a longer duration, or raise the limits.",
+    )
+
     velocity_vanishes = (
         ILL_POSED + 0,
         "the specified boundary velocities must be finite and not all zero, because they set the scale of the search.",

@@ -43,7 +43,9 @@ class Retimed(AbstractOutcome):
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
     - `gap`: the estimated relative distance of the duration from the minimum over all timings; NaN if the number of
-      cells was given, or if the path or a limit was traced.
+      cells was given, if the path or a limit was traced, or if the duration was prescribed.
+    - `share`: the factor on the limits on accelerations with which the fastest timing has the prescribed duration; NaN
+      if no duration was prescribed.
     """
 
     path: RetimedPath
@@ -56,6 +58,7 @@ class Retimed(AbstractOutcome):
     vehicle: Vehicle | None
     of_shape: bool = eqx.field(static=True)
     gap: Float[Any, "*batch"]
+    share: Float[Any, "*batch"]
 
     def __init__(
         self,
@@ -69,10 +72,11 @@ class Retimed(AbstractOutcome):
         vehicle: Vehicle | None = None,
         of_shape: bool = False,
         gap: ArrayInput = np.nan,
+        share: ArrayInput = np.nan,
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
-        self.gap = as_float(gap)
+        self.gap, self.share = as_float(gap), as_float(share)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
     @property
@@ -114,7 +118,12 @@ class Retimed(AbstractOutcome):
         code = ResultCode(int(np.asarray(self.code)[at]))
         time = float(np.asarray(self.duration)[at])
         if code == ResultCode.successful:
-            gap = float(np.asarray(self.gap)[at])
+            gap, share = float(np.asarray(self.gap)[at]), float(np.asarray(self.share)[at])
+            if not np.isnan(share):
+                return (
+                    f"converged: the timing takes {time:.6g} s as prescribed, with at most {100 * share:.3g} % of the "
+                    "limits on accelerations, and every limit is proved to be satisfied on the whole path."
+                )
             near = "" if np.isnan(gap) else f" (to within {100 * max(gap, 1e-6):.1g} %)"
             return (
                 f"converged: the fastest timing takes {time:.6g} s{near}, and every limit is proved to be satisfied on "
@@ -163,6 +172,7 @@ class Retimed(AbstractOutcome):
             "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
             "code": Quantity(self.code, "1", "result code of the search"),
             "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
+            "share": Quantity(self.share, "1", "factor on the limits on accelerations for a prescribed duration"),
             "gap": Quantity(self.gap, "1", "estimated relative distance of the duration from the minimum"),
             **vehicle_quantities(self.vehicle),
             **findings.variables,

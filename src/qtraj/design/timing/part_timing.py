@@ -50,7 +50,8 @@ SLOWER = (3e-5, 3e-4, 3e-3)
 class Posed(NamedTuple):
     """A path, its polynomials or None, its limits with their names, and the arguments of `retime` for its cells.
 
-    `knots` is None if the cells are chosen for the `tolerance`.
+    `knots` is None if the cells are chosen for the `tolerance`. The squared rate u̇² of the result is reduced by the
+    fraction `slower`.
     """
 
     path: AbstractHodograph
@@ -61,6 +62,7 @@ class Posed(NamedTuple):
     lap: bool
     knots: int | None
     tolerance: float
+    slower: float = 0.0
 
 
 class TimedPart(NamedTuple):
@@ -117,6 +119,15 @@ def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Tim
         x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(known, p.lap, part, rest, shape))
     powers, usage, codes = _proved(p, x)
     return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
+
+
+def moving_time(parts: list[tuple[TimedPart, Grid | None]], rest: tuple[bool, bool]) -> float:
+    """Return the total time on the parts that move [s]; `rest` indicates where u̇² is zero on the whole path."""
+    total = 0.0
+    for k, (part, grid) in enumerate(parts):
+        own = rest[0] and k == 0, rest[1] and k == len(parts) - 1
+        total += 0.0 if grid is None else float(Timing(part.powers, part.knots, own).duration)
+    return total
 
 
 def _fixed(p: Posed, part: Part) -> Grid:
@@ -205,21 +216,24 @@ def _searched(
 
 def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any]:
     """Return the coefficients of u̇², the usage and the status of limits; slow down the timing if one is not proved."""
+    exponents = np.array([POWERS.get(name, 0.0) for name in listed(p.names, p.vehicle is not None)])[:, None]
     powers, usage = x.found.powers, x.found.usage
+    if p.slower:
+        powers, usage = (1 - p.slower) * powers, usage * (1 - p.slower) ** exponents
     if p.polynomials is None:
         return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32)
     codes = _codes(p, p.polynomials, x, powers)
     if is_traced(constants(powers)):
         return powers, usage, codes
     rows = [NAMES.index(name) for name in p.names]
-    exponents = np.array([POWERS.get(name, 0.0) for name in listed(p.names, p.vehicle is not None)])
+    first = powers, usage
     for fraction in SLOWER:
         if (codes[rows] == PROVED).all():
             break
-        slower = (1 - fraction) * x.found.powers
+        slower = (1 - fraction) * first[0]
         found = _codes(p, p.polynomials, x, slower)
         if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
-            powers, codes, usage = slower, found, x.found.usage * (1 - fraction) ** exponents[:, None]
+            powers, codes, usage = slower, found, first[1] * (1 - fraction) ** exponents
     return powers, usage, codes
 
 

@@ -77,6 +77,17 @@ def require_tolerance(tolerance: float) -> None:
         )
 
 
+def require_duration(duration: Any, traced: bool) -> None:
+    """Raise an error if a prescribed duration is not positive and finite, or if other arguments are traced."""
+    if duration is None:
+        return
+    known = concrete(duration)
+    if traced or known is None:
+        raise ValueError("duration needs a path, limits and speeds with concrete values: omit it inside jit and grad")
+    if known.ndim or not (np.isfinite(known) and known > 0):
+        raise ValueError(f"duration must be a positive finite number [s], but {duration!r} was given")
+
+
 def require_representable(bounds: dict[str, Any], highest: Any) -> None:
     """Raise an error if a limit, or the largest |r'|, is so small or so large that its powers are not finite."""
     given = {f"the limit on {name}": bound for name, bound in bounds.items() if name not in ROAD}

@@ -17,10 +17,12 @@ from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.ends import begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.part_timing import Posed, TimedPart, timed
+from qtraj.design.timing.part_timing import Posed, TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
+from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
+    require_duration,
     require_knots,
     require_regular,
     require_representable,
@@ -56,6 +58,7 @@ def retime(
     knots: int | None = None,
     *,
     tolerance: float = 1e-3,
+    duration: float | None = None,
     stop_speed: float = 0.0,
     stop_distance: float = STOP_DISTANCE,
     periodic: bool | None = None,
@@ -84,6 +87,11 @@ def retime(
     and the vehicle stays within `stop_distance` [m]. There the path of the result differs from `path` by at most that
     distance.
 
+    With `duration` [s], the timing takes so long and accelerates as gently as possible: the limits on accelerations are
+    multiplied by the number `share` of the result, at most 1, the limit on the jerk by share^1.5, and the fastest
+    timing for these limits has the duration. If a positive speed at an end is given, the duration is met to within
+    `tolerance`.
+
     A `Shape` has no stops, and its path parameter is a length instead of a time. `periodic`, by default true for a
     closed shape unless a speed is given, computes a flying lap: the end of the path is its start, where speed,
     acceleration and the second derivative of u̇²(u) are continuous. So the limits are proved on a lap that is repeated.
@@ -102,11 +110,12 @@ def retime(
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
     limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
-    wrong `tolerance`, float32, a path that has a timing already, a path other than a route whose velocity is zero at an
-    instant, a route that is traced, is always at rest, has a velocity of zero within a segment, or whose velocity jumps
-    (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a limit on power but
-    none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it starts or has stops, and
-    for a speed at an end. RuntimeError with `throw` if the retiming fails.
+    wrong `tolerance` or `duration`, a `duration` with traced arguments, float32, a path that has a timing already, a
+    path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest, has a
+    velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
+    acceleration jumps), and a route with stops and a limit on power but none on acceleration, friction or jerk; with
+    `periodic`, for a path that does not end as it starts or has stops, and for a speed at an end. RuntimeError with
+    `throw` if the retiming fails.
     """
     of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
@@ -141,13 +150,18 @@ def retime(
     if not is_traced(path, bounds, road, speeds):
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
-    *found, gap = _retimed(posed, parts, standing, speeds)
-    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, gap=gap)
+    require_duration(duration, is_traced(path, bounds, road, speeds))
+    *found, gap, share = _retimed(posed, parts, standing, speeds, duration)
+    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, gap=gap, share=share)
     return retimed.check() if throw else retimed
 
 
 def _retimed(
-    p: Posed, parts: list[Part], standing: tuple[bool, bool], speeds: tuple[Scalar | None, ...]
+    p: Posed,
+    parts: list[Part],
+    standing: tuple[bool, bool],
+    speeds: tuple[Scalar | None, ...],
+    duration: float | None,
 ) -> tuple[Any, ...]:
     """Return the fields of `Retimed` without the vehicle."""
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
@@ -156,16 +170,33 @@ def _retimed(
     if not isinstance(p.path, Route):
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
-    found: list[tuple[TimedPart, Any]] = []
-    for k, part in enumerate(parts):
-        first, last = k == 0, k == len(parts) - 1
-        ends = begins.free if not (first or last) else begins.largest[(first, last)]
-        found.append(timed(p, part, ends, (rest[0] and first, rest[1] and last)))
+
+    def of_parts_with(p: Posed) -> list[tuple[TimedPart, Any]]:
+        found = []
+        for k, part in enumerate(parts):
+            first, last = k == 0, k == len(parts) - 1
+            ends = begins.free if not (first or last) else begins.largest[(first, last)]
+            found.append(timed(p, part, ends, (rest[0] and first, rest[1] and last)))
+        return found
+
+    share, given = np.nan, p
+    if duration is not None:
+        waits = sum(float(part.end - part.start) for part in parts if not part.moves)
+        keeps_ends = any(v is not None and float(v) > 0 for v in speeds)
+        given, share = gentlest(p, duration - waits, keeps_ends, lambda p: moving_time(of_parts_with(p), rest))
+    found = of_parts_with(given)
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = eqx.filter_jit(_judged) if traced else _judged
     own, grids = (list(x) for x in zip(*found, strict=True))
     cells = of_parts(grids, [part.stops for part in parts])
-    return judge(p.path, own, p.bounds, (begins.pace, begins.wanted), p.vehicle, cells, p.names, rest)
+    *result, code, steps, gap = judge(
+        p.path, own, p.bounds, (begins.pace, begins.wanted), p.vehicle, cells, p.names, rest
+    )
+    if duration is not None:
+        result[3], gap = result[3] * ratios(p.names, share)[:, None], np.asarray(np.nan)
+        too_short = code == ResultCode.successful and float(result[1]) > (1 + p.tolerance) * duration
+        code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
+    return *result, code, steps, gap, share
 
 
 def _judged(
