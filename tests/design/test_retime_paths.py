@@ -62,6 +62,16 @@ def test_with_a_limit_on_the_jerk_smaller_cells_give_the_same_duration(seed):
     assert float(coarse.gap) < 1e-3
 
 
+@pytest.mark.parametrize("seed", [28, 40])
+def test_cells_are_halved_where_the_squared_rate_is_negative_between_the_nodes(seed):
+    """With the first cells of these paths, the duration is NaN."""
+    path = random_path(seed)
+    limits = path.limits | {"jerk": 2 * path.limits["longitudinal_acceleration"]}
+    timed = from_rest(qt.Route.from_piecewise(path.spline), limits)
+    assert timed.code == qt.ResultCode.successful
+    assert float(timed.gap) < 1e-3
+
+
 def test_straight_lines_with_a_limit_on_the_jerk():
     """V = 5, A = J = 1: a ramp takes 6 s, so the duration is L/V + 6 s. Rounding does not turn the lines into bends."""
     rng, zero = np.random.default_rng(0), np.zeros((2, 3))

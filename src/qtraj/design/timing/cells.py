@@ -173,6 +173,13 @@ def refined(
     return _graded(shape, cells)
 
 
+def with_positive(shape: Shape, cells: Cells, powers: Float[np.ndarray, "cells 4"]) -> Cells:
+    """Halve cells in which a = u̇² with the coefficients `powers` is not positive everywhere, and their neighbours."""
+    a = powers @ np.linspace(0.0, 1.0, FINE) ** np.arange(4)[:, None]
+    bad = np.pad(~(a[:, 1:-1] > 0).all(axis=1), 1)
+    return _graded(shape, cells.halved(bad[1:-1] | bad[2:] | bad[:-2]))
+
+
 def _errors(shape: Shape, task: Task, cells: Cells, p: Profile) -> Float[np.ndarray, " cells"]:
     """Return estimates of the errors of the times in cells, if a is approximated by a cubic in each cell.
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import PROVED, SAMPLED
-from qtraj.design.timing.cells import Shape, chosen, refined
+from qtraj.design.timing.cells import Shape, chosen, refined, with_positive
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
 from qtraj.design.timing.grid import Grid, of_segments, path_derivatives, uniform
 from qtraj.design.timing.parts import Part, known_segments
@@ -148,6 +148,11 @@ def _on_chosen_cells(
     if "jerk" in p.bounds:
         cells, _ = chosen(shape, task, COARSE)
     found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
+    for _ in range(ATTEMPTS):
+        if np.isfinite(found.times()).all():
+            break
+        cells = with_positive(shape, cells, found.powers)
+        found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
     times = found.times()
     excess = times.sum() - least
     for _ in range(ATTEMPTS):
@@ -164,7 +169,7 @@ def _on_chosen_cells(
         if excess < CHANGE * p.tolerance * before:
             break
     enough = max(found.enough, LEAST_ERROR * p.tolerance)
-    return found._replace(enough=enough), float(max(excess, 0.0))
+    return found._replace(enough=enough), float(np.maximum(excess, 0.0))
 
 
 def _shape(path: AbstractHodograph, part: Part) -> Shape:
