@@ -134,14 +134,16 @@ def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, float]:
 
     `accuracy` is the largest relative error of the duration.
     """
-    cells, time = resolved(shape), 0.0
+    cells = resolved(shape)
     for _ in range(PASSES):
         profile = relaxed_profile(shape, task, cells)
         time, error = float(profile.times.sum()), _errors(shape, task, cells, profile)
         if not error.sum() > accuracy * time or error.size > MOST // 2:
             break
         cells = cells.halved(error > accuracy * time / error.size)
-    return _graded(shape, cells), time
+    cells = _graded(shape, cells)
+    finer = relaxed_profile(shape, task, cells.halved(np.ones(cells.half.size, bool)))
+    return cells, float(finer.times.sum())
 
 
 def refined(

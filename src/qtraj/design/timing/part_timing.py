@@ -33,9 +33,13 @@ from qtraj.path.vehicle import RoadParameters
 KNOTS = 512
 """Number of cells of a part if they cannot be chosen, because the path or a limit is traced."""
 
-ACCURACY, CHANGE, ATTEMPTS = 0.1, 0.3, 4
+ACCURACY, CHANGE, ATTEMPTS = 0.2, 0.3, 6
 """As fractions of the tolerance, the accuracy of the cells, and the change of the duration at which cells are no longer
 halved; and how often they are halved."""
+
+COUPLED, FINER = {"acceleration", "yaw_acceleration", "jerk", "friction", "power"}, 0.2
+"""Limits with which the relaxed timing is faster than the fastest one, and without which the accuracy of the cells is
+multiplied by `FINER` if the duration hardly changes."""
 
 LEAST_ERROR = 0.1
 """With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
@@ -143,7 +147,7 @@ def _on_chosen_cells(
     p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], shape: Shape, task: Task
 ) -> tuple[_Searched, float]:
     """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
-    accuracy = ACCURACY * p.tolerance
+    accuracy, exact = ACCURACY * p.tolerance, not COUPLED & set(p.names)
     cells, least = chosen(shape, task, accuracy)
     if "jerk" in p.bounds:
         cells, _ = chosen(shape, task, COARSE)
@@ -157,17 +161,24 @@ def _on_chosen_cells(
     excess = times.sum() - least
     for _ in range(ATTEMPTS):
         before = times.sum()
-        halved = refined(shape, task, accuracy, cells, found.powers, times)
-        if not excess > p.tolerance * before or halved.half.size == cells.half.size:
+        if not excess > p.tolerance * before:
             break
+        halved = refined(shape, task, accuracy, cells, found.powers, times)
+        if halved.half.size == cells.half.size:
+            if not exact:
+                break
+            accuracy *= FINER
+            continue
         cells = halved
         finer = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest, found)
         times = finer.times()
-        if not times.sum() < before:  # the search failed, or the duration is the smallest to within its tolerance
-            break
-        found, excess = finer, min(times.sum() - least, before - times.sum())
-        if excess < CHANGE * p.tolerance * before:
-            break
+        gained = before - times.sum()
+        if gained > 0:
+            found, excess = finer, times.sum() - least if exact else min(times.sum() - least, gained)
+        if not gained > CHANGE * p.tolerance * before:
+            if not exact or np.isnan(gained):
+                break
+            accuracy *= FINER
     enough = max(found.enough, LEAST_ERROR * p.tolerance)
     return found._replace(enough=enough), float(np.maximum(excess, 0.0))
 
@@ -216,7 +227,7 @@ def _searched(
         first = inserted(t.grid.knots, before.powers, before.grid.knots * scale)
     problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
     knots = start + grid.knots * ((end - start) / grid.knots[-1])
-    return _Searched(grid, fastest(problem, t, first), knots, last_gap(t.grid.cells), rest)
+    return _Searched(grid, fastest(problem, t, first), knots, last_gap(t.grid.cells, "jerk" in p.bounds), rest)
 
 
 def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any]:

@@ -43,6 +43,9 @@ FINEST = 128
 """With more cells than this, the allowed error of the last search grows with the square of the number of cells, because
 rounding errors in the jerk prevent an optimality error of 1e-8."""
 
+LARGEST_GAP = 1e-6
+"""Largest allowed error of the last search without a limit on the jerk."""
+
 ROUNDS, ALLOWED = 10, 8e-6
 """Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
 
@@ -92,9 +95,9 @@ class Found(NamedTuple):
     unbounded: Any
 
 
-def last_gap(cells: int) -> float:
-    """Return the relative optimality error at which the last search ends."""
-    return GAPS[-1] * max(1.0, (cells / FINEST) ** 2)
+def last_gap(cells: int, jerk: bool) -> float:
+    """Return the relative optimality error at which the last search ends; `jerk` is whether the jerk is limited."""
+    return min(GAPS[-1] * max(1.0, (cells / FINEST) ** 2), np.inf if jerk else LARGEST_GAP)
 
 
 def fastest(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | None = None) -> Found:
@@ -190,7 +193,7 @@ def _searched(t: Tables, stops: Bool[Any, " 2"], start: Any, of_nodes: tuple[Any
         which, own, places = np.arange(size), program, between
         for search in range(ROUNDS):
             imposed = own._replace(constraints=tightened(own.constraints, _at_nodes(factors[:, which])))
-            enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells))
+            enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
             last = solve(imposed, continued(imposed, state.chosen(which)), enough)
             state.store(which, last)
             found = _between_nodes(places, within, last.coefficients)
