@@ -25,7 +25,7 @@ GRID = 1000
 def timed(path, **options):
     """The fastest timing from rest to rest and the processor time [s]; None if a straight line reverses.
 
-    With a limit on the jerk, also None if rounding errors next to almost coincident points are jumps of the acceleration.
+    With a limit on the jerk, also None if rounding errors next to almost coincident points look like jumps.
     """
     start = time.process_time()
     try:
