@@ -231,3 +231,54 @@ def test_a_velocity_of_zero_within_a_segment_is_found_exactly():
     c[2, 0, 1] = 1e-6
     timed = from_rest(qt.Route.from_piecewise(PPoly(c, [0.0, 2.0])), STREET)
     assert timed.code == qt.ResultCode.successful
+
+
+STRAIGHT = qt.Route([0.0, 1], [[0, 0, 0], [1000, 0, 0]], [[1000.0, 0, 0]] * 2, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("knots", [None, 512])
+@pytest.mark.parametrize("speed", [1e-3, 0.05, 1.0, 5.0])
+def test_small_speeds_at_the_ends(speed, knots):
+    """x = v₀t + t² up to the middle: 1/√a is almost singular, and no limit bounds the speed of the relaxed timing."""
+    timed = qt.retime(STRAIGHT, qt.Limits(acceleration=2.0), speed, speed, knots=knots)
+    exact = (speed**2 + 2 * 2.0 * 500) ** 0.5 - speed
+    assert timed.code == qt.ResultCode.successful
+    assert float(timed.duration) == pytest.approx(exact, rel=3e-4)
+    assert float(timed.duration) >= exact
+    times = np.linspace(0.1, float(timed.duration) - 0.1, 501)
+    before, after = (np.asarray(qt.evaluate(timed.path, times + h, ("position",)).position) for h in (-1e-4, 1e-4))
+    moved = np.linalg.norm(after - before, axis=1) / 2e-4
+    np.testing.assert_allclose(qt.evaluate(timed.path, times, ("speed",)).speed, moved, rtol=1e-6)
+
+
+def test_without_a_limit_on_the_acceleration_the_gap_is_that_of_smaller_cells():
+    timed = from_rest(STRAIGHT, {"speed": 5.0})
+    assert timed.code == qt.ResultCode.successful
+    assert 200 < float(timed.duration) < 200.2
+    assert 1e-4 < float(timed.gap) < 1e-3
+
+
+@pytest.mark.parametrize("more", [{}, {"jerk": 3.0}], ids=["acceleration", "jerk"])
+def test_laps_on_chosen_cells(more):
+    """A search that goes on with smaller cells starts from the periodic spline of the last one."""
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    radius = 40 + 9 * np.cos(3 * angle) + 5 * np.sin(2 * angle)
+    shape = qt.Shape.through(np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1), closed=True)
+    limits = qt.Limits(**STREET | more)
+    timed, fixed = qt.retime(shape, limits), qt.retime(shape, limits, knots=1024)
+    assert timed.code == fixed.code == qt.ResultCode.successful
+    assert float(timed.duration) == pytest.approx(float(fixed.duration), rel=1e-3)
+    assert float(timed.gap) < 1e-3
+
+
+def test_a_finer_periodic_spline_is_the_same_function():
+    rng = np.random.default_rng(1)
+    coarse = np.cumsum(np.append(0.0, rng.uniform(0.5, 2, 9)))
+    fine = np.sort(np.concatenate([coarse, 0.5 * (coarse[1:] + coarse[:-1])]))
+    own = rng.normal(size=9)
+    powers = np.einsum("pkn,kn->np", spline.power_form(coarse, True), spline.local(np.append(own, own[:3])))
+    found = spline.inserted(fine, powers, coarse, True)
+    np.testing.assert_allclose(found[-3:], found[:3], rtol=0, atol=1e-13)
+    again = np.einsum("pkn,kn->np", spline.power_form(fine, True), spline.local(found))
+    np.testing.assert_allclose(again[::2, 0], powers[:, 0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(again[1::2, 0], powers @ 0.5 ** np.arange(4), rtol=0, atol=1e-13)

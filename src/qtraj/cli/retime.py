@@ -101,7 +101,8 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict
         if task.tuning is not None:
             watch.say("tuning")
             tuned = task.tuning(watch.tuning)
-        if not set(ACCELERATIONS) & set(task.limits.given()):
+        given = set(task.limits.on_timing().given())
+        if given and not set(ACCELERATIONS) & given:
             message(
                 "note",
                 "no limit bounds the acceleration along the path, so the speed may change as fast as the other limits "

@@ -9,7 +9,7 @@ from pydantic import AfterValidator
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.timing.parts import STOP_DISTANCE
-from qtraj.design.timing.requirements import MAX_KNOTS, MIN_KNOTS, require_knots
+from qtraj.design.timing.requirements import LEAST_TOLERANCE, MAX_KNOTS, MIN_KNOTS, require_knots, require_tolerance
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.design.tuning.methods import LEARNING_RATE, adam
 from qtraj.io.track.attitude_angles import AttitudeAngles
@@ -247,10 +247,10 @@ class RetimePart(Part):
         None,
         values=f"a power of two from {MIN_KNOTS} to {MAX_KNOTS}",
     )
-    tolerance: keys.Positive = key(
-        "largest relative distance of the duration from the minimum at which the cells are small enough; only without "
-        "`knots`",
+    tolerance: Annotated[float, checked_by(require_tolerance)] = key(
+        "relative distance of the duration from the minimum at which the cells are small enough; only without `knots`",
         1e-3,
+        values=f"a number from {LEAST_TOLERANCE:g} to below 1",
     )
     stop_speed: keys.Speed = key(
         "speed at or below which slow motion on a route is replaced by a stop, if the vehicle also stays within "

@@ -25,6 +25,11 @@ NOISY_SPEED, NOISY_DISTANCE = 4.0, 6.0
 position in standard deviations of the positions, unless the user has given them."""
 
 
+NOISIEST = 4.0
+"""Largest ratio of the distance that follows from the noise to the default one. With more noise, a few seconds of slow
+motion cannot be distinguished from standstill; a stop that does not exist would be worse than one that is missed."""
+
+
 class Standing(NamedTuple):
     """What counts as a stop: the speed and the distance from the mean position, in own units; None for the defaults."""
 
@@ -57,7 +62,7 @@ def stops_in_noise(recording: Recording, standing: Standing, motion: Motion) -> 
     bound, distance = SLOW * float(speeds.max()), _distance(recording, standing)
     noisy_speed = bound if standing.speed is not None else NOISY_SPEED * noise.velocity
     noisy_distance = distance if standing.distance is not None else NOISY_DISTANCE * noise.position
-    if noisy_speed <= bound and noisy_distance <= distance:
+    if (noisy_speed <= bound and noisy_distance <= distance) or noisy_distance > NOISIEST * distance:
         return None
     distance = max(distance, noisy_distance)
     if _spread(recording.positions[inliers]) <= distance:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
-from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.foundation.types import ScalarLike
 
 QUADRATURE = np.polynomial.legendre.leggauss(12)
 """Nodes and weights on [−1, 1] for the time within a cell."""
@@ -38,9 +38,10 @@ class Cells(NamedTuple):
         """Return the lengths of cells in the parameter."""
         return self.knots[cell + 1] - self.knots[cell]
 
-    def kinds(self, cell: Any) -> tuple[Any, Any]:
-        """Return whether a cell starts at rest, and whether it ends at rest."""
-        return (cell == 0) & self.rest[0], (cell == self.count - 1) & self.rest[1]
+    def kinds(self, cell: Any) -> tuple[Any, Any, Any]:
+        """Return whether a cell starts at rest, whether it ends at rest, and its parameter of `stretched`."""
+        starts, ends = (cell == 0) & self.rest[0], (cell == self.count - 1) & self.rest[1]
+        return starts, ends, stretch(self.form(cell), starts, ends)
 
     def locate(self, u: Any) -> tuple[Any, Any]:
         """Return the cell that contains a parameter, and the position in the cell."""
@@ -48,9 +49,19 @@ class Cells(NamedTuple):
         return cell, clipped((u - self.knots[cell]) / self.length(cell), 0.0, 1.0)
 
 
-# Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
-# rest the place x is z² or 1 − (1 − z)², and time is a smooth function of z. The parameter u and its rate u̇ are smooth
-# functions of z, too, so their derivatives are correct also at rest, where √a is not differentiable in u.
+# Near a state of rest, time is proportional to the square root of the distance. So the place x in a cell is a quadratic
+# function of z with dx/dz proportional to √a if a is linear; then dt/dz is constant. At rest, x is z² or 1 − (1 − z)².
+# The parameter u and its rate u̇ are smooth functions of z, so their derivatives are correct also at rest, where √a is
+# not differentiable in u.
+
+
+def stretch(c: Any, starts: Any, ends: Any) -> Any:
+    """Return √a at the start of a cell, divided by the sum of the values at both ends; 0 or 1 at rest."""
+    xp = namespace(c)
+    first, last = root(c[0]), root(c[0] + c[1] + c[2] + c[3])
+    both = first + last
+    share = xp.where(both > 0, first / xp.where(both > 0, both, 1.0), 0.5)
+    return xp.where(starts, 0.0, xp.where(ends, 1.0, share))
 
 
 def newton(cells: Cells, t: Any, cell: Any) -> Any:
@@ -69,45 +80,44 @@ def newton(cells: Cells, t: Any, cell: Any) -> Any:
     return z
 
 
-def elapsed(c: Any, length: Any, starts: Any, ends: Any, z: Any) -> Any:
+def elapsed(c: Any, length: Any, starts: Any, ends: Any, share: Any, z: Any) -> Any:
     """Return the time [s] from the start of a cell to the position `stretched(z)`."""
     xp = namespace(c, length, z)
     at, weights = (
         xp.asarray(x, z.dtype).reshape(*[1] * z.ndim, -1) for x in ((QUADRATURE[0] + 1) / 2, QUADRATURE[1] / 2)
     )
-    c, length, starts, ends = (xp.asarray(x)[..., None] for x in (c, length, starts, ends))
-    return z * xp.sum(weights * pace(c, length, starts, ends, at * z[..., None]), axis=-1)
+    c, length, starts, ends, share = (xp.asarray(x)[..., None] for x in (c, length, starts, ends, share))
+    return z * xp.sum(weights * pace(c, length, starts, ends, share, at * z[..., None]), axis=-1)
 
 
-def stretched(z: Any, starts: Any, ends: Any) -> Any:
-    """Return the place in a cell at z; `starts` and `ends` are whether the cell starts and ends at rest."""
-    xp = namespace(z, starts)
-    return xp.where(starts, z**2, xp.where(ends, z * (2 - z), z))
+def stretched(z: Any, share: Any) -> Any:
+    """Return the place in a cell at z; `share` is the result of `stretch`."""
+    return z * (2 * share + z * (1 - 2 * share))
 
 
-def stretching(z: Any, starts: Any, ends: Any) -> Any:
+def stretching(z: Any, share: Any) -> Any:
     """Return the derivative of `stretched`."""
-    xp = namespace(z, starts)
-    return xp.where(starts, 2 * z, xp.where(ends, 2 * (1 - z), 1.0))
+    return 2 * (share + z * (1 - 2 * share))
 
 
-def unstretched(place: Scalar, starts: Any, ends: Any) -> Scalar:
+def unstretched(place: Any, share: Any) -> Any:
     """Return z for a place in a cell, the inverse of `stretched`."""
-    xp = namespace(place, starts)
-    return xp.where(starts, root(place), xp.where(ends, 1 - root(1 - place), place))
+    xp = namespace(place, share)
+    sum_ = share + root(share * share + (1 - 2 * share) * place)
+    return xp.where(sum_ > 0, place / xp.where(sum_ > 0, sum_, 1.0), 0.0)
 
 
-def pace(c: Any, length: Any, starts: Any, ends: Any, z: Any) -> Any:
+def pace(c: Any, length: Any, starts: Any, ends: Any, share: Any, z: Any) -> Any:
     """Return dt/dz [s] at the position `stretched(z)` in a cell.
 
     The first axis of `c` indexes the four coefficients of the squared rate a = u̇².
     """
-    xp, place = namespace(c, z), stretched(z, starts, ends)
+    xp, place = namespace(c, z), stretched(z, share)
     left = 1 - place
     from_start = c[1] + place * (c[2] + place * c[3])
     to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
-    rest = xp.where(starts | ends, 2.0, 1.0)
-    return length * rest * xp.where(starts, from_start, xp.where(ends, to_end, horner(c, place))) ** -0.5
+    factor = xp.where(starts | ends, 2.0, stretching(z, share))
+    return length * factor * xp.where(starts, from_start, xp.where(ends, to_end, horner(c, place))) ** -0.5
 
 
 def clipped(x: Any, low: ScalarLike, high: ScalarLike) -> Any:

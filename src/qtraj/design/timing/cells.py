@@ -24,7 +24,7 @@ SMALLEST = 1e-9
 LONGER = 3.0
 """Largest ratio of the lengths of two neighbours: a smooth spline changes its slope only within several cells."""
 
-FEWEST, MOST = 8, 2**15
+FEWEST, MOST = 8, 2**14
 """Smallest number of cells, and the number above which no cells are halved."""
 
 HALVINGS, PASSES = 48, 24
@@ -107,7 +107,8 @@ def resolved(shape: Shape) -> Cells:
 class Profile(NamedTuple):
     """A timing at the samples of cells: a = u̇², |r'|, and bounds on the acceleration [m/s²]; and in each cell.
 
-    `fourth` are the absolute fourth differences of a in a cell, and `times` [s] the times in the cells.
+    `fourth` are the absolute fourth differences of a in a cell, and `times` [s] the times in the cells. `bounds` is
+    whether no timing within the limits is faster.
     """
 
     a: Samples
@@ -115,6 +116,7 @@ class Profile(NamedTuple):
     accelerations: Samples
     fourth: Float[np.ndarray, " cells"]
     times: Float[np.ndarray, " cells"]
+    bounds: bool
 
 
 def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
@@ -126,11 +128,11 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     found, pace = relaxed(r[..., ::2], distances, task), speed[:, ::2]
     a = np.divide(found.squares, pace**2, out=np.zeros_like(pace), where=pace > 0)
     fourth = np.abs(a @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
-    return Profile(a, pace, found.accelerations, fourth, found.times)
+    return Profile(a, pace, found.accelerations, fourth, found.times, found.bounds)
 
 
 def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, float]:
-    """Return cells that approximate the relaxed timing, and the duration of the relaxed timing.
+    """Return cells that approximate the relaxed timing, and a lower bound on the duration, or −inf if none is known.
 
     `accuracy` is the largest relative error of the duration.
     """
@@ -143,7 +145,7 @@ def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, float]:
         cells = cells.halved(error > accuracy * time / error.size)
     cells = _graded(shape, cells)
     finer = relaxed_profile(shape, task, cells.halved(np.ones(cells.half.size, bool)))
-    return cells, float(finer.times.sum())
+    return cells, float(finer.times.sum()) if finer.bounds else -np.inf
 
 
 def refined(

@@ -109,8 +109,9 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any,
         i = xp.maximum(xp.searchsorted(starts, u, side="right") - 1, 0)
         return _of_route(xp, path, i, u - starts[i])
     if polynomials is None:
-        rows = _of_any_path(path, u)
-        return xp.moveaxis(xp.asarray(rows), 0, 2)
+        size = u.size if traced else 1 << (u.size - 1).bit_length()  # few sizes are compiled
+        rows = _of_any_path(path, u if traced else np.pad(np.asarray(u), (0, size - u.size), mode="edge"))
+        return xp.moveaxis(xp.asarray(rows)[: u.size], 0, 2)
     p = polynomials if traced else jax.tree.map(np.asarray, polynomials)
     series = [
         [0] * (ORDER + 1) if c is None else taylor_terms([c[k] for k in range(c.shape[0])], u, ORDER)

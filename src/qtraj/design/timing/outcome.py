@@ -124,7 +124,7 @@ class Retimed(AbstractOutcome):
                     f"converged: the timing takes {time:.6g} s as prescribed, with at most {100 * share:.3g} % of the "
                     "limits on accelerations, and every limit is proved to be satisfied on the whole path."
                 )
-            near = "" if np.isnan(gap) else f" (to within {100 * max(gap, 1e-6):.1g} %)"
+            near = "" if np.isnan(gap) else f" (to within {max(100 * gap, 0.001):.2g} %)"
             return (
                 f"converged: the fastest timing takes {time:.6g} s{near}, and every limit is proved to be satisfied on "
                 "the whole path."

@@ -115,13 +115,13 @@ def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Tim
         knots = np.stack([np.asarray(part.start), np.asarray(part.end)])
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
-    known = constants((p.path, p.bounds, p.vehicle, ends))
-    if p.knots is not None or is_traced(known):
+    if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, ends):  # other cells would be compiled anew
         x, excess = _searched(p, part, _fixed(p, part), ends, rest), np.nan
     else:
-        shape = _shape(known[0], part)
-        x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(known, p.lap, part, rest, shape))
-    powers, usage, codes = _proved(p, x)
+        shape = _shape(p.path, part)
+        x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(p, ends, part, rest, shape))
+    powers, usage, codes, slower = _proved(p, x)
+    excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
     return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
 
 
@@ -147,8 +147,9 @@ def _on_chosen_cells(
     p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], shape: Shape, task: Task
 ) -> tuple[_Searched, float]:
     """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
-    accuracy, exact = ACCURACY * p.tolerance, not COUPLED & set(p.names)
+    accuracy = ACCURACY * p.tolerance
     cells, least = chosen(shape, task, accuracy)
+    exact = np.isfinite(least) and not COUPLED & set(p.names)
     if "jerk" in p.bounds:
         cells, _ = chosen(shape, task, COARSE)
     found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
@@ -165,12 +166,15 @@ def _on_chosen_cells(
             break
         halved = refined(shape, task, accuracy, cells, found.powers, times)
         if halved.half.size == cells.half.size:
-            if not exact:
-                break
-            accuracy *= FINER
-            continue
+            if exact:
+                accuracy *= FINER
+                continue
+            halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
         cells = halved
-        finer = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest, found)
+        grid = cells.grid(shape.spans, part.first)
+        finer = _searched(p, part, grid, ends, rest, found)
+        if not finer.found.error < finer.enough:
+            finer = _searched(p, part, grid, ends, rest)
         times = finer.times()
         gained = before - times.sum()
         if gained > 0:
@@ -180,7 +184,7 @@ def _on_chosen_cells(
                 break
             accuracy *= FINER
     enough = max(found.enough, LEAST_ERROR * p.tolerance)
-    return found._replace(enough=enough), float(np.maximum(excess, 0.0))
+    return found._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
 
 
 def _shape(path: AbstractHodograph, part: Part) -> Shape:
@@ -202,14 +206,13 @@ def _shape(path: AbstractHodograph, part: Part) -> Shape:
     return Shape(of_any, np.array([duration]))
 
 
-def _task(known: Any, lap: bool, part: Part, rest: tuple[bool, bool], shape: Shape) -> Task:
-    """Return the limits with concrete values, and the largest squared speeds at both ends."""
-    _, bounds, vehicle, ends = known
+def _task(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Shape) -> Task:
+    """Return the limits, and the largest squared speeds at both ends."""
     r1 = shape.derivatives(np.array([0, shape.spans.size - 1]), np.array([-1.0, 1.0]))[0]
     at_rest = np.array(rest) | np.array(part.stops)
     squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
     most = float(squares[0]), float(squares[1])
-    return Task({name: np.asarray(x) for name, x in bounds.items()}, vehicle, most, lap)
+    return Task({name: np.asarray(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)
 
 
 def _searched(
@@ -224,33 +227,36 @@ def _searched(
     t, first = tables(grid, rest, p.lap, smooth), None
     if before is not None:
         scale = grid.knots[-1] / before.grid.knots[-1]
-        first = inserted(t.grid.knots, before.powers, before.grid.knots * scale)
+        first = inserted(t.grid.knots, before.powers, before.grid.knots * scale, p.lap)
     problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
     knots = start + grid.knots * ((end - start) / grid.knots[-1])
     return _Searched(grid, fastest(problem, t, first), knots, last_gap(t.grid.cells, "jerk" in p.bounds), rest)
 
 
-def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any]:
-    """Return the coefficients of u̇², the usage and the status of limits; slow down the timing if one is not proved."""
+def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any, float]:
+    """Return the coefficients of u̇², the usage and the status of limits; slow down the timing if one is not proved.
+
+    The last result is the fraction by which u̇² is reduced for the proofs.
+    """
     exponents = np.array([POWERS.get(name, 0.0) for name in listed(p.names, p.vehicle is not None)])[:, None]
     powers, usage = x.found.powers, x.found.usage
     if p.slower:
         powers, usage = (1 - p.slower) * powers, usage * (1 - p.slower) ** exponents
     if p.polynomials is None:
-        return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32)
+        return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32), 0.0
     codes = _codes(p, p.polynomials, x, powers)
     if is_traced(constants(powers)):
-        return powers, usage, codes
+        return powers, usage, codes, 0.0
     rows = [NAMES.index(name) for name in p.names]
-    first = powers, usage
+    first, reduced = (powers, usage), 0.0
     for fraction in SLOWER:
         if (codes[rows] == PROVED).all():
             break
         slower = (1 - fraction) * first[0]
         found = _codes(p, p.polynomials, x, slower)
         if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
-            powers, codes, usage = slower, found, first[1] * (1 - fraction) ** exponents
-    return powers, usage, codes
+            powers, codes, usage, reduced = slower, found, first[1] * (1 - fraction) ** exponents, fraction
+    return powers, usage, codes, reduced
 
 
 def _codes(p: Posed, polynomials: Source, x: _Searched, powers: Any) -> Any:

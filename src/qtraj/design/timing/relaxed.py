@@ -23,11 +23,15 @@ Samples = Float[np.ndarray, "cells {PLACES}"]
 
 
 class Relaxed(NamedTuple):
-    """The relaxed timing at the samples of all cells: squared speeds w [m²/s²], and the times in the cells [s]."""
+    """The relaxed timing at the samples of all cells: squared speeds w [m²/s²], and the times in the cells [s].
+
+    `bounds` is whether the limits bound the acceleration everywhere, so that no timing is faster.
+    """
 
     squares: Samples
     accelerations: Samples
     times: Float[np.ndarray, " cells"]
+    bounds: bool
 
 
 class Task(NamedTuple):
@@ -53,13 +57,16 @@ def relaxed(
     square, length = np.sum(r[0] ** 2, axis=0), distances.sum()
     slowest = _inverse_rates(found).reshape(square.shape)
     highest = np.divide(square, slowest, out=np.full(square.shape, np.inf), where=(slowest > 0) & (square > 0))
+    bounded = highest[np.isfinite(highest)].max(initial=0.0)
     for end, place in zip(task.ends, ((0, 0), (-1, -1)), strict=True):
         highest[place] = min(highest[place], end)
     steepest = _accelerations(found, task.bounds, np.sqrt(square).ravel()).reshape(square.shape)
-    finite = highest[np.isfinite(highest) & (highest > 0)]
     known = steepest[np.isfinite(steepest)]
-    reached = 2 * known.max() * length if known.size else 1.0
-    most = finite.max() if finite.size else reached
+    most = bounded
+    if not np.isfinite(highest).all() and known.size:  # what the accelerations can reach
+        most = max(bounded, *(x for x in task.ends if np.isfinite(x)), 0.0) + 2 * known.max() * length
+    most = most if most > 0 else 1.0
+    complete = known.size == steepest.size
     steepest = np.where(np.isfinite(steepest), steepest, STEEP * most / length)
     rises = np.zeros(square.shape)
     rises[:, :-1] = 2 * np.minimum(steepest[:, 1:], steepest[:, :-1]) * distances
@@ -67,7 +74,7 @@ def relaxed(
     speed = np.sqrt(squares)
     both = speed[:, 1:] + speed[:, :-1]
     times = np.divide(2 * distances, both, out=np.full(both.shape, np.inf), where=both > 0)
-    return Relaxed(squares, steepest, times.sum(axis=1))
+    return Relaxed(squares, steepest, times.sum(axis=1), complete)
 
 
 def _reachable(highest: Any, rises: Any, laps: int) -> Float[np.ndarray, " samples"]:

@@ -59,12 +59,7 @@ def power_form(knots: Float[Any, " cells+1"], lap: bool = False) -> Float[Any, "
     Entry [p, k] is the contribution of coefficient k to the coefficient of zᵖ, where 0 ≤ z ≤ 1 is the position in the
     cell. The Cox–de Boor recursion is applied to polynomials in z. The knots of a `lap` continue periodically.
     """
-    cells = knots.size - 1
-    span = knots[-1] - knots[0]
-    before, after = knots[-1 - DEGREE : -1] - span, knots[1 : 1 + DEGREE] + span
-    if not lap:
-        before, after = knots[:1].repeat(DEGREE), knots[-1:].repeat(DEGREE)
-    t = np.concatenate([before, knots, after])
+    cells, t = knots.size - 1, _extended(knots, lap)
     start, length = knots[:-1], np.diff(knots)
     basis = [np.where(length > 0, 1.0, 0.0)[None]]
     for degree in range(1, DEGREE + 1):
@@ -83,14 +78,21 @@ def power_form(knots: Float[Any, " cells+1"], lap: bool = False) -> Float[Any, "
 
 
 def inserted(
-    knots: Float[np.ndarray, " cells+1"], powers: Float[np.ndarray, "coarse 4"], coarse: Float[np.ndarray, " coarse+1"]
+    knots: Float[np.ndarray, " cells+1"],
+    powers: Float[np.ndarray, "coarse 4"],
+    coarse: Float[np.ndarray, " coarse+1"],
+    lap: bool = False,
 ) -> Float[np.ndarray, " cells+3"]:
     """Return the coefficients of a given spline for cells that divide its cells.
 
     `powers` are the coefficients of the spline in its cells, between the knots `coarse`, for powers of the position
     from 0 to 1. A coefficient is the blossom (the symmetric trilinear form) of a cubic at three consecutive knots.
     """
-    t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
+    t = _extended(knots, lap)
+    if lap:
+        span = coarse[-1] - coarse[0]
+        coarse = np.concatenate([coarse[:-1] - span, coarse, coarse[1:] + span])
+        powers = np.tile(powers, (3, 1))
     three = np.stack([t[k : k + knots.size + DEGREE - 1] for k in (1, 2, 3)])
     wide = [t[k + 1 : k + knots.size + DEGREE] - t[k : k + knots.size + DEGREE - 1] for k in range(DEGREE + 1)]
     first = np.argmax(np.stack(wide[1:3] + wide[:1] + wide[3:]) > 0, axis=0)  # a cell that is not empty
@@ -99,6 +101,14 @@ def inserted(
     x, y, z = (three - coarse[cell]) / np.diff(coarse)[cell]
     c = powers[cell].T
     return c[0] + c[1] * (x + y + z) / 3 + c[2] * (x * y + y * z + z * x) / 3 + c[3] * x * y * z
+
+
+def _extended(knots: Float[np.ndarray, " cells+1"], lap: bool) -> Float[np.ndarray, " cells+7"]:
+    """Return the knots with three more at each end: the ends repeated, or those of the laps before and after."""
+    if not lap:
+        return np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
+    span = knots[-1] - knots[0]
+    return np.concatenate([knots[-1 - DEGREE : -1] - span, knots, knots[1 : 1 + DEGREE] + span])
 
 
 def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], lap: bool = False) -> Nodes:

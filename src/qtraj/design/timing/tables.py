@@ -43,7 +43,7 @@ def tables(
     return _tables(tuple(tuple(x.tolist()) for x in grid), rest, lap, tuple(orders))
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=4)
 def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], lap: bool, orders: Any) -> Tables:
     filled, grid = _with_empty_cells(Grid(*(np.array(x) for x in fields)), DEGREE - np.array([*orders, DEGREE - 1]))
     knots, own, length = grid.knots, nodes(grid.knots, rest, lap), np.diff(grid.knots)

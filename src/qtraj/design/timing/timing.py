@@ -19,6 +19,7 @@ from qtraj.design.timing.cell_times import (
     horner,
     newton,
     pace,
+    stretch,
     stretched,
     stretching,
     unstretched,
@@ -103,9 +104,9 @@ class Timing(eqx.Module):
         """Return the times [s] of an array of parameters, in NumPy unless the arguments are traced."""
         cells, u = self._with(u)
         cell, place = cells.locate(u)
-        starts, ends = cells.kinds(cell)
-        z = unstretched(place, starts, ends)
-        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
+        kinds = cells.kinds(cell)
+        z = unstretched(place, kinds[-1])
+        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), *kinds, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
         """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
@@ -124,8 +125,8 @@ class Timing(eqx.Module):
         cell = cells.xp.clip(cells.xp.searchsorted(cells.times, s, side="right") - 1, 0, cells.count - 1)
         length, kinds = cells.length(cell), cells.kinds(cell)
         z = _position(self, s, cell) if cells.xp is jnp else newton(cells, s, cell)
-        rate = length * stretching(z, *kinds) / pace(cells.form(cell), length, *kinds, z)
-        return cells.knots[cell] + length * stretched(z, *kinds), rate
+        rate = length * stretching(z, kinds[-1]) / pace(cells.form(cell), length, *kinds, z)
+        return cells.knots[cell] + length * stretched(z, kinds[-1]), rate
 
     def _with(self, x: Any) -> tuple[Cells, Any]:
         """Return the cells, and the argument of a method: NumPy arrays unless one of them is traced."""
@@ -146,17 +147,17 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
     timing, t, cell = primals
     z, late = _position(timing, t, cell), tangents[1]
     own = timing._with(t)[0]
-    starts, ends = own.kinds(cell)
+    starts, ends, share = own.kinds(cell)
 
     def reached(x: Timing) -> Scalar:
         cells = x._with(z)[0]
-        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), starts, ends, z)
+        return cells.times[cell] + elapsed(cells.form(cell), cells.length(cell), *cells.kinds(cell), z)
 
     late = jnp.zeros_like(z) if late is None else late
     if jax.tree.leaves(tangents[0]):
         shift = eqx.filter_jvp(reached, (timing,), (tangents[0],))[1]
         late = late if shift is None else late - shift
-    return z, late / pace(own.form(cell), own.length(cell), starts, ends, z)
+    return z, late / pace(own.form(cell), own.length(cell), starts, ends, share, z)
 
 
 def _times(timing: Timing) -> Float[Any, "*batch cells+1"]:
@@ -173,7 +174,8 @@ def _knot_times(coefficients: Any, knots: Any, rest: tuple[bool, bool]) -> Float
     k = np.arange(c.shape[-1])
     starts, ends = (xp.asarray(x) for x in ((k == 0) & rest[0], (k == k.size - 1) & rest[1]))
     with np.errstate(all="ignore"):  # a failed search ends with NaN
-        passed = xp.cumsum(elapsed(c, length, starts, ends, xp.ones_like(length)), axis=-1)
+        share = stretch(c, starts, ends)
+        passed = xp.cumsum(elapsed(c, length, starts, ends, share, xp.ones_like(length)), axis=-1)
     return xp.concatenate([xp.zeros_like(passed[..., :1]), passed], axis=-1)
 
 
