@@ -73,7 +73,8 @@ def fit_route(
     interval in which the vehicle stays within `stop_distance` [m] of its mean position and is not faster than
     `stop_speed` [m/s]. By default they are 0.1 m and 0.5 % of the largest speed. If knots and smoothing are chosen by
     cross-validation, they are at least six standard deviations of the positions and four of the fitted velocity, so
-    that jitter at standstill is one stop, unless the former exceed 0.4 m. At a stop the velocity and acceleration of the route are exactly zero.
+    that jitter at standstill is one stop, unless the former exceed 0.4 m. At a stop the velocity and acceleration of
+    the route are exactly zero.
 
     Next to a stop, and where the vehicle creeps, halts for a moment, or starts or ends slowly, noise is not a curve
     that was driven. There the route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from
