@@ -28,7 +28,7 @@ BAD = {
         SLEW.replace("max_acc", "max_ac") + LAW,
         ["unknown key 'program.slew.law.max_aceleration'", "did you mean 'max_acceleration'?"],
     ),
-    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a slew of", "Increase the duration"]),
+    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a motion of", "Increase the duration"]),
     "no gains": (SLEW + "[law]\n", ["[law]: there are no gains", "settling_time", "weights"]),
     "a turn that breaks its limits": (
         SLEW.replace("max_acceleration = 20", "kind = 'quintic'\nduration = 10\nmax_rate = 1") + LAW,

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from qtraj.design.timing.grid import Grid, Shape, derivatives, uniform
 from qtraj.design.timing.parts import known_segments, standing_ends
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.route import Route
 
 ROUNDINGS = 64
@@ -37,6 +37,8 @@ def cells_of(path: RetimedPath) -> Cells | None:
     For a path with one segment that is traced or a batch, the result assumes cells of equal length. If the knots are
     traced, check this assumption with `divides_equally`.
     """
+    if not isinstance(path.path, Route):
+        path = constants(path)  # known under grad
     knots, count = path.timing.knots, path.timing.coefficients.shape[-2]
     if path.duration.ndim or is_traced(path.path, knots):
         if isinstance(path.path, Route) or count & (count - 1):
