@@ -9,7 +9,7 @@ import qtraj as qt
 from qtraj.design.timing import spline
 
 STREET = {"speed": 13.0, "lateral_acceleration": 2.0, "longitudinal_acceleration": 1.5}
-FAST, SLOW = range(30), range(30, 330)
+FAST, SLOW = range(30), range(30, 130)
 SMOOTH = [seed for seed in range(14) if not {"cubic hermite", "lines"} & set(random_path(seed).kinds)]
 """Paths whose acceleration does not jump, and which do not reverse on a straight line."""
 
