@@ -282,3 +282,12 @@ def test_a_finer_periodic_spline_is_the_same_function():
     again = np.einsum("pkn,kn->np", spline.power_form(fine, True), spline.local(found))
     np.testing.assert_allclose(again[::2, 0], powers[:, 0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(again[1::2, 0], powers @ 0.5 ** np.arange(4), rtol=0, atol=1e-13)
+
+
+def test_contradicting_limits_do_not_halve_cells_again_and_again():
+    """The tyres cannot hold the vehicle on this slope, so the coefficients are NaN for every number of cells."""
+    car = qt.Vehicle(1500.0, friction=0.5)
+    hill = qt.Route([0.0, 1, 2], [[0, 0, 0], [10, 1, 8], [20, 0, 16]], [[10.0, 0, 8]] * 3, np.zeros((3, 3)))
+    timed = from_rest(hill, {"friction": 0.9, "speed": 5.0, "vehicle": car})
+    assert not timed.successful
+    assert timed.timing.knots.size < 2000

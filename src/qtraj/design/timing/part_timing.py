@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import PROVED, SAMPLED
-from qtraj.design.timing.cells import Shape, chosen, refined, with_positive
+from qtraj.design.timing.cells import MOST, Shape, chosen, refined, with_positive
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
 from qtraj.design.timing.grid import Grid, of_segments, path_derivatives, uniform
 from qtraj.design.timing.parts import Part, known_segments
@@ -154,7 +154,8 @@ def _on_chosen_cells(
         cells, _ = chosen(shape, task, COARSE)
     found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
     for _ in range(ATTEMPTS):
-        if np.isfinite(found.times()).all():
+        # Without finite coefficients, the limits contradict each other, and smaller cells do not help.
+        if np.isfinite(found.times()).all() or not np.isfinite(found.powers).all() or cells.half.size > MOST // 2:
             break
         cells = with_positive(shape, cells, found.powers)
         found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)

@@ -90,19 +90,23 @@ def require_duration(duration: Any, traced: bool) -> None:
 
 def require_representable(bounds: dict[str, Any], highest: Any) -> None:
     """Raise an error if a limit, or the largest |r'|, is so small or so large that its powers are not finite."""
-    given = {f"the limit on {name}": bound for name, bound in bounds.items() if name not in ROAD}
-    for what, value in (*given.items(), ("the largest speed |r'| of the path", highest)):
+    limits = {f"the limit on {name}": x for name, x in bounds.items() if name not in ROAD and not _infinite(x)}
+    for what, value in (*limits.items(), ("the largest speed |r'| of the path", highest)):
         known = concrete(value)
-        if known is None or ((known == np.inf).all() and value is not highest):
+        if known is None or np.isnan(known).any():  # the search reports NaN
             continue
-        own = known[known < np.inf] if value is not highest else known
-        if ((own != 0) & ~((np.abs(own) >= 1 / REPRESENTABLE) & (np.abs(own) <= REPRESENTABLE))).any():
-            if np.isnan(own).any():
-                continue  # the search reports it
+        size = np.abs(known)
+        if ((size > 0) & ((size < 1 / REPRESENTABLE) | (size > REPRESENTABLE))).any():
             raise ValueError(
-                f"{what} is {float(own.flat[0]):g}, but retime computes with its powers and needs values from "
+                f"{what} is {float(known.flat[0]):g}, but retime computes with its powers and needs values from "
                 f"{1 / REPRESENTABLE:g} to {REPRESENTABLE:g}: use other units"
             )
+
+
+def _infinite(limit: Any) -> bool:
+    """Return whether a limit is known to be absent."""
+    known = concrete(limit)
+    return known is not None and bool(np.all(known == np.inf))
 
 
 def require_stop(speed: float, distance: float) -> None:

@@ -250,8 +250,8 @@ def _code(
 ) -> Any:
     """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
 
-    `searched` contains whether all searches converged, and their results.
-    `speeds` are the speeds at both ends and the prescribed speeds; the numbers `finite` must be finite.
+    `searched` contains whether all searches converged, and their results. `speeds` are the speeds at both ends and the
+    prescribed speeds; the numbers `finite` must be finite.
     """
     (found, searches), (ends, wanted) = searched, speeds
     missed = xp.any(xp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
