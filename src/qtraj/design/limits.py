@@ -3,7 +3,7 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -11,22 +11,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.bound import Bound, Limit, bound_of, by_side
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import as_float, concrete, require_positive
+from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.suggestion import suggestion
-from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
+from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.sides import LOWER
 from qtraj.path.values import value
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
-
-Limit = ArrayInput | None
-"""The value of a limit; None means no limit."""
 
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
@@ -39,21 +38,28 @@ about n is at most the sum, so the sum bounds all moments.
 
 @storable
 class Limits(eqx.Module):
-    """Upper bounds on path quantities; None means no limit.
+    """Bounds on path quantities; None means no limit.
+
+    A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
+    value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
+    Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
+    negative, such as the speed, and of normal load and power has no ending.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
-    - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ| [m/s²].
-    - `slope`: rise over run, relative to the horizontal plane [-].
+    - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
+      negative while braking [m/s²].
+    - `slope`: rise over run, relative to the horizontal plane, positive uphill [-].
     - `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral.
     - `jerk` |r⃛| [m/s³].
-    - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis.
+    - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis, positive to the
+      left.
 
     With a `vehicle`, on a road that is level in the lateral direction or has the vehicle's bank angle:
 
     - `friction`: the fraction of the available grip that is used, √((F_τ/μ_τ)² + (F_n/μ_n)²)/F_b [-] (friction
       ellipse); 1 is the maximum grip.
-    - `power` [W] of the drive against inertia, gravity, drag and rolling resistance. Braking power is negative and is
-      not limited.
+    - `power` [W] of the drive against inertia, gravity, drag and rolling resistance. Braking power is negative: a
+      number does not limit it, a pair does.
     - `longitudinal_force` |F_τ| along the direction of travel τ, `lateral_force` |F_n| across τ in the plane of the
       road, and `normal_load` F_b normal to the road [N].
 
@@ -66,31 +72,32 @@ class Limits(eqx.Module):
     This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the findings on
     moments are "undecided" and their values are NaN.
 
-    **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is not a positive, finite
-    number, for a limit on a force, power, friction or moment without a vehicle, and for a limit on a moment if the
-    vehicle has no inertia with these principal axes.
+    **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
+    number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
+    quantity that is never negative, for a limit on a force, power, friction or moment without a vehicle, and for a
+    limit on a moment if the vehicle has no inertia with these principal axes.
     """
 
-    curvature: Scalar | None
-    torsion: Scalar | None
-    speed: Scalar | None
-    acceleration: Scalar | None
-    lateral_acceleration: Scalar | None
-    longitudinal_acceleration: Scalar | None
-    slope: Scalar | None
-    angular_rate: Scalar | None
-    angular_acceleration: Scalar | None
-    jerk: Scalar | None
-    yaw_rate: Scalar | None
-    yaw_acceleration: Scalar | None
-    longitudinal_force: Scalar | None
-    lateral_force: Scalar | None
-    normal_load: Scalar | None
-    friction: Scalar | None
-    power: Scalar | None
-    tangential_moment: Scalar | None
-    normal_moment: Scalar | None
-    binormal_moment: Scalar | None
+    curvature: Bound | None
+    torsion: Bound | None
+    speed: Bound | None
+    acceleration: Bound | None
+    lateral_acceleration: Bound | None
+    longitudinal_acceleration: Bound | None
+    slope: Bound | None
+    angular_rate: Bound | None
+    angular_acceleration: Bound | None
+    jerk: Bound | None
+    yaw_rate: Bound | None
+    yaw_acceleration: Bound | None
+    longitudinal_force: Bound | None
+    lateral_force: Bound | None
+    normal_load: Bound | None
+    friction: Bound | None
+    power: Bound | None
+    tangential_moment: Bound | None
+    normal_moment: Bound | None
+    binormal_moment: Bound | None
     vehicle: Vehicle | None
 
     def __init__(
@@ -120,26 +127,26 @@ class Limits(eqx.Module):
     ):
         for name in unknown:
             raise TypeError(f"Limits has no limit {name!r}: {suggestion(name, list(QUANTITIES), 'limits')}")
-        self.curvature = _limit(curvature, "curvature")
-        self.torsion = _limit(torsion, "torsion")
-        self.speed = _limit(speed, "speed")
-        self.acceleration = _limit(acceleration, "acceleration")
-        self.lateral_acceleration = _limit(lateral_acceleration, "lateral_acceleration")
-        self.longitudinal_acceleration = _limit(longitudinal_acceleration, "longitudinal_acceleration")
-        self.slope = _limit(slope, "slope")
-        self.angular_rate = _limit(angular_rate, "angular_rate")
-        self.angular_acceleration = _limit(angular_acceleration, "angular_acceleration")
-        self.jerk = _limit(jerk, "jerk")
-        self.yaw_rate = _limit(yaw_rate, "yaw_rate")
-        self.yaw_acceleration = _limit(yaw_acceleration, "yaw_acceleration")
-        self.longitudinal_force = _limit(longitudinal_force, "longitudinal_force")
-        self.lateral_force = _limit(lateral_force, "lateral_force")
-        self.normal_load = _limit(normal_load, "normal_load")
-        self.friction = _limit(friction, "friction")
-        self.power = _limit(power, "power")
-        self.tangential_moment = _limit(tangential_moment, "tangential_moment")
-        self.normal_moment = _limit(normal_moment, "normal_moment")
-        self.binormal_moment = _limit(binormal_moment, "binormal_moment")
+        self.curvature = bound_of(curvature, "curvature")
+        self.torsion = bound_of(torsion, "torsion")
+        self.speed = bound_of(speed, "speed")
+        self.acceleration = bound_of(acceleration, "acceleration")
+        self.lateral_acceleration = bound_of(lateral_acceleration, "lateral_acceleration")
+        self.longitudinal_acceleration = bound_of(longitudinal_acceleration, "longitudinal_acceleration")
+        self.slope = bound_of(slope, "slope")
+        self.angular_rate = bound_of(angular_rate, "angular_rate")
+        self.angular_acceleration = bound_of(angular_acceleration, "angular_acceleration")
+        self.jerk = bound_of(jerk, "jerk")
+        self.yaw_rate = bound_of(yaw_rate, "yaw_rate")
+        self.yaw_acceleration = bound_of(yaw_acceleration, "yaw_acceleration")
+        self.longitudinal_force = bound_of(longitudinal_force, "longitudinal_force")
+        self.lateral_force = bound_of(lateral_force, "lateral_force")
+        self.normal_load = bound_of(normal_load, "normal_load")
+        self.friction = bound_of(friction, "friction")
+        self.power = bound_of(power, "power")
+        self.tangential_moment = bound_of(tangential_moment, "tangential_moment")
+        self.normal_moment = bound_of(normal_moment, "normal_moment")
+        self.binormal_moment = bound_of(binormal_moment, "binormal_moment")
         self.vehicle = vehicle
         needing = [name for name in self.given() if quantity(name).needs_vehicle]
         if needing or vehicle is not None:
@@ -148,12 +155,16 @@ class Limits(eqx.Module):
             require(vehicle, quantity(name).needs, f"the limit {name}")
 
     def __repr__(self) -> str:
-        return shown(self, **{name: quantity(name).label for name in self.given()})
+        return shown(self, **{name: quantity(name).label for name in self._bounds()})
 
-    def given(self) -> dict[str, Float[Array, "*batch"]]:
-        """Return the limits that are set, by name."""
+    def _bounds(self) -> dict[str, Bound]:
+        """Return the fields that are set, except the vehicle."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
         return {name: value for name, value in values.items() if value is not None}
+
+    def given(self) -> dict[str, Float[Array, "*batch"]]:
+        """Return the bounds that are set, by name; a limit with two sides has two names (see `qtraj.path.sides`)."""
+        return {side: value for name, bound in self._bounds().items() for side, value in by_side(name, bound)}
 
     def on_timing(self) -> Limits:
         """Return the limits that `retime` supports; each of them depends on the timing of a path."""
@@ -161,17 +172,13 @@ class Limits(eqx.Module):
 
     def on_shape(self) -> Limits:
         """Return the limits on quantities that depend only on the shape of a path: curvature, torsion and slope."""
-        return self.only([name for name, entry in QUANTITIES.items() if entry.per_time == 0 and not entry.needs])
+        return self.only([name for name in self.given() if (x := quantity(name)).per_time == 0 and not x.needs])
 
     def only(self, names: Collection[str]) -> Limits:
-        """Return the limits in `names`, with the vehicle if one of them needs it."""
-        kept = [name for name in self.given() if name in names]
-        dropped = [name for name in self.given() if name not in names]
-        if not any(quantity(name).needs_vehicle for name in kept):
-            dropped.append("vehicle")
-        return eqx.tree_at(
-            lambda x: [getattr(x, name) for name in dropped], self, [None] * len(dropped), is_leaf=lambda x: x is None
-        )
+        """Return the bounds in `names`, with the vehicle if one of them needs it."""
+        kept = {name: value for name, value in self.given().items() if name in names}
+        vehicle = self.vehicle if any(quantity(name).needs_vehicle for name in kept) else None
+        return limits_of(kept, vehicle)
 
     @property
     def needs_vehicle(self) -> bool:
@@ -227,9 +234,26 @@ class Limits(eqx.Module):
         return {name: value(path, t, name, road) for name in self.given()}
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-        """Return each limit minus the value at one instant `t` [s], by name; negative if the limit is violated."""
+        """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.
+
+        The limits on the two sides of a signed value have the endings `_min` and `_max`.
+        """
         limits = self.given()
-        return {name: limits[name] - value for name, value in self.values(path, t).items()}
+        return {name: quantity(name).side * (limits[name] - value) for name, value in self.values(path, t).items()}
+
+
+def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:
+    """Return the limits with these bounds, whose names are those of `Limits.given`."""
+    fields: dict[str, Any] = {}
+    for name, bound in bounds.items():
+        entry = quantity(name)
+        own = entry.base or entry.name
+        if entry.lower or name != own or f"{own}{LOWER}" in bounds:
+            lower, upper = fields.get(own, (None, None))
+            fields[own] = (bound, upper) if entry.lower else (lower, bound)
+        else:
+            fields[own] = bound
+    return Limits(**fields, vehicle=vehicle)
 
 
 def require_limits(limits: Limits) -> None:
@@ -253,17 +277,3 @@ def _divisor(entry: PathQuantity, road: RoadParameters) -> Any:
     eps = float(jnp.finfo(total.dtype).eps)
     # A divisor of zero would make the quotient infinite.
     return entry.scale(road) + total * (TINY + FACTOR_ROUNDINGS * eps * (road.sin != 0).astype(total.dtype))
-
-
-def _limit(value: Limit, name: str) -> Scalar | None:
-    if value is None:
-        return None
-    unit = quantity(name).label
-    try:
-        limit = as_float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the limit {name} must be a number [{unit}], but {value!r} was given") from error
-    if limit.ndim != 0:
-        raise ValueError(f"the limit {name} must be one number, but an array of shape {limit.shape} was given")
-    require_positive(limit, f"the limit {name}", unit)
-    return limit

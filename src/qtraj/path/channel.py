@@ -12,7 +12,8 @@ from typing import Any
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, PathQuantity
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.sides import upper_side
 from qtraj.path.vehicle import Vehicle, has_principal_inertia
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
@@ -107,7 +108,8 @@ _ENTRIES = (
 
 CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
 """The outputs by name, in the order in which they are displayed."""
-CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
+for _entry in (x for entry in QUANTITIES.values() for x in (quantity(upper_side(entry)), entry)):
+    CHANNELS.setdefault(_entry.variable, _scalar(_entry))
 
 
 def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:
@@ -122,7 +124,8 @@ def vehicle_outputs(vehicle: Vehicle | None) -> list[str]:
     Without a vehicle (None), the list is empty.
     """
     has = provided(vehicle)
-    return [x.variable for x in QUANTITIES.values() if x.needs_vehicle and x.needs in has]
+    of_quantities = {x.variable for x in QUANTITIES.values()} | {x.variable for x in SIDES.values()}
+    return [name for name, x in CHANNELS.items() if name in of_quantities and x.needs and x.needs in has]
 
 
 def provided(vehicle: Vehicle | None) -> set[str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation import units
@@ -17,6 +17,18 @@ LOAD = "load"
 
 VEHICLE, INERTIA, PRINCIPAL = "vehicle", "inertia", "principal inertia"
 """What a quantity needs in addition to the path: a vehicle, its inertia, or principal axes of inertia along τ, n, b."""
+
+
+class Component(NamedTuple):
+    """The signed value of a quantity whose entry describes its magnitude.
+
+    It is numerator/denominator, where the denominator is positive; `value` computes it in floating point.
+    """
+
+    meaning: str
+    numerator: Formula
+    denominator: Formula
+    value: Formula
 
 
 @dataclass(frozen=True)
@@ -38,6 +50,9 @@ class PathQuantity:
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
     PRINCIPAL if the quantity is `factor` times the square root of the ratio; `factor` is a function of the vehicle's
     parameters, in `factor_unit`. Then `squared`, `value` and `exceeds` refer to the quantity divided by its factor.
+
+    `component` describes the signed value, if the quantity is its magnitude. A side of a limit (see `sides`) has the
+    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound.
     """
 
     name: str
@@ -58,6 +73,19 @@ class PathQuantity:
     needs: str = ""
     factor: Formula | None = None
     factor_unit: str = "1"
+    component: Component | None = None
+    base: str = ""
+    lower: bool = False
+
+    @property
+    def side(self) -> int:
+        """1 if a limit is an upper bound, −1 if it is a lower bound."""
+        return -1 if self.lower else 1
+
+    @property
+    def extreme(self) -> str:
+        """The value that a limit bounds, in words: "largest" or "smallest"."""
+        return "smallest" if self.lower else "largest"
 
     @property
     def variable(self) -> str:
@@ -112,10 +140,13 @@ class PathQuantity:
         return i.root(self.squared(i)) if self.signed is None else self.signed(i)
 
     def exceeds(self, i: Any, bound: Any) -> Any:
-        """Return whether the quantity, divided by its `factor`, is larger than `bound`; computed without division."""
-        denominator = 1.0 if self.denominator is None else self.denominator(i)
-        above = self.numerator(i) > (bound if self.signed else bound**2) * denominator
-        return above if self.infinite is None else above | self.infinite(i)
+        """Return whether the quantity, divided by its `factor`, violates `bound`; computed without division."""
+        scaled = bound if self.signed else bound**2
+        numerator, limit = self.numerator(i), scaled if self.denominator is None else scaled * self.denominator(i)
+        if self.infinite is None:
+            return numerator < limit if self.lower else numerator > limit
+        infinite = self.infinite(i)
+        return (numerator < limit) & ~infinite if self.lower else (numerator > limit) | infinite
 
 
 def ratio(numerator: Any, denominator: Any) -> Any:
@@ -125,6 +156,12 @@ def ratio(numerator: Any, denominator: Any) -> Any:
     # XLA's compiler for CPUs splits the loop over the instants at each division, but not at the products of a root.
     quotient = numerator / divisor if is_host(numerator, divisor) else numerator * inverse_root(divisor) ** 2
     return xp.where(zero, xp.where(numerator > 0, xp.inf, 0.0 * numerator), quotient)
+
+
+def quotient(numerator: Any, square: Any) -> Any:
+    """Return numerator/√square; 0/0 is 0, and x/0 is infinite with the sign of x and zero gradient."""
+    pole = xp.where((square <= 0) & (numerator != 0), xp.inf * xp.sign(numerator), 0.0)
+    return numerator * inverse_root(square) + xp.where(pole == 0, 0.0, pole)
 
 
 def squared(x: Any) -> Any:

@@ -11,8 +11,9 @@ from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.argument import require_type
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
-from qtraj.path.path_quantity import PathQuantity, cubed, ratio, squared
+from qtraj.path.path_quantity import Component, PathQuantity, cubed, quotient, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
+from qtraj.path.sides import sides_of
 
 
 def _rate_square(i: Any) -> Any:
@@ -41,7 +42,12 @@ def _yaw_acceleration_numerator(i: Any) -> Any:
     ω̇_z = (P'SH − P(BH + SG))/√(SH)³ is the derivative of the yaw rate ω_z = P/√(SH), with the invariants S, H, P, B
     and G of `frenet.Invariants`.
     """
-    return squared(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
+    return squared(_yaw_growth(i))
+
+
+def _yaw_growth(i: Any) -> Any:
+    """Return √(SH)³ times the yaw acceleration (see `_yaw_acceleration_numerator`)."""
+    return i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G)
 
 
 _ENTRIES = (
@@ -65,6 +71,12 @@ _ENTRIES = (
         denominator=lambda i: squared(i.N),
         divisor="cross_norm",
         output="torsion_magnitude",
+        component=Component(
+            "torsion, positive where the path turns about its tangent like a right-handed screw",
+            numerator=lambda i: i.T,
+            denominator=lambda i: i.N,
+            value=lambda i: i.T * inverse_root(i.N) ** 2,
+        ),
     ),
     PathQuantity("speed", "v", "m s-1", 1, "speed", numerator=lambda i: i.S, bounds_speed=True),
     PathQuantity(
@@ -97,6 +109,13 @@ _ENTRIES = (
         numerator=lambda i: squared(i.B),
         denominator=lambda i: i.S,
         divisor="speed",
+        output="longitudinal_acceleration_magnitude",
+        component=Component(
+            "tangential acceleration, r' · r'' / |r'|; negative while braking",
+            numerator=lambda i: i.B,
+            denominator=lambda i: i.v,
+            value=lambda i: i.B * inverse_root(i.S),
+        ),
     ),
     PathQuantity(
         "slope",
@@ -108,6 +127,13 @@ _ENTRIES = (
         denominator=lambda i: i.H,
         divisor="speed",
         upright=True,
+        output="slope_magnitude",
+        component=Component(
+            "slope, rise over run relative to the horizontal plane; positive uphill",
+            numerator=lambda i: i.V,
+            denominator=lambda i: i.h,
+            value=lambda i: quotient(i.V, i.H),
+        ),
     ),
     PathQuantity(
         "angular_rate",
@@ -147,6 +173,13 @@ _ENTRIES = (
         divisor="level",
         upright=True,
         bounds_speed=True,
+        output="yaw_rate_magnitude",
+        component=Component(
+            "angular rate of the upright frame about its own z axis; positive in left turns",
+            numerator=lambda i: i.P,
+            denominator=lambda i: i.v * i.h,
+            value=lambda i: i.P * inverse_root(i.S) * inverse_root(i.H),
+        ),
     ),
     PathQuantity(
         "yaw_acceleration",
@@ -159,13 +192,23 @@ _ENTRIES = (
         square=_yaw_acceleration_square,
         divisor="level",
         upright=True,
+        output="yaw_acceleration_magnitude",
+        component=Component(
+            "angular acceleration of the upright frame about its own z axis; positive to the left",
+            numerator=_yaw_growth,
+            denominator=lambda i: i.S * i.H * (i.v * i.h),
+            value=lambda i: yaw(i, inverse_root(i.S), inverse_root(i.H))[1],
+        ),
     ),
 )
 
 QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)}
 """The quantities by their names in `Limits`, in display order."""
 
-TITLES = {entry.variable: entry.title for entry in QUANTITIES.values()}
+SIDES = sides_of(QUANTITIES.values())
+"""The sides of limits that bound signed values (see `sides`), by name."""
+
+TITLES = {entry.variable: entry.title for entry in (*SIDES.values(), *QUANTITIES.values())}
 """The titles of the quantities in figures and reports, by the names of the outputs."""
 
 
@@ -200,13 +243,19 @@ d is at least the distance between the paths, because a chord is shorter than it
 """
 
 
+_KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR}
+
+
 def quantity(name: str) -> PathQuantity:
-    """Return the path quantity with this name.
+    """Return the path quantity, or the side of a limit, with this name.
 
     **Raises:** ValueError for an unknown name.
     """
-    entries = QUANTITIES | {CORRIDOR.name: CORRIDOR}
     require_type(name, str, "the name of a path quantity", "a string such as 'curvature'")
-    if name not in entries:
-        raise ValueError(f"unknown path quantity {name!r}; the known quantities are {', '.join(entries)}")
-    return entries[name]
+    if name not in _KNOWN:
+        known = ", ".join((*QUANTITIES, CORRIDOR.name))
+        raise ValueError(
+            f"unknown path quantity {name!r}; the known quantities are {known}, and the sides "
+            "of two-sided limits, with the endings _min and _max"
+        )
+    return _KNOWN[name]

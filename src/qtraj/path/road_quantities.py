@@ -5,7 +5,7 @@ from typing import Any
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.namespace import xp
 from qtraj.path import contact
-from qtraj.path.path_quantity import LOAD, VEHICLE, PathQuantity, ratio, squared
+from qtraj.path.path_quantity import LOAD, VEHICLE, Component, PathQuantity, ratio, squared
 
 
 def _friction_square(i: Any) -> Any:
@@ -40,6 +40,14 @@ ROAD_QUANTITIES = (
         divisor="speed",
         upright=True,
         needs=VEHICLE,
+        output="longitudinal_force_magnitude",
+        component=Component(
+            "net force of the road on the tyres along the path, against inertia, gravity and drag; negative while "
+            "braking",
+            numerator=lambda i: i.vehicle.mass * i.contact.along,
+            denominator=lambda i: i.v,
+            value=lambda i: i.vehicle.mass * (i.contact.along * inverse_root(i.S)),
+        ),
     ),
     PathQuantity(
         "lateral_force",
@@ -53,6 +61,13 @@ ROAD_QUANTITIES = (
         upright=True,
         bounds_speed=True,
         needs=VEHICLE,
+        output="lateral_force_magnitude",
+        component=Component(
+            "lateral force in the plane of the road; positive to the left",
+            numerator=lambda i: i.vehicle.mass * i.contact.across,
+            denominator=lambda i: i.v * i.h,
+            value=lambda i: i.vehicle.mass * (i.contact.across * (inverse_root(i.S) * inverse_root(i.H))),
+        ),
     ),
     PathQuantity(
         "normal_load",

@@ -56,7 +56,10 @@ WHERE_UNDEFINED = {
 
 
 class Finding(NamedTuple):
-    """The finding on one limit of one path: its status, and the time [s] and value of the maximum of the quantity."""
+    """The finding on one limit of one path: its status, and the time [s] and value of the maximum of the quantity.
+
+    For a lower bound, it is the minimum.
+    """
 
     name: str
     status: str
@@ -72,7 +75,12 @@ class Finding(NamedTuple):
     @property
     def active(self) -> bool:
         """Whether the limit is satisfied with a relative margin of at most 1e-6."""
-        return self.met and self.limit - self.value <= ACTIVE_MARGIN * self.limit
+        return self.met and self.margin <= ACTIVE_MARGIN * abs(self.limit)
+
+    @property
+    def margin(self) -> float:
+        """The distance of the value from the limit; negative if the limit is violated."""
+        return quantity(self.name).side * (self.limit - self.value)
 
     @property
     def label(self) -> str:
@@ -81,20 +89,21 @@ class Finding(NamedTuple):
 
     @property
     def text(self) -> str:
-        """A description of the largest value and the limit."""
+        """A description of the worst value and the limit."""
         if math.isnan(self.value):
             where = WHERE_UNDEFINED[quantity(self.name).divisor or "speed"]
             return f"undefined at t = {self.time:.4g} s, where {where}"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
-        rounds_to_limit = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
-        violation = f" (relative violation {self.value / self.limit - 1:.1e})" if rounds_to_limit else ""
-        if self.status == STATUSES[BROKEN] and self.value <= self.limit:
+        rounds_to_limit = not self.met and self.margin < 0 and f"{self.limit:.6g}" == texts[0]
+        violation = f" (relative violation {-self.margin / abs(self.limit):.1e})" if rounds_to_limit else ""
+        if self.status == STATUSES[BROKEN] and self.margin >= 0:
             violation = " (violated by less than the rounding error of the value)"
-        return f"{texts[0]} of {texts[1]}{violation} at t = {self.time:.4g} s"
+        of = "for a lower bound of" if quantity(self.name).lower else "of"
+        return f"{texts[0]} {of} {texts[1]}{violation} at t = {self.time:.4g} s"
 
     @property
     def statement(self) -> str:
-        """A sentence with the name of the quantity, its status, the largest value and the limit."""
+        """A sentence with the name of the quantity, its status, the worst value and the limit."""
         if math.isnan(self.value):
             return f"{self.name} is {self.text}"
         return f"the limit on {self.name} is {self.status}: {self.text}"
@@ -108,8 +117,8 @@ class Certificate(AbstractOutcome):
 
     - `names`: the names of the limited quantities.
     - `codes`: the codes of the statuses; `status` contains them as strings.
-    - `times` [s] and `values`: the time and value of the maximum found. If a quantity is undefined, the time is an
-      instant at which it is undefined, and the value is NaN.
+    - `times` [s] and `values`: the time and value of the maximum found, or of the minimum for a lower bound. If a
+      quantity is undefined, the time is an instant at which it is undefined, and the value is NaN.
     - `limits`: the values of the limits.
     - `code`: the `ResultCode` of the whole path; `result` explains it.
 
@@ -137,7 +146,10 @@ class Certificate(AbstractOutcome):
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
-        """The tuple (time [s], value, limit) for the largest value of each quantity, by name."""
+        """The tuple (time [s], value, limit) for the worst value of each quantity, by name.
+
+        This is the largest value, or the smallest one for a lower bound.
+        """
         arrays = [_concrete(x) for x in (self.times, self.values, self.limits)]
         return {name: (*(_plain(x[..., k]) for x in arrays),) for k, name in enumerate(self.names)}
 
@@ -157,9 +169,9 @@ class Certificate(AbstractOutcome):
         return [finding.name for finding in self.findings() if not finding.met]
 
     def margin(self, name: str) -> Any:
-        """Return the limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
+        """Return the distance of the worst value from the limit; negative if the limit is violated."""
         _, value, limit = self.worst[name]
-        return limit - value
+        return quantity(name).side * (limit - value)
 
     @property
     def active(self) -> list[str]:
@@ -179,7 +191,7 @@ class Certificate(AbstractOutcome):
         return "; ".join(texts) or "no limits"
 
     def describe(self, name: str) -> str:
-        """Describe the largest value of one quantity of one path, and its limit."""
+        """Describe the worst value of one quantity of one path, and its limit."""
         return self.findings()[self.names.index(name)].text
 
     def findings(self, at: tuple[int, ...] = ()) -> list[Finding]:
@@ -214,9 +226,14 @@ class Certificate(AbstractOutcome):
         variables = {
             "status": Quantity(statuses, "", f"one of {', '.join(STATUSES)}", dims),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit", dims),
-            "worst_value": Quantity(self.values, "", "largest value found, in limit_unit; NaN if undefined", dims),
+            "worst_value": Quantity(
+                self.values,
+                "",
+                "largest value found, or smallest for a lower bound, in limit_unit; NaN if undefined",
+                dims,
+            ),
             "worst_time": Quantity(
-                self.times, "s", "time of the largest value, or an instant at which the quantity is undefined", dims
+                self.times, "s", "time of the worst value, or an instant at which the quantity is undefined", dims
             ),
         }
         coordinates = {

@@ -91,9 +91,10 @@ class _Task:
         proved, refuted, hints = self._decided(limit, provable)
         at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
         with np.errstate(invalid="ignore"):
-            sampled = xp.where(values <= limit.bounds, SAMPLED, xp.where(values > limit.bounds, BROKEN, UNDECIDED))
+            excess = entry.side * (values - limit.bounds)
+            sampled = xp.where(excess <= 0, SAMPLED, xp.where(excess > 0, BROKEN, UNDECIDED))
         codes = xp.where(provable, np.where(proved, PROVED, np.where(refuted, BROKEN, UNDECIDED)), sampled)
-        values = xp.where(proved, xp.minimum(values, limit.bounds), values)
+        values = xp.where(proved & (excess > 0), limit.bounds, values)
         if entry.divisor is not None:
             state, zero_at = self._divisor(entry.divisor)
             codes = xp.where((state == UNDECIDED) & (codes != BROKEN), UNDECIDED, codes)
@@ -103,7 +104,7 @@ class _Task:
         return codes.astype(np.int32), at * self.source.duration, values
 
     def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
-        """Decide whether the quantity does not exceed its limit."""
+        """Decide whether the quantity satisfies its limit."""
         entry, factors = limit.entry, limit.factors
 
         def in_floats() -> Any:
@@ -184,17 +185,20 @@ class _Task:
         return vehicle._replace(gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length)
 
     def _largest(self, limit: Limit, hints: np.ndarray | None, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the instant and the largest value of a quantity, in SI units."""
+        """Return the instant and the largest value of a quantity, or the smallest for a lower bound, in SI units."""
         entry, source, grid = limit.entry, self.source, self._grid(provable)
 
         def function(u: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                return xp.broadcast_to(entry.value(self._at(u)), (len(u), source.count))
+                return xp.broadcast_to(entry.side * entry.value(self._at(u)), (len(u), source.count))
 
         known = [x for x in (None if hints is None else hints[None], self._small(entry.divisor, grid)) if x is not None]
         at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
-            return at, limit.factors * values * source.length**entry.length / source.duration**entry.per_time
+            return (
+                at,
+                entry.side * limit.factors * values * source.length**entry.length / source.duration**entry.per_time,
+            )
 
     def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
         """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""

@@ -1,12 +1,13 @@
 """Limits as claims: limit² · denominator − numerator is not negative, and the divisor of the quantity is positive.
 
-The formulas are those of the registry, over polynomials; quantities of a vehicle on a road also contain the roots √S of
-the squared speed and √H of the squared horizontal speed (see `algebra.surd`).
+The formulas are those of the registry, over polynomials; signed quantities and those of a vehicle on a road also
+contain the roots √S of the squared speed and √H of the squared horizontal speed (see `algebra.surd`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from qtraj.algebra.sparse import is_one, mul
@@ -40,6 +41,20 @@ class Bound(NamedTuple):
     factor: Any = None
 
 
+class RootedInvariants(Invariants):
+    """Invariants that are polynomials, with the roots v = √S and h = √H for signed quantities."""
+
+    @cached_property
+    def v(self) -> Any:
+        """The speed v = √S."""
+        return Surd((0, 1, 0, 0), (self.S, self.H))
+
+    @cached_property
+    def h(self) -> Any:
+        """The horizontal speed h = √H."""
+        return Surd((0, 0, 1, 0), (self.S, self.H))
+
+
 class RoadInvariants:
     """The invariants in the formulas of `contact`, which may contain the roots v = √S and h = √H."""
 
@@ -64,7 +79,7 @@ class Formulas:
         self.span, self._squared_span = derivatives.span, 1
         if not is_one(self.span):
             self._squared_span = constant(self.span) * constant(self.span)
-        self.invariants = Invariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
+        self.invariants = RootedInvariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
         self._road: RoadInvariants | None = None
 
     @property
@@ -75,14 +90,14 @@ class Formulas:
         return self._road
 
     def within(self, entry: PathQuantity, bound: Bound) -> Claim:
-        """Return the claim that a quantity does not exceed its limit."""
+        """Return the claim that a quantity satisfies its limit."""
         i: Any = self.road if entry.on_road else self.invariants
         numerator = entry.numerator(i)
         if bound.factor is not None:
             numerator = bound.factor * bound.factor * numerator
         limit = bound.limit if entry.signed else bound.limit * bound.limit
         scaled = limit if entry.denominator is None else limit * entry.denominator(i)
-        return self._claim(scaled - numerator)
+        return self._claim(numerator - scaled if entry.lower else scaled - numerator)
 
     def divisor(self, name: str, fastest: Any) -> Claim:
         """Return the claim that a divisor does not vanish: it must be positive.

@@ -10,7 +10,7 @@ from qtraj.foundation.number_text import intervals, number
 
 
 def limit_rows(findings: Iterable[Finding], more: Mapping[str, str], digits_of_time: int = 4) -> list[tuple[str, ...]]:
-    """Return name with unit, largest value, limit, time [s], an additional text and status of each limit.
+    """Return name with unit, worst value, limit, time [s], an additional text and status of each limit.
 
     `more` contains the additional texts by the names of the limits; a dash replaces a missing text.
     """
@@ -48,5 +48,5 @@ def violation_texts(certificate: RouteCertificate) -> list[str]:
 
 
 def _margin_texts(x: Finding) -> tuple[str, ...]:
-    margin = "active" if x.active else number(x.limit - x.value, 3, sign="+")
+    margin = "active" if x.active else number(x.margin, 3, sign="+")
     return number(x.value), number(x.limit), margin, number(x.time, 4), x.status

@@ -54,7 +54,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     results = findings(segments, [Limit(quantity(n), *x) for n, *x in zip(names, bounds, factors, strict=True)], road)
     times = results.times + starts[:, None]
     codes, column = worst(results.codes), np.arange(len(names))
-    candidates = np.where(results.codes == codes[None], results.values, -np.inf)
+    side = np.array([quantity(name).side for name in names])
+    candidates = np.where(results.codes == codes[None], side * results.values, -np.inf)
     row = np.argmax(np.where(np.isnan(candidates), np.inf, candidates), axis=0)
     whole = Certificate(names, codes, times[row, column], results.values[row, column], bounds)
     parts = Certificate(names, results.codes, times, results.values, np.broadcast_to(bounds, results.codes.shape))
@@ -71,9 +72,9 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
 def _intervals(
     segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
 ) -> list[tuple[float, float]]:
-    """Return the intervals in which a quantity exceeds its bound, in the segments `rows`.
+    """Return the intervals in which a quantity violates its bound, in the segments `rows`.
 
-    `peaks` are times at which the quantity exceeds its bound, one per segment, measured from the start of the segment.
+    `peaks` are times at which the quantity violates its bound, one per segment, measured from the start of the segment.
     """
     if not rows.size:
         return []
@@ -109,7 +110,7 @@ def _intervals(
 def _exceeds(
     values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None
 ) -> np.ndarray:
-    """Check whether a quantity exceeds its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
+    """Check whether a quantity violates its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
 
     The times are measured from the start of the segment, and `values` returns the derivatives.
     """

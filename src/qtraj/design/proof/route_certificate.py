@@ -57,7 +57,7 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
-        """The tuple (time [s], value, limit) for the largest value of each quantity, by name."""
+        """The tuple (time [s], value, limit) for the worst value of each quantity, by name."""
         return self.whole.worst
 
     @property
@@ -81,27 +81,26 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.active
 
     def margin(self, name: str) -> Any:
-        """Return the limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
+        """Return the distance of the worst value from the limit; negative if the limit is violated."""
         return self.whole.margin(name)
 
     def margins(self, name: str) -> Float[np.ndarray, " segments"]:
         """Return the margin of each segment; NaN if the quantity is undefined in the segment."""
-        _, values, limits = self.segments.worst[name]
-        return np.asarray(limits - values)
+        return np.asarray(self.segments.margin(name))
 
     def intervals(self, name: str) -> list[tuple[float, float]]:
         """Return the intervals (start, end) [s] in which a limit is violated, in order.
 
         An interval starts and ends where the quantity crosses the limit, or at an end of a segment. In each segment
         that violates the limit, the crossings are located by repeated subdivision between 65 equally spaced instants
-        and the instant of the largest value.
+        and the instant of the worst value.
         """
         k = self.names.index(name)
         intervals = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
         return [(float(a), float(b)) for a, b in intervals]
 
     def describe(self, name: str) -> str:
-        """Describe the largest value of one quantity on the route, and its limit."""
+        """Describe the worst value of one quantity on the route, and its limit."""
         return self.whole.describe(name)
 
     def findings(self, at: tuple[int, ...] = ()) -> Sequence[Finding]:

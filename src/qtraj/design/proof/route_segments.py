@@ -76,9 +76,10 @@ def _kind(limit: Limit) -> str:
     """Return how the limit is judged next to a stop."""
     if limit.entry.divisor is None:
         return "path"
-    if limit.entry.name in DIRECTIONS:
+    name = limit.entry.base or limit.entry.name
+    if name in DIRECTIONS:
         return "direction"
-    return "component" if limit.entry.name in COMPONENTS else "shape"
+    return "component" if name in COMPONENTS else "shape"
 
 
 def _judge(
@@ -117,7 +118,10 @@ def _at_rest(limits: Sequence[Limit], road: RoadParameters | None) -> tuple[np.n
         one: Any = np.ones(())
         forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
         values = np.array([float(x.entry.value(forces)) if x.entry.on_road else 0.0 for x in limits])
-    proved, broken = values * (1 + ZERO) < bounds, values * (1 - ZERO) > bounds
+    side = np.array([x.entry.side for x in limits])
+    margin = side * (bounds - values)
+    proved, broken = margin > ZERO * np.abs(values), margin < -ZERO * np.abs(values)
+    proved |= (values == 0) & (bounds == 0)
     return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), values
 
 

@@ -26,7 +26,7 @@ from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
 LARGEST = 1e12
@@ -58,9 +58,9 @@ def largest(
     length = span * xp.sqrt(highest)
     rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
-        entry = QUANTITIES[name]
+        entry = quantity(name)
         if name not in ROAD:
-            rates.append((bound / length**entry.length) ** (1 / entry.per_time))
+            rates.append((abs(bound) / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
             gravity = xp.sqrt(bound * vehicle.gravity / length)
             rates.append(gravity if name == "friction" else xp.cbrt(bound / vehicle.mass / length**2))
@@ -108,6 +108,11 @@ def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
         rest = aa - np.where(limited, ab * ab / size, 0.0)
         left = 1 - np.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
         low, high = _within(low, high, limited | (left < 0), -a * ab / size, left / size)
+    for shift, p, q in c.sides:
+        limited, rest = np.abs(q) * a > 1, 1 - shift - p * a
+        slope = rest / np.where(limited, q, 1.0)
+        low = np.where(limited & (q < 0), np.maximum(low, slope), np.where(~limited & (rest < 0), np.inf, low))
+        high = np.where(limited & (q > 0), np.minimum(high, slope), high)
     if c.road is None:
         return low, high
     x0, x1, x2 = c.road.along

@@ -16,19 +16,20 @@ from collections.abc import Sequence
 from typing import Any
 
 from qtraj.algebra.signs import Signs
-from qtraj.algebra.surd import Claim
+from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosed, Root, at_bounds
+from qtraj.design.timing.sided import SIDED, SLOWEST, YAW_RATES
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
-THIRD = ("jerk", "yaw_acceleration", "angular_rate")
+THIRD = ("jerk", "yaw_acceleration", "yaw_acceleration_min", "yaw_acceleration_max", "angular_rate")
 """Limits that contain the third derivative of the path; all others need two derivatives."""
 
 
@@ -76,7 +77,36 @@ class CellClaims:
         """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""
         if name in ROAD:
             return self._road(name, limit)
-        return Claim(self._slack(name, limit * limit))
+        if name in YAW_RATES:
+            return self._yaw_rate(name, limit)
+        return Claim(self._side(name, limit) if name in SIDED else self._slack(name, limit * limit))
+
+    def _side(self, name: str, limit: Any) -> Any:
+        """Return a number that is not negative if a limit on one side is satisfied."""
+        i, side = self._own, quantity(name).side
+        if name == SLOWEST:
+            return self._real.S * self.motion.a - limit * limit
+        if name.startswith("longitudinal"):
+            return Surd((-side * self._along(), 2 * side * limit, 0, 0), (i.S, i.H))
+        return Surd((-side * self._turning(), 0, 0, 2 * side * limit * (i.S * i.H)), (i.S, i.H))
+
+    def _yaw_rate(self, name: str, limit: Any) -> Combined:
+        """Return the claim that the path turns to the other side, or that the yaw rate is small enough."""
+        i, side = self._own, quantity(name).side
+        slack = limit * limit * (i.S * i.H) - (i.P * i.P) * self.motion.a
+        return Combined(Claim(-side * i.P), Claim(slack), either=True)
+
+    def _along(self) -> Any:
+        """Return twice the acceleration in the direction of q, times |q|."""
+        m = self.motion
+        return 2 * (dot(self._own.r[1], self._real.r[2]) * m.a) + self._times_factor(self._own.S * m.slope)
+
+    def _turning(self) -> Any:
+        """Return twice the yaw acceleration times √(SH)³."""
+        i, m = self._own, self.motion
+        SH = i.S * i.H
+        growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
+        return 2 * (growth * m.a) + (i.P * SH) * m.slope
 
     def _slack(self, name: str, bound: Any) -> Any:
         m, real, i, a = self.motion, self._real, self._own, self.motion.a
@@ -84,11 +114,11 @@ class CellClaims:
             across = cross(i.r[1], real.r[2])
             return bound * i.S - dot(across, across) * (a * a)
         if name in UPPER:
-            entry, own = QUANTITIES[name], real if name == "speed" else i
+            entry, own = quantity(name), real if name == "speed" else i
             numerator = entry.numerator(own) * a
             return (bound if entry.denominator is None else bound * entry.denominator(own)) - numerator
         if name == "longitudinal_acceleration":
-            along = 2 * (dot(i.r[1], real.r[2]) * a) + self._times_factor(i.S * m.slope)
+            along = self._along()
             return 4 * (bound * i.S) - along * along
         if name == "acceleration":
             return 4 * bound - dot(*2 * [self._doubled()])
@@ -96,9 +126,7 @@ class CellClaims:
             rows = zip(real.r[3], real.r[2], real.r[1], strict=True)
             double = tuple(2 * (p * a) + 3 * (q * m.slope) + x * m.bend for p, q, x in rows)
             return 4 * bound - a * dot(double, double)
-        SH = i.S * i.H
-        growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
-        turning = 2 * (growth * a) + (i.P * SH) * m.slope
+        SH, turning = i.S * i.H, self._turning()
         return 4 * (bound * (SH * (SH * SH))) - turning * turning
 
     def _doubled(self) -> tuple[Any, ...]:
@@ -116,7 +144,7 @@ class CellClaims:
             vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * pace if own.drag else 0)
             self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
         i: Any = self._on_road
-        entry: Any = QUANTITIES[name]
+        entry: Any = quantity(name)
         if name == "friction":
             slack, load = (limit * limit) * entry.denominator(i) - entry.numerator(i), i.contact.onto
             if self.roots is None:

@@ -24,26 +24,27 @@ from jaxtyping import Float
 
 from qtraj.design.timing import road
 from qtraj.design.timing.road import ROAD, Road
+from qtraj.design.timing.sided import SIDED, SLOWEST, YAW_RATES, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
-UPPER = ("speed", "lateral_acceleration", "yaw_rate", "angular_rate")
+UPPER = ("speed", "lateral_acceleration", "yaw_rate", *YAW_RATES, "angular_rate")
 """Limits that are upper bounds on a = u̇²."""
 
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 """Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
-NAMES = (*UPPER, *FORMS, "jerk", *ROAD)
+NAMES = (*UPPER, *FORMS, *SIDED, "jerk", *ROAD)
 """Limits that depend on the timing. Arrays have this order, and omit absent limits."""
 
-POWERS = {name: 0.5 * QUANTITIES[name].per_time for name in NAMES if name not in ROAD}
+POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ROAD, SLOWEST)}
 """For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
 
-Friction and power have no such exponent, because gravity does not depend on a.
+Friction and power have no such exponent, because gravity does not depend on a. A lower bound on the speed has none.
 """
 
 STANDING = 1e-8
@@ -59,14 +60,16 @@ def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
 
 
 class Constraints(NamedTuple):
-    """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, and `road`.
+    """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, `sides` and `road`.
 
     Here a = u̇², and a prime denotes the derivative with respect to the path parameter u. There is one form for each
-    limit of `FORMS` that is set. `jerk` is None without a limit on the jerk, and `road` is None without a vehicle.
+    limit of `FORMS` that is set. `sides` are the coefficients of 1, a and a' in functions that are at most 1, one for
+    each limit of `SIDED` that is set. `jerk` is None without a limit on the jerk, and `road` is None without a vehicle.
     """
 
     upper: Float[Any, "*nodes"]
     forms: Float[Any, "forms 2 2 *nodes"]
+    sides: Float[Any, "sides 3 *nodes"]
     jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
 
@@ -77,8 +80,13 @@ class Constraints(NamedTuple):
 
     @property
     def before_road(self) -> int:
-        """Number of constraints at each node without those of `road`: the upper bound, the forms and the jerk."""
-        return 1 + len(self.forms) + (self.jerk is not None)
+        """Number of constraints at each node without those of `road`."""
+        return self.before_jerk + (self.jerk is not None)
+
+    @property
+    def before_jerk(self) -> int:
+        """Number of constraints at each node up to the jerk: the upper bound, the forms and the sides."""
+        return 1 + len(self.forms) + len(self.sides)
 
     @property
     def orders(self) -> int:
@@ -95,6 +103,7 @@ class Parts(NamedTuple):
 
     upper: Float[Any, "uppers *nodes"]
     forms: Float[Any, "forms 2 2 *nodes"]
+    sides: Float[Any, "sides 3 *nodes"]
     jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
 
@@ -103,7 +112,7 @@ class Parts(NamedTuple):
         xp = namespace(self.upper, largest)
         upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
         upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
-        return Constraints(upper, self.forms, self.jerk, self.road)
+        return Constraints(upper, self.forms, self.sides, self.jerk, self.road)
 
 
 def parts(
@@ -129,14 +138,17 @@ def parts(
     turning = growth, half * rate
     forms = dict(zip(FORMS, (_square(*along), _square(*turning), (i.A, half * i.B, half * half * i.S)), strict=True))
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
-    scaled = xp.stack([_symmetric(x) for x in own]) if own else xp.zeros((0, 2, 2, *square.shape), square.dtype)
+    scaled = _stacked([_symmetric(x) for x in own], (2, 2), square)
+    rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning]), strict=True))
+    # Where r' = 0, the direction of motion may be opposite to `ahead`.
+    sides = [xp.where(moving, xp.stack(row(name, rates[name], bounds)), 0.0) for name in SIDED if name in bounds]
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = _symmetric(entries / bounds["jerk"] ** 2)
     upper = [_upper(name, i, bounds[name], moving) for name in UPPER if name in bounds]
-    found = Parts(xp.stack(upper) if upper else xp.zeros((0, *square.shape), square.dtype), scaled, jerk)
+    found = Parts(_stacked(upper, (), square), scaled, _stacked(sides, (3,), square), jerk)
     if vehicle is None:
         return found
     direction = xp.stack(ahead) * inv_ahead[None]
@@ -145,10 +157,18 @@ def parts(
     return found._replace(road=road.without(on_road, ~moving))
 
 
+def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]) -> Any:
+    """Return the rows as one array; each row has the axes `shape` before those of `like`."""
+    xp = namespace(like, *rows)
+    return xp.stack(rows) if rows else xp.zeros((0, *shape, *like.shape), like.dtype)
+
+
 def _upper(name: str, i: Any, bound: Scalar, moving: Any) -> Any:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
-    entry = QUANTITIES[name]
+    entry = quantity("yaw_rate" if name in YAW_RATES else name)
     xp, square = namespace(moving, bound, i.S), entry.numerator(i)
+    if name in YAW_RATES:
+        square = xp.where(quantity(name).side * i.P > 0, square, 0.0)
     if entry.denominator is not None:
         # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
         divisor = entry.denominator(i)
@@ -177,9 +197,10 @@ def _square(p: Any, q: Any) -> tuple[Any, Any, Any]:
 def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraints:
     """Return the same constraints with their limits divided by `factors`."""
     own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
-    squares, forms = factors[1:] ** 2, c.forms.shape[0]
-    jerk = None if c.jerk is None else c.jerk * squares[None, None, forms]
-    return Constraints(c.upper * factors[0], c.forms * squares[:forms, None, None], jerk, own)
+    forms = factors[1 : 1 + len(c.forms), None, None] ** 2
+    sides = factors[1 + len(c.forms) : c.before_jerk, None]
+    jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2
+    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own)
 
 
 def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:
@@ -188,9 +209,10 @@ def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"
     `v` contains a = u̇² and its derivatives with respect to the path parameter.
     """
     xp = namespace(v, p.upper)
-    squares, on_road = _squares(p, v), [] if p.road is None else road.used(p.road, v)
+    on_road = [] if p.road is None else road.used(p.road, v)
     upper = p.upper * xp.maximum(v[0], 0.0)[None]
-    return xp.concatenate([upper, *(xp.sqrt(xp.maximum(x, 0.0)) for x in squares), *(x[None] for x in on_road)])
+    forms, *jerk = (xp.sqrt(xp.maximum(x, 0.0)) for x in _squares(p, v))
+    return xp.concatenate([upper, forms, _affine(p.sides, v), *jerk, *(x[None] for x in on_road)])
 
 
 def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[Any, "limits *nodes"]:
@@ -203,8 +225,9 @@ def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[A
 def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
     """Return the constraint values, which must not be positive."""
     on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
-    upper = (c.upper * v[0])[None]
-    return namespace(v, c.upper).concatenate([*(x - 1 for x in (upper, *_squares(c, v))), *on_road])
+    upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
+    own = [x - 1 for x in (upper, forms, _affine(c.sides, v), *jerk)]
+    return namespace(v, c.upper).concatenate([*own, *on_road])
 
 
 def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
@@ -212,8 +235,8 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     xp = namespace(v, c.upper)
     zero = xp.zeros_like(v[:1] * c.upper[None])
     found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    forms = 2 * _products(xp, c.forms, v)
-    found.append(forms if c.jerk is None else xp.concatenate([forms, xp.zeros_like(forms[:, :1])], axis=1))
+    flat = xp.concatenate([2 * _products(xp, c.forms, v), c.sides[:, 1:] + 0.0 * v[0]])
+    found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
     if c.jerk is not None:
         slope = _product(xp, c.jerk, v)
         own = 2 * v[0][None] * slope
@@ -241,7 +264,7 @@ def second_derivatives(
     count = c.forms.shape[0]
     found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
     if c.jerk is not None:
-        own, last = _product(np, c.jerk, v), multipliers[1 + count]
+        own, last = _product(np, c.jerk, v), multipliers[c.before_jerk]
         found += 2 * last * v[0] * c.jerk
         found[0] += last * own
         found[:, 0] += last * own
@@ -266,6 +289,11 @@ def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Flo
     xp = namespace(v, c.upper)
     forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
     return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
+
+
+def _affine(sides: Float[Any, "sides 3 *nodes"], v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
+    """Return the functions of the limits on one side."""
+    return sides[:, 0] + sides[:, 1] * v[0] + sides[:, 2] * v[1]
 
 
 def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:

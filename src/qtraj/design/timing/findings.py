@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 
 
 def with_straight(
@@ -63,9 +63,9 @@ def certificate(
     whole = xp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[xp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:
         x, y = xp.asarray(polynomials.placement.orientation)[1:3]
-        vertical = np.array([QUANTITIES[name].upright for name in names])
+        vertical = np.array([quantity(name).upright for name in names])
         whole = xp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
-    over = values > limits
+    over = np.array([quantity(name).side for name in names]) * (values - limits) > 0
     whole = xp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
     values = xp.where(xp.any(undefined(codes), axis=1), np.nan, values)
     return Certificate(names, whole, times, values, limits)

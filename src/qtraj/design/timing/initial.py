@@ -39,6 +39,7 @@ def initial(p: Program) -> Float[Any, "batch cells+3"]:
     most = np.minimum(RANGE * highest.min(axis=1), largest.min(axis=1))  # finite at stops, too
     highest = np.minimum(highest, most[:, None])
     pace = np.sqrt(np.max(c.forms[:, 1, 1, :, 0], axis=0, initial=0.0))
+    pace = np.maximum(pace, np.max(np.abs(c.sides[:, 2, :, 0]), axis=0, initial=0.0))
     pace = pace if c.road is None else np.maximum(pace, np.abs(c.road.along[2, :, 0]))
     # The least value matters where the acceleration is unlimited.
     pace = np.maximum(pace, 2 * count / RAMP / highest.max(axis=1, keepdims=True))

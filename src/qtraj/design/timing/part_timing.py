@@ -19,6 +19,7 @@ from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.relaxed import Task
 from qtraj.design.timing.search import Found, Problem, fastest, last_gap
+from qtraj.design.timing.sided import excludes_zero
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
 from qtraj.design.timing.tables import tables
@@ -37,7 +38,10 @@ ACCURACY, CHANGE, ATTEMPTS = 0.2, 0.3, 6
 """As fractions of the tolerance, the accuracy of the cells, and the change of the duration at which cells are no longer
 halved; and how often they are halved."""
 
-COUPLED, FINER = {"acceleration", "yaw_acceleration", "jerk", "friction", "power"}, 0.2
+COUPLED, FINER = (
+    {"acceleration", "yaw_acceleration", "yaw_acceleration_min", "yaw_acceleration_max", "jerk", "friction", "power"},
+    0.2,
+)
 """Limits with which the relaxed timing is faster than the fastest one, and without which the accuracy of the cells is
 multiplied by `FINER` if the duration hardly changes."""
 
@@ -149,7 +153,7 @@ def _on_chosen_cells(
     """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
     accuracy = ACCURACY * p.tolerance
     cells, least = chosen(shape, task, accuracy)
-    exact = np.isfinite(least) and not COUPLED & set(p.names)
+    exact = np.isfinite(least) and not COUPLED & set(p.names) and not excludes_zero(p.bounds)
     if "jerk" in p.bounds:
         cells, _ = chosen(shape, task, COARSE)
     found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
@@ -171,15 +175,14 @@ def _on_chosen_cells(
                 accuracy *= FINER
                 continue
             halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
-        cells = halved
-        grid = cells.grid(shape.spans, part.first)
+        grid = halved.grid(shape.spans, part.first)
         finer = _searched(p, part, grid, ends, rest, found)
         if not finer.found.error < finer.enough:
             finer = _searched(p, part, grid, ends, rest)
-        times = finer.times()
-        gained = before - times.sum()
+        gained = before - finer.times().sum()
         if gained > 0:
-            found, excess = finer, times.sum() - least if exact else min(times.sum() - least, gained)
+            found, cells, times = finer, halved, finer.times()
+            excess = times.sum() - least if exact else min(times.sum() - least, gained)
         if not gained > CHANGE * p.tolerance * before:
             if not exact or np.isnan(gained):
                 break

@@ -13,7 +13,8 @@ import numpy as np
 
 from qtraj.design.timing.part_timing import Posed
 from qtraj.design.timing.road import ROAD
-from qtraj.path.quantity import QUANTITIES
+from qtraj.design.timing.sided import SIDED
+from qtraj.path.quantity import quantity
 
 STEPS = 16
 """Largest number of timings for the factor."""
@@ -21,12 +22,12 @@ STEPS = 16
 
 def scaled(bounds: dict[str, Any], factor: float) -> dict[str, Any]:
     """Return the limits with those on accelerations multiplied by `factor`, and that on the jerk by its power 1.5."""
-    return {name: bound * factor ** _exponent(name) for name, bound in bounds.items()}
+    return {name: bound * factor ** _exponent(name, bound) for name, bound in bounds.items()}
 
 
-def ratios(names: tuple[str, ...], factor: float) -> np.ndarray:
+def ratios(names: tuple[str, ...], bounds: dict[str, Any], factor: float) -> np.ndarray:
     """Return the ratios of the scaled limits to the given ones."""
-    return np.array([factor ** _exponent(name) for name in names])
+    return np.array([factor ** _exponent(name, bounds[name]) for name in names])
 
 
 def gentlest(p: Posed, wanted: float, keeps_ends: bool, duration: Callable[[Posed], float]) -> tuple[Posed, float]:
@@ -37,7 +38,7 @@ def gentlest(p: Posed, wanted: float, keeps_ends: bool, duration: Callable[[Pose
     down the whole motion.
     """
     own = p._replace(polynomials=None)  # without proofs
-    scalable = any(_exponent(name) > 0 for name in p.names)
+    scalable = any(_exponent(name, p.bounds[name]) > 0 for name in p.names)
 
     def with_factor(factor: float) -> float:
         return duration(own._replace(bounds=scaled(p.bounds, factor)))
@@ -76,6 +77,8 @@ def factor_for(duration: Callable[[float], float], wanted: float, tolerance: flo
     return best
 
 
-def _exponent(name: str) -> float:
-    per_time = QUANTITIES[name].per_time
-    return 0.0 if name in ROAD or per_time < 2 else 0.5 * per_time
+def _exponent(name: str, bound: Any) -> float:
+    """Return the exponent of the factor; a limit that does not allow zero does not change."""
+    per_time = quantity(name).per_time
+    excludes_zero = name in SIDED and quantity(name).side * float(bound) <= 0
+    return 0.0 if name in ROAD or per_time < 2 or excludes_zero else 0.5 * per_time

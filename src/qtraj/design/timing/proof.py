@@ -26,7 +26,7 @@ from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
 from qtraj.path.path_quantity import LOAD
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 512
@@ -118,7 +118,7 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
     for name, limit in limits.items():
-        wanted, divisor = finite & np.isfinite(limit), QUANTITIES[name].divisor
+        wanted, divisor = finite & np.isfinite(limit), quantity(name).divisor
         found = task.decided(wanted, lambda claims, bound, name=name: claims.within(name, bound(name)))
         if divisor not in positive:
             own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
@@ -174,12 +174,12 @@ class _Task:
         return self._integers[k]
 
     def _float_limit(self, name: str) -> BoundedPolynomial:
-        per_time = QUANTITIES[name].per_time
+        per_time = quantity(name).per_time
         return BoundedPolynomial.constant(self._limits[name] * self._unit**per_time, k=2 * per_time + 1)
 
     def _exact_limit(self, name: str, k: int) -> ExactPolynomial:
         limit = ExactPolynomial.of(self._limits[name][k])
-        return _times_power(limit, self._unit[k], QUANTITIES[name].per_time)
+        return _times_power(limit, self._unit[k], quantity(name).per_time)
 
 
 def _times_power(x: Any, base: float, exponent: int) -> Any:

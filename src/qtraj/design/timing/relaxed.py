@@ -1,7 +1,7 @@
 """Compute a timing that is at least as fast as the fastest one: limits couple speed and acceleration, which it ignores.
 
-Let w be the squared speed and s the distance along the path. The limits imply an upper bound on w at each point, and an
-upper bound on the acceleration |dw/ds|/2 along the path. The largest w(s) with both bounds takes two passes. It is the
+Let w be the squared speed and s the distance along the path. The limits imply an upper bound on w at each point, and
+bounds on the acceleration dw/ds/2 along the path. The largest w(s) with both bounds takes two passes. It is the
 fastest timing itself for limits on the speed, the lateral and the longitudinal acceleration and the rates of rotation.
 """
 
@@ -60,29 +60,31 @@ def relaxed(
     bounded = highest[np.isfinite(highest)].max(initial=0.0)
     for end, place in zip(task.ends, ((0, 0), (-1, -1)), strict=True):
         highest[place] = min(highest[place], end)
-    steepest = _accelerations(found, task.bounds, np.sqrt(square).ravel()).reshape(square.shape)
-    known = steepest[np.isfinite(steepest)]
+    limits = _accelerations(found, task.bounds, np.sqrt(square).ravel()).reshape(2, *square.shape)
+    known = limits[np.isfinite(limits)]
     most = bounded
     if not np.isfinite(highest).all() and known.size:  # what the accelerations can reach
         most = max(bounded, *(x for x in task.ends if np.isfinite(x)), 0.0) + 2 * known.max() * length
     most = most if most > 0 else 1.0
-    complete = known.size == steepest.size
-    steepest = np.where(np.isfinite(steepest), steepest, STEEP * most / length)
-    rises = np.zeros(square.shape)
-    rises[:, :-1] = 2 * np.minimum(steepest[:, 1:], steepest[:, :-1]) * distances
-    squares = _reachable(np.minimum(highest, most).ravel(), rises.ravel(), 3 if task.lap else 1).reshape(square.shape)
+    complete = known.size == limits.size
+    limits = np.where(np.isfinite(limits), limits, STEEP * most / length)
+    changes = np.zeros(limits.shape)
+    changes[..., :-1] = 2 * np.minimum(limits[..., 1:], limits[..., :-1]) * distances
+    laps = 3 if task.lap else 1
+    squares = _reachable(np.minimum(highest, most).ravel(), *changes.reshape(2, -1), laps).reshape(square.shape)
     speed = np.sqrt(squares)
     both = speed[:, 1:] + speed[:, :-1]
     times = np.divide(2 * distances, both, out=np.full(both.shape, np.inf), where=both > 0)
-    return Relaxed(squares, steepest, times.sum(axis=1), complete)
+    low, high = limits.min(axis=0), limits.max(axis=0)
+    return Relaxed(squares, np.where(low > 0, low, high), times.sum(axis=1), complete)
 
 
-def _reachable(highest: Any, rises: Any, laps: int) -> Float[np.ndarray, " samples"]:
-    """Return the largest squared speeds up to `highest` that change by at most `rises` to the next sample."""
-    own, place = np.tile(highest, laps), np.cumsum(np.tile(rises, laps))
-    place = np.concatenate([[0.0], place[:-1]])
-    rising = np.minimum.accumulate(own - place) + place
-    falling = np.minimum.accumulate((own + place)[::-1])[::-1] - place
+def _reachable(highest: Any, rises: Any, drops: Any, laps: int) -> Float[np.ndarray, " samples"]:
+    """Return the largest squared speeds up to `highest`, whose changes to the next sample are limited."""
+    own = np.tile(highest, laps)
+    up, down = (np.concatenate([[0.0], np.cumsum(np.tile(x, laps))[:-1]]) for x in (rises, drops))
+    rising = np.minimum.accumulate(own - up) + up
+    falling = np.minimum.accumulate((own + down)[::-1])[::-1] - down
     middle = highest.size * (laps // 2)
     return np.maximum(np.minimum(rising, falling), 0.0)[middle : middle + highest.size]
 
@@ -98,9 +100,15 @@ def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
 
 
 def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " samples"]) -> Any:
-    """Return upper bounds on the acceleration along the path [m/s²], infinite where there is none."""
-    named = [bounds[name] for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
-    most = np.full(pace.shape, min(map(float, named), default=np.inf))
+    """Return upper bounds on the acceleration and on the deceleration along the path [m/s²], or infinity.
+
+    A limit that does not allow zero counts as zero.
+    """
+    both = [bounds[name] for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
+    most = np.empty((2, *pace.shape))
+    for own, (name, sign) in zip(most, (("max", 1.0), ("min", -1.0)), strict=True):
+        side = bounds.get(f"longitudinal_acceleration_{name}", sign * np.inf)
+        own[:] = min(map(float, [*both, np.maximum(sign * side, 0.0)]))
     if p.road is None:
         return most
     steady, _, steep = p.road.along

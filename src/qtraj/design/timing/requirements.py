@@ -8,12 +8,13 @@ import numpy as np
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.sided import SLOWEST, YAW_RATES
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 
 ACCELERATIONS = ("acceleration", "longitudinal_acceleration", "friction", "jerk")
-"""Limits that bound the acceleration at a stop."""
+"""Limits that bound the acceleration at a stop, also with two sides."""
 
 MIN_KNOTS, MAX_KNOTS = 16, 2**14
 """Smallest and largest number of cells between two stops; with 2**15 cells, a search with a limit on the jerk did not
@@ -35,11 +36,12 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     names = tuple(limits.given())
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
-            f"retime supports limits only on {', '.join(NAMES)}. Remove the limits on {', '.join(unknown)}, and check "
-            "them with qtraj.certify on the path of the result: quantities that depend only on the shape, such as the "
+            f"retime supports limits only on {', '.join(_without_sides(NAMES))}. Remove the limits on "
+            f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that depend only on the shape, such as the "
             "curvature, are the same for every timing."
         )
-    bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
+    require_sides(limits)
+    bounding = [name for name in NAMES if quantity(name).bounds_speed]
     if not set(bounding) & set(names) and (free or not names):
         raise ValueError(
             f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
@@ -49,9 +51,38 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     return names
 
 
+def require_sides(limits: Limits) -> None:
+    """Raise an error for a two-sided limit on the yaw rate that does not allow zero."""
+    for name, bound in limits.given().items():
+        known = concrete(bound)
+        if name in YAW_RATES and known is not None and not (quantity(name).side * known > 0).all():
+            raise ValueError(
+                f"retime needs limits on the yaw rate that allow zero, because paths have straight parts, but {name} = "
+                f"{known.tolist()} was given"
+            )
+
+
+def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...], stops: bool) -> None:
+    """Raise an error if the vehicle stops, or is too slow at an end, despite a lower bound on the speed."""
+    known = [None if x is None else concrete(x) for x in (bounds.get(SLOWEST), *speeds)]
+    if known[0] is None:
+        return
+    slow = any(v is not None and (v < known[0]).any() for v in known[1:])
+    if stops or slow:
+        raise ValueError(
+            f"the speed must be at least {known[0].tolist()} m/s, but {'the path has stops' if stops else 'it is lower'}"
+            f"{'' if stops else ' at an end'}: omit the lower bound, or pass a path without stops, and a start_speed and "
+            "an end_speed within the limits"
+        )
+
+
+def _without_sides(names: tuple[str, ...]) -> list[str]:
+    return list(dict.fromkeys(quantity(name).base or name for name in names))
+
+
 def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
     """Raise an error if a route has `stops` and a limit on power, but no limit that bounds the acceleration there."""
-    if stops and "power" in names and not set(ACCELERATIONS) & set(names):
+    if stops and "power" in names and not set(ACCELERATIONS) & {quantity(name).base or name for name in names}:
         raise ValueError(
             "a limit on power does not bound the acceleration at a stop of a route, and no other given limit bounds it "
             f"there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."

@@ -24,6 +24,7 @@ from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_duration,
     require_knots,
+    require_moving,
     require_regular,
     require_representable,
     require_stop,
@@ -35,6 +36,7 @@ from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found
+from qtraj.design.timing.sided import value_at
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -147,6 +149,7 @@ def retime(
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: given[name] for name in NAMES if name in given}
+    require_moving(bounds, speeds, any(any(part.stops) or not part.moves for part in parts))
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):
@@ -195,7 +198,7 @@ def _retimed(
         p.path, own, p.bounds, (begins.pace, begins.wanted), p.vehicle, cells, p.names, rest
     )
     if duration is not None:
-        result[3], gap = result[3] * ratios(p.names, share)[:, None], np.asarray(np.nan)
+        result[3], gap = result[3] * ratios(p.names, p.bounds, share)[:, None], np.asarray(np.nan)
         too_short = code == ResultCode.successful and float(result[1]) > (1 + p.tolerance) * duration
         code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
     return *result, code, steps, gap, share
@@ -226,7 +229,8 @@ def _judged(
     limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
     times, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
     largest = stop_gradient(largest) if xp is jnp else largest
-    certificate = findings.certificate(codes, times, largest * limits, limits, path.polynomials(), names)
+    values = xp.stack([value_at(largest[k], name, bounds) for k, name in enumerate(names)])
+    certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
     squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
     ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace

@@ -28,6 +28,7 @@ from qtraj.design.timing.interior_point import Program, begun, continued, solve
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
+from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import ORDERS, local, within_cells
 from qtraj.design.timing.tables import CHECKED, Tables
 from qtraj.foundation.arrays import constants, is_traced
@@ -145,7 +146,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     count = 2 * (cells + 1)
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / grid.knots[-1])
     r = derivatives(shape, grid, t.cell, t.place)
-    bounds = {name: bound * (1 - MARGIN) for name, bound in problem.bounds.items()}
+    bounds = reduced(problem.bounds, MARGIN)
     found = parts(r, shape.per_cell, bounds, problem.vehicle)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
@@ -159,12 +160,14 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     for end, bound in zip(ends, problem.ends, strict=True):
         upper = xp.where(end, xp.maximum(upper, 1 / bound), upper)
     padding = ~t.nodes.basis.any(axis=(0, 1))  # these nodes do not exist
-    forms = xp.where(xp.broadcast_to(padding, c.forms.shape), 0.0, c.forms)
+    forms, sides = (xp.where(xp.broadcast_to(padding, x.shape), 0.0, x) for x in (c.forms, c.sides))
     jerk = c.jerk
     if jerk is not None:
         jerk = xp.where(xp.broadcast_to(t.nodes.standing > 0, jerk.shape), 0.0, jerk)
     on_road = None if c.road is None else without(c.road, padding)
-    return Program(t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, jerk, on_road), most), between
+    return Program(
+        t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, sides, jerk, on_road), most
+    ), between
 
 
 def _shapes(program: Program, places: Parts) -> Result:
@@ -235,7 +238,7 @@ def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str
     powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
     error = r.error + xp.where(slower >= 1 - SLOWED, 0.0, 0.5 * (1 - slower))  # the duration changes by half as much
     if between.road is None:
-        factors = [slower if name in UPPER else slower ** POWERS[name] for name in rows]
+        factors = [slower if name in UPPER else slower ** POWERS.get(name, 0.0) for name in rows]
         usage = r.usage * xp.stack(factors)[:, None]
     else:  # friction and power do not scale with a power of `slower`
         usage = _between_nodes(between, t.within, slowed)
