@@ -83,6 +83,11 @@ class PathQuantity:
         return -1 if self.lower else 1
 
     @property
+    def bounds_side(self) -> bool:
+        """Whether the entry is a side of a limit on a signed value."""
+        return bool(self.base) and self.signed is not None
+
+    @property
     def extreme(self) -> str:
         """The value that a limit bounds, in words: "largest" or "smallest"."""
         return "smallest" if self.lower else "largest"

@@ -75,7 +75,7 @@ class Finding(NamedTuple):
     @property
     def active(self) -> bool:
         """Whether the limit is satisfied with a relative margin of at most 1e-6."""
-        return self.met and self.margin <= ACTIVE_MARGIN * abs(self.limit)
+        return self.met and self.margin <= ACTIVE_MARGIN * (abs(self.limit) or 1.0)
 
     @property
     def margin(self) -> float:

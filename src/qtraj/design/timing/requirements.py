@@ -37,8 +37,8 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
             f"retime supports limits only on {', '.join(_without_sides(NAMES))}. Remove the limits on "
-            f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that depend only on the shape, such as the "
-            "curvature, are the same for every timing."
+            f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that "
+            "depend only on the shape, such as the curvature, are the same for every timing."
         )
     require_sides(limits)
     bounding = [name for name in NAMES if quantity(name).bounds_speed]
@@ -69,10 +69,10 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
         return
     slow = any(v is not None and (v < known[0]).any() for v in known[1:])
     if stops or slow:
+        contrary = "the path has stops" if stops else "a speed at an end is lower"
         raise ValueError(
-            f"the speed must be at least {known[0].tolist()} m/s, but {'the path has stops' if stops else 'it is lower'}"
-            f"{'' if stops else ' at an end'}: omit the lower bound, or pass a path without stops, and a start_speed and "
-            "an end_speed within the limits"
+            f"the speed must be at least {known[0].tolist()} m/s, but {contrary}: omit the lower bound, or pass a path "
+            "without stops, and a start_speed and an end_speed within the limits"
         )
 
 

@@ -36,7 +36,7 @@ from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN, Found
-from qtraj.design.timing.sided import value_at
+from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -229,7 +229,7 @@ def _judged(
     limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
     times, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
     largest = stop_gradient(largest) if xp is jnp else largest
-    values = xp.stack([value_at(largest[k], name, bounds) for k, name in enumerate(names)])
+    values = xp.stack([value_of(largest[k], name, bounds) for k, name in enumerate(names)])
     certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
     squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))

@@ -21,7 +21,7 @@ from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.sided import value_at
+from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import constants, is_traced
@@ -130,7 +130,7 @@ def _certificate(
     usage = xp.concatenate([largest_per_cell(limited, names), -still], axis=1)[:, place]
     times, largest = largest_in(limited, findings.worst_cell(all_codes, usage), names)
     limits = xp.stack([bounds[name] for name in names])
-    values = xp.stack([value_at(largest[k], name, bounds) for k, name in enumerate(names)])
+    values = xp.stack([value_of(largest[k], name, bounds) for k, name in enumerate(names)])
     return findings.certificate(all_codes, times, values, limits, path.path.polynomials(), names)
 
 

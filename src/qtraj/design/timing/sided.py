@@ -1,13 +1,13 @@
 """Limits on one side of a signed value along a timing, as affine functions of a = u̇² and a' = da/du.
 
-The longitudinal acceleration and the yaw acceleration are p·a + q·a'. With the sign of the side, the limit is x ≤ b,
-where b is positive if the limit allows zero. It is imposed as (x + s)/(b + s) ≤ 1 with the shift s, which is zero for
-b > 0. A lower bound l on the speed is imposed on its square: (s − |r'|² a)/(s − l²) ≤ 1 with s = 2l².
+The longitudinal acceleration and the yaw acceleration are p·a + q·a'; how their limits are imposed is described in
+`design.reserve`. A lower bound l on the speed is imposed on its square: (2l² − |r'|² a)/l² ≤ 1.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
+from qtraj.design.reserve import reserve, tightened, value_at
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import quantity
@@ -28,37 +28,15 @@ YAW_RATES = ("yaw_rate_min", "yaw_rate_max")
 """Limits that are upper bounds on a where the path turns to their side."""
 
 
-def reserve(name: str, bounds: Mapping[str, Scalar]) -> tuple[Any, Any]:
-    """Return b + s and s of the module for one limit; b + s is positive."""
-    bound = bounds[name]
-    if name == SLOWEST:
-        return bound * bound, 2 * bound * bound
-    b = quantity(name).side * bound
-    xp, size = namespace(b), abs(b)
-    room = xp.where(size > 0, size, _typical(name, bounds))
-    return room, xp.where(b > 0, 0.0 * size, room - b)
-
-
-def _typical(name: str, bounds: Mapping[str, Scalar]) -> Any:
-    """Return the size of the other limits on quantities of this unit, or 1 without any, as the unit of a bound 0."""
-    unit, found = quantity(name).unit, 0.0
-    for other, bound in bounds.items():
-        if quantity(other).unit == unit:
-            found = namespace(bound).maximum(found, abs(bound))
-    xp = namespace(found)
-    return xp.where(found > 0, found, 1.0)
-
-
 def reduced(bounds: Mapping[str, Scalar], fraction: float) -> dict[str, Scalar]:
-    """Return the limits, each stricter by `fraction` of its size; see `reserve` for two-sided limits."""
-    found = {}
-    for name, bound in bounds.items():
-        if name in SIDED:
-            room = abs(bound) if name == SLOWEST else reserve(name, bounds)[0]
-            found[name] = bound - quantity(name).side * fraction * room
-        else:
-            found[name] = bound * (1 - fraction)
-    return found
+    """Return the limits, each stricter by `fraction`."""
+    return {name: _reduced(name, bounds, fraction) for name in bounds}
+
+
+def _reduced(name: str, bounds: Mapping[str, Scalar], fraction: float) -> Scalar:
+    if name in SIDED and name != SLOWEST:
+        return tightened(name, bounds, fraction)
+    return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)
 
 
 def row(name: str, rates: tuple[Any, Any], bounds: Mapping[str, Scalar]) -> tuple[Any, Any, Any]:
@@ -66,20 +44,17 @@ def row(name: str, rates: tuple[Any, Any], bounds: Mapping[str, Scalar]) -> tupl
 
     For the lower bound on the speed, the value is its square.
     """
-    (room, shift), side = reserve(name, bounds), quantity(name).side
-    p, q = rates
+    (p, q), side, square = rates, quantity(name).side, bounds[name] ** 2
+    room, shift = (square, 2 * square) if name == SLOWEST else reserve(name, bounds)
     return shift / room + 0.0 * p, side * p / room, side * q / room
 
 
-def value_at(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
-    """Return the value of a limited quantity from `usage`, the value of the imposed function or ratio to the limit."""
-    if name not in SIDED:
-        return usage * bounds[name]
-    room, shift = reserve(name, bounds)
+def value_of(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
+    """Return the value of a limited quantity from its ratio to the limit, or from the value of an imposed function."""
     if name == SLOWEST:
-        xp = namespace(usage, room)
-        return xp.sqrt(xp.maximum(shift - usage * room, 0.0))
-    return quantity(name).side * (usage * room - shift)
+        xp = namespace(usage, bounds[name])
+        return bounds[name] * xp.sqrt(xp.maximum(2 - usage, 0.0))
+    return value_at(usage, name, bounds) if name in SIDED else usage * bounds[name]
 
 
 def excludes_zero(bounds: Mapping[str, Scalar]) -> bool:

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import limits_of
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.multistart import minimise_violation, solve, with_active
 from qtraj.design.tuning.peaks import largest_values
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
-from qtraj.design.tuning.targets import TARGET_RATIO, factors
+from qtraj.design.tuning.targets import factors, given, target, value_at
 from qtraj.design.tuning.task import as_jax, one
 from qtraj.foundation.progress import Report
 from qtraj.foundation.units import with_unit
@@ -83,13 +83,13 @@ class SearchOptions(NamedTuple):
     def user_limits(self, searches: Searches) -> dict[str, float]:
         """Return the limits of one problem in the user's units, by name."""
         divisors = factors(searches.limits, self.vehicle)
-        return {name: float(x[0]) / TARGET_RATIO * divisors[name] for name, x in searches.limits.items()}
+        return {name: float(x[0]) * divisors[name] for name, x in given(searches.limits).items()}
 
     def with_limits(self, searches: Searches, limits: dict[str, float]) -> Searches:
         """Return one problem with other limits in the user's units."""
         divisors = factors(limits, self.vehicle)
-        reduced = {name: np.asarray([TARGET_RATIO * x / divisors[name]]) for name, x in limits.items()}
-        return dataclasses.replace(searches, limits=reduced)
+        reduced = {name: np.asarray([x / divisors[name]]) for name, x in limits.items()}
+        return dataclasses.replace(searches, limits={name: target(name, reduced) for name in reduced})
 
     def can_be_met(self, searches: Searches) -> bool:
         """Check whether a multistart search finds a path that satisfies the limits of one problem."""
@@ -100,7 +100,7 @@ class SearchOptions(NamedTuple):
         corridor = limits.pop(CORRIDOR.name, None)
         path, initial = (as_jax(one(problem.path(z))) for z in (result.z.T, problem.zero))
         reference = None if corridor is None else initial
-        return certify(path, Limits(**limits, vehicle=self.vehicle), corridor=corridor, reference=reference).met
+        return certify(path, limits_of(limits, self.vehicle), corridor=corridor, reference=reference).met
 
 
 def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> str:
@@ -115,7 +115,7 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
     min_ratios = worst
     if len(limits) > 1:
         min_ratios = {name: min(_min_ratio_alone(searches, name, options), worst[name]) for name in violated}
-    sentences = [_describe(name, min_ratios[name], limits[name], options.starts) for name in violated]
+    sentences = [_describe(name, min_ratios[name], limits, options.starts) for name in violated]
     remedies = [*_raise_limits(searches, limits, worst, violated, options), *_move_number(searches, result, options)]
     possible_remedies = []
     if problem.motion.is_uniform:
@@ -130,14 +130,15 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
     return " ".join(sentences)
 
 
-def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
+def _describe(name: str, min_ratio: float, limits: dict[str, float], starts: int) -> str:
     """Describe the result of a search with one limit alone; `min_ratio` is the smallest peak divided by the limit."""
     if min_ratio > 1 + FEASIBLE:
-        smallest = with_unit(min_ratio * limit, quantity(name).unit)
+        closest = with_unit(float(value_at(min_ratio, name, limits)), quantity(name).unit)
+        extreme = "largest minimum" if quantity(name).lower else "smallest maximum"
         searched = "1 start" if starts == 1 else f"{starts} starts"
         return (
             f"The limit on {name} was not satisfied, even as the only limit (searched from {searched}); "
-            f"the smallest maximum found is {smallest}."
+            f"the {extreme} found is {closest}."
         )
     return f"The limit on {name} can be satisfied alone; no path was found that satisfies all limits."
 
@@ -147,15 +148,20 @@ def _raise_limits(
 ) -> list[str]:
     """Describe the values to which the violated limits must be raised; return an empty list if no values were found."""
     for margin in MARGINS:
-        raised = {name: float(f"{margin * worst[name] * limits[name]:.6g}") for name in violated}
+        raised = {name: float(f"{value_at(margin * worst[name], name, limits):.6g}") for name in violated}
         if options.can_be_met(options.with_limits(searches, limits | raised)):
-            return ["raise " + " and ".join(f"{k} to {with_unit(x, quantity(k).unit)}" for k, x in raised.items())]
+            return [" and ".join(f"{_change(k)} to {with_unit(x, quantity(k).unit)}" for k, x in raised.items())]
     return []
+
+
+def _change(name: str) -> str:
+    return f"{'lower' if quantity(name).lower else 'raise'} {name}"
 
 
 def _min_ratio_alone(searches: Searches, name: str, options: SearchOptions) -> float:
     """Return the smallest peak of one quantity divided by its limit, with all other limits relaxed."""
-    relaxed = {key: x if key == name else RELAXATION * x for key, x in searches.limits.items()}
+    limits = searches.limits
+    relaxed = {key: x if key == name else value_at(RELAXATION, key, limits) for key, x in limits.items()}
     return math.exp(float(options.solve(dataclasses.replace(searches, limits=relaxed)).violation[0]))
 
 

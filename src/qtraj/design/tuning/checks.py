@@ -134,8 +134,9 @@ def _angular_velocities(data: _Data) -> Any:
 
 def _bad_limit(data: _Data) -> Any:
     bad = data.xp.zeros(data.problem.speed.shape, bool)
-    for limit in data.limits.values():
-        bad = bad | ~_positive(limit, data.xp)
+    for name, limit in data.limits.items():
+        signed = quantity(name).bounds_side
+        bad = bad | (~data.xp.isfinite(limit) if signed else ~_positive(limit, data.xp))
     return bad
 
 

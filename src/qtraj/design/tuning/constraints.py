@@ -1,7 +1,8 @@
 """The limits as constraints at instants of a path.
 
-A constraint is g(z, u) = ln(value/limit) ≤ 0, where z are the variables and u is the time divided by the duration T. A
-quantity that can be negative has a large negative constraint value where it is negative. The registry's formulas are
+A constraint is g(z, u) = ln(value/limit) ≤ 0, where z are the variables and u is the time divided by the duration T.
+For a lower bound on a quantity that is never negative, the ratio is limit/value. A quantity that can be negative has a
+large negative constraint value where it is negative. The registry's formulas are
 evaluated for the derivatives with respect to u, in units of a length L of the problem. So T enters only as −p·ln T,
 where p is the power of 1/s in the unit of the quantity, and in the gravity of forces. The arithmetic is NumPy's, JAX's,
 or that of jets.
@@ -12,10 +13,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from qtraj.algebra.jets import cos, exp, log, replaced, sin, sqrt
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.sparse import mul
+from qtraj.design.reserve import reserve
 from qtraj.design.tuning.problem import Formulas
+from qtraj.foundation.arrays import concrete
 from qtraj.path.components import rotated_z
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import in_moving_basis
@@ -107,12 +112,27 @@ def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
     if name == CORRIDOR.name:
         return _log_ratio(_squared_distance(at, by, u), None) * 0.5 - log(by.limits[name])
     entry = own.entry
+    if entry.bounds_side:
+        return _side_value(own, i, by)
     g = _log_ratio(entry.numerator(i), None if entry.denominator is None else entry.denominator(i))
     g = g if entry.signed else g * 0.5
     if entry.infinite is not None:
         g = replaced(g, entry.infinite(i), TOO_MUCH)
     constant = own.length * log(by.length) - log(by.limits[name])
-    return g + (constant if own.per_time == 0 else constant - by.log_duration * float(own.per_time))
+    g = g + (constant if own.per_time == 0 else constant - by.log_duration * float(own.per_time))
+    return -g if entry.lower else g
+
+
+def _side_value(own: _Entry, i: Invariants, by: Units) -> Any:
+    """Return the constraint value ln((x + s)/(b + s)) of a limit on one side of a signed value (see `reserve`)."""
+    entry = own.entry
+    room, shift = reserve(entry.name, by.limits)
+    numerator, denominator = entry.side * entry.numerator(i), entry.denominator(i)  # type: ignore[misc]
+    unit = own.length * log(by.length)
+    unit = unit if own.per_time == 0 else unit - by.log_duration * float(own.per_time)
+    if concrete(shift) is not None and not np.any(shift):
+        return _log_ratio(numerator, denominator) + unit - log(room)
+    return _log_ratio(numerator * exp(unit) + shift * denominator, denominator) - log(room)
 
 
 def _squared_distance(at: Place, by: Units, u: Any) -> Any:

@@ -1,17 +1,20 @@
 """The limits of a search: in reduced units, divided by the vehicle's factors, and tightened."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from qtraj.design.limits import Limits, divisors
+from qtraj.design.reserve import tightened, value_at as of_side
 from qtraj.foundation.arrays import concrete
-from qtraj.path.quantity import CORRIDOR
+from qtraj.foundation.namespace import namespace
+from qtraj.path.quantity import CORRIDOR, quantity
 from qtraj.path.vehicle import NO_VEHICLE, Vehicle
 
 TARGET_RATIO = 1 - 4e-9
-"""The fraction of each limit that the search uses, so that rounding errors cannot violate the user's limit."""
+"""The fraction of each upper limit that the search uses."""
 
 MIN_LIMIT = 1e-100
 """Lower bound on the limits in a search; the square of a smaller limit would underflow."""
@@ -30,10 +33,36 @@ def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:
     reduced = named_limits(limits, corridor) | limits.reduced()
     known = all(concrete(x) is not None for x in reduced.values())
     xp: Any = np if known else jnp
-    return {
-        name: xp.broadcast_to(xp.maximum(TARGET_RATIO * xp.asarray(x, float), MIN_LIMIT), (count,))
-        for name, x in sorted(reduced.items())
-    }
+    values = {name: xp.asarray(x, float) for name, x in sorted(reduced.items())}
+    return {name: xp.broadcast_to(target(name, values), (count,)) for name in values}
+
+
+def target(name: str, limits: Mapping[str, Any]) -> Any:
+    """Return the limit that a search uses, so that rounding errors cannot violate the given one of `limits`."""
+    entry, limit = quantity(name), limits[name]
+    if entry.bounds_side:
+        return tightened(name, limits, 1 - TARGET_RATIO)
+    return limit / TARGET_RATIO if entry.lower else namespace(limit).maximum(TARGET_RATIO * limit, MIN_LIMIT)
+
+
+def given(limits: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the limits from which `target` computes these limits of a search."""
+    found = {}
+    for name, limit in limits.items():
+        entry = quantity(name)
+        if entry.bounds_side:
+            found[name] = tightened(name, limits, TARGET_RATIO - 1)
+        else:
+            found[name] = limit * TARGET_RATIO if entry.lower else limit / TARGET_RATIO
+    return found
+
+
+def value_at(ratio: Any, name: str, limits: Mapping[str, Any]) -> Any:
+    """Return the value of a quantity whose constraint value is ln(`ratio`)."""
+    entry = quantity(name)
+    if entry.bounds_side:
+        return of_side(ratio, name, limits)
+    return limits[name] / ratio if entry.lower else ratio * limits[name]
 
 
 def factors(names: Any, vehicle: Vehicle | None) -> dict[str, float]:

@@ -9,13 +9,11 @@ import numpy as np
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.foundation.arrays import concrete
+from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 
 OBJECTIVES = ("nearest", "smoothest", "fastest")
-
-UNSUITABLE = tuple(name for name, entry in QUANTITIES.items() if entry.divisor == "cross_norm")
-"""Limits on quantities of the natural trihedral, which does not exist on straights."""
 
 
 def require_route(route: Any, limits: Any) -> None:
@@ -33,14 +31,22 @@ def require_route(route: Any, limits: Any) -> None:
 
 def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     """Return the names of the limits; raise a ValueError if they do not suit the objective."""
-    names = tuple(limits.given())
-    require_suitable(names, objective)
-    return names
+    bounds = limits.given()
+    require_suitable(tuple(bounds), objective)
+    for name, bound in bounds.items():
+        known = concrete(bound)
+        if quantity(name).bounds_side and known is not None and not quantity(name).side * float(known) > 0:
+            raise ValueError(
+                f"tune_route needs two-sided limits that allow zero, with a lower bound below and an upper bound above "
+                f"it, but {name} = {float(known):g} was given"
+            )
+    return tuple(bounds)
 
 
 def require_suitable(names: tuple[str, ...], objective: str) -> None:
     """Raise a ValueError if a route cannot be tuned for this objective within limits of these names."""
-    wrong = [name for name in names if name in UNSUITABLE]
+    # The natural trihedral does not exist on straights.
+    wrong = [name for name in names if quantity(name).divisor == "cross_norm"]
     if wrong:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "

@@ -1,7 +1,9 @@
 """Express the limits and the tube as constraints at the nodes of each segment, with their derivatives.
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
-nodes. The tube bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
+nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
+is never negative (limit/value)² ≤ margin. The tube bounds the horizontal and the vertical distance from the original
+path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
@@ -13,11 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.algebra.jets import coordinates
+from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 
 
@@ -27,26 +30,50 @@ def order_of(names: tuple[str, ...]) -> int:
 
 
 def time_powers(names: tuple[str, ...]) -> Float[np.ndarray, " limits"]:
-    """Return 2p for each limit; the square of the quantity is proportional to h⁻²ᵖ, with the duration h."""
-    return np.array([2.0 * quantity(name).per_time for name in names])
+    """Return an exponent q for each limit; the constraint is proportional to h^−q, with the duration h."""
+    return np.array([_power(name) * quantity(name).per_time for name in names])
+
+
+def _power(name: str) -> float:
+    """Return the exponent of value/limit in a constraint."""
+    return 1.0 if quantity(name).bounds_side else -2.0 if quantity(name).lower else 2.0
+
+
+def relative(
+    names: tuple[str, ...], values: Float[np.ndarray, "limits n"], bounds: Float[np.ndarray, " limits"]
+) -> Any:
+    """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
+
+    A value on the other side of zero than the limit counts as zero.
+    """
+    found = np.empty(values.shape)
+    for k, name in enumerate(names):
+        side = quantity(name).side if quantity(name).bounds_side else 1
+        found[k] = np.maximum(side * values[k] / bounds[k], 0.0) ** (0.5 * _power(name))
+    return found
 
 
 def units(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "limits 1 n"]:
-    """Return the factors that convert the squares of quantities of r(u) to (value/limit)²."""
-    return (h[None] ** -time_powers(problem.names)[:, None] / problem.squares[:, None])[:, None]
+    """Return the factors that convert the constraints of quantities of r(u) to those of the motion."""
+    powers = np.array([_power(name) for name in problem.names])
+    scale = problem.squares ** (-0.5 * powers)
+    return (h[None] ** -time_powers(problem.names)[:, None] * scale[:, None])[:, None]
 
 
 def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
-    """Return the square of each limited quantity for the derivatives r', r'', … in the array or list `r`.
+    """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets.
     """
-    i = Invariants([None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))])
-    found = []
-    for entry in map(quantity, names):
-        above = entry.numerator(i)
-        found.append(above if entry.denominator is None else above / entry.denominator(i))
-    return found
+    i = Invariants([None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))], root=sqrt)
+    return [_ratio(quantity(name), i) for name in names]
+
+
+def _ratio(entry: PathQuantity, i: Invariants) -> Any:
+    above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
+    if entry.bounds_side:
+        return entry.side * above / below
+    return below / above if entry.lower else above / below
 
 
 def derivatives(

@@ -53,7 +53,7 @@ def _raised(
     """Return limits, between the given ones and those in `least` or a little above, that can be satisfied."""
 
     def between(part: float) -> dict[str, float]:
-        return {name: _up(limits[name] + part * (value - limits[name])) for name, value in least.items()}
+        return {name: _wider(name, limits[name] + part * (value - limits[name])) for name, value in least.items()}
 
     low, high = 0.0, next((part for part in MORE if solves(between(part))), None)
     if high is None:
@@ -79,12 +79,13 @@ def _text(change: Change, objective: str) -> str:
 
 
 def reached(limits: dict[str, float], found: Found) -> dict[str, float]:
-    """Return the largest values of the limits that are violated, by name."""
+    """Return the worst values of the limits that are violated, by name."""
     certificate, missed = found.judged.certificate, found.missed
     if missed is None:
         return {}
     names = [name for k, name in enumerate(limits) if missed[k].any()]
-    return {name: float(np.nanmax(np.asarray(certificate.segments.worst[name][1]))) for name in names}
+    worst = {name: np.asarray(certificate.segments.worst[name][1]) for name in names}
+    return {name: float(np.nanmin(x) if quantity(name).lower else np.nanmax(x)) for name, x in worst.items()}
 
 
 def _at_ends(found: Found) -> bool:
@@ -92,7 +93,8 @@ def _at_ends(found: Found) -> bool:
     return missed is not None and bool(missed[:, [0, -1]].any())
 
 
-def _up(value: float) -> float:
-    """Round a value up to four digits, which are printed."""
-    digit = 10.0 ** (np.floor(np.log10(value)) - 3)
-    return float(np.ceil(value / digit * (1 - 1e-12)) * digit)
+def _wider(name: str, value: float) -> float:
+    """Round a limit to four digits, which are printed, such that it allows more."""
+    digit = 10.0 ** (np.floor(np.log10(abs(value))) - 3)
+    side = quantity(name).side
+    return float(side * np.ceil(side * value / digit - 1e-12 * abs(value / digit)) * digit)

@@ -16,6 +16,7 @@ from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import geometry, interior
+from qtraj.design.tuning_route.constraints import relative
 from qtraj.design.tuning_route.curves import Curves, largest_of
 from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments, squared_jerk
@@ -125,9 +126,10 @@ def _raised(found: Found, problem: RouteProblem) -> np.ndarray:
 
 def _ratios(judged: Judged, names: tuple[str, ...], bounds: np.ndarray) -> np.ndarray:
     """Return the largest values of the limited quantities relative to their limits, and 1 for the tube."""
-    values = [np.asarray(judged.certificate.segments.worst[name][1]) for name in names]
-    values = largest_of(judged.curves, np.reshape(values, (len(names), -1)))
-    return np.concatenate([np.nan_to_num(values / bounds[:, None], nan=1.0), np.ones((2, values.shape[1]))])
+    worst = judged.certificate.segments.worst
+    values = np.reshape([np.asarray(worst[name][1]) for name in names], (len(names), -1))
+    found = largest_of(judged.curves, relative(names, values, bounds))
+    return np.concatenate([np.nan_to_num(found, nan=1.0), np.ones((2, found.shape[1]))])
 
 
 def feasible(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> bool:

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, limits_of
 from qtraj.design.tuning_route import circuit, geometry
 from qtraj.design.tuning_route.chain import Chain
 from qtraj.design.tuning_route.constraints import bounds, values
@@ -90,7 +90,7 @@ def differentiable(
             None if data.progress is None else np.asarray(data.progress)[:count],
         )
         values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
-        solutions.append(solve(plain, Limits(**values), (np.asarray(data.tube[0]), np.asarray(data.tube[1]))))
+        solutions.append(solve(plain, limits_of(values), (np.asarray(data.tube[0]), np.asarray(data.tube[1]))))
         return jnp.asarray(solutions[-1].z)
 
     @variables.defjvp
@@ -125,6 +125,9 @@ def _change(kind: str, found: Solution, data: Data, change: Data) -> Array:
     problem = found.problem
     if found.at is None:
         return jnp.zeros(problem.free.shape)
+    if found.at.excess is not None:  # the limits contradict each other
+        size = sum(jnp.sum(x) for x in jax.tree.leaves(change))  # NaN in reverse mode, too
+        return jnp.full(problem.free.shape, jnp.nan) * size
     program = RouteProgram(problem)
     at, matrix, done = polished(program, found.at)
     weights, stiffness = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.limits import Limits, require_limits
+from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.tuning_route import circuit, rounds
 from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
@@ -98,7 +98,7 @@ def tune_route(
     `displacement` and `delay` have the derivatives of the optimum with respect to the route (the states of its
     joints and its times), the limits and the tube, by the implicit function theorem. The derivatives refer to the
     problem of the last search, with limits at its instants and constant margins. They are NaN if that search does not
-    converge.
+    converge, or if the limits contradict each other.
 
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces, "fastest"
@@ -161,8 +161,7 @@ def _solution(
             values = np.array([change.limits[name] for name in names])
             kept = change.objective == "smoothest"
             changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
-            own_limits: Any = change.limits
-            return rounds.feasible(route, given, Limits(**own_limits), widths, changed, max_steps)
+            return rounds.feasible(route, given, limits_of(change.limits), widths, changed, max_steps)
 
         values = dict(zip(names, bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
