@@ -11,7 +11,7 @@ import pytest
 import qtraj as qt
 from qtraj.path.channel import CHANNELS, Channel, outputs_with
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import QUANTITIES, SIDES
 from qtraj.path.trihedral import AbstractFrame
 from qtraj.path.values import value
 
@@ -73,7 +73,8 @@ def single_instants(path, times, frame):
         vectors = dict(zip(("position", "velocity", "acceleration", "jerk"), r, strict=True))
         frame_outputs = {"dcm": at.dcm(), "quaternion": at.quaternion(), "gibbs": at.gibbs(), "rate": at.rate}
         scalars = {"speed": at.speed, "curvature": at.curvature, "torsion": at.torsion, "defined": at.defined}
-        quantities = {x.variable: value(path, t, name) for name, x in QUANTITIES.items() if x.variable in ALL}
+        entries = (SIDES | QUANTITIES).values()  # the quantities replace the sides with equal variables
+        quantities = {x.variable: value(path, t, x.name) for x in entries if x.variable in ALL}
         return quantities | vectors | frame_outputs | scalars | {"angular_acceleration": at.acceleration}
 
     return jax.vmap(one)(times)

@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import qtraj as qt
+from qtraj.path.quantity import quantity
 
 LIMITS = qt.Limits(
     curvature=0.2,
@@ -17,7 +18,6 @@ LIMITS = qt.Limits(
     yaw_rate=1.2,
     slope=0.3,
 )
-OUTPUTS = {"jerk": "jerk_magnitude"}
 
 
 def winding(count=40, seed=0):
@@ -46,8 +46,9 @@ def certified():
 
 def largest(route, names, count=100_001):
     t = np.linspace(0, float(route.duration), count)
-    table = qt.evaluate(route, t, [OUTPUTS.get(name, name) for name in names])
-    return {name: np.asarray(table.values[OUTPUTS.get(name, name)]) for name in names}, t
+    outputs = {name: quantity(name).variable for name in names}
+    table = qt.evaluate(route, t, list(outputs.values()))
+    return {name: np.asarray(table.values[output]) for name, output in outputs.items()}, t
 
 
 def test_largest_values_agree_with_dense_samples(certified):

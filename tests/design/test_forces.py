@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.path.quantity import quantity
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
 FORCES = tuple(entry.name for entry in ROAD_QUANTITIES)
@@ -20,8 +21,9 @@ SHORT = {"duration": (2.0, 8.0)}
 def sampled(path, vehicle, count=20001, names=FORCES):
     times = np.linspace(0.0, float(path.duration), count)
     times[-1] = np.nextafter(times[-1], 0.0) if isinstance(path, qt.Route) else times[-1]
-    table = qt.evaluate(path, times, names, vehicle=vehicle)
-    return {name: np.asarray(table.values[name]) for name in names}
+    outputs = {name: quantity(name).variable for name in names}
+    table = qt.evaluate(path, times, tuple(outputs.values()), vehicle=vehicle)
+    return {name: np.asarray(table.values[output]) for name, output in outputs.items()}
 
 
 @pytest.mark.parametrize(

@@ -91,8 +91,8 @@ def test_peaks_agree_with_a_bounded_search(name):
         (lambda: qt.Limits(curvature=0.0), "limit curvature must be positive"),
         (lambda: qt.Limits(speed=-1.0), "limit speed must be positive"),
         (lambda: qt.Limits(torsion=float("nan")), "limit torsion must be positive"),
-        (lambda: qt.Limits(slope=[0.1, 0.2]), "limit slope must be one number"),
-        (lambda: qt.Limits(acceleration=["x"]), "limit acceleration must be a number"),
+        (lambda: qt.Limits(slope=np.array([0.1, 0.2])), "limit slope must be one number"),
+        (lambda: qt.Limits(acceleration="x"), "limit acceleration must be a number"),
         (lambda: qt.peak(helix(), "colour"), "unknown path quantity 'colour'"),
     ],
 )

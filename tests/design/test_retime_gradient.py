@@ -11,7 +11,9 @@ from qtraj.design.timing.constraints import NAMES, tightened
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import begun, continued, duration, solve
+from qtraj.design.timing.sided import SLOWEST
 from qtraj.design.timing.tables import tables
+from qtraj.path.quantity import quantity
 
 OWN = ("speed", "lateral_acceleration", "longitudinal_acceleration", "jerk")
 CELLS, GAP, STEP = 64, 1e-10, 3e-5
@@ -23,7 +25,8 @@ TABLES = tables(uniform(CELLS), (True, False))
 
 def problem(values):
     """From rest to half the own speed of the path, with the limits `values` on `OWN`."""
-    bounds = {name: np.asarray(np.inf) for name in NAMES} | dict(zip(OWN, values, strict=True))
+    absent = {name: np.asarray(-np.inf if quantity(name).lower else np.inf) for name in NAMES if name != SLOWEST}
+    bounds = absent | dict(zip(OWN, values, strict=True))
     return search.Problem(PATH, np.zeros(()), np.asarray(PATH.duration), bounds, np.array([np.inf, 0.25]))
 
 

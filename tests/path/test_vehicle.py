@@ -13,6 +13,7 @@ from qtraj.foundation import units
 from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE
+from qtraj.path.quantity import quantity
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.values import value
 
@@ -33,6 +34,10 @@ def mp_cross(a, b):
 
 def mp_dot(a, b):
     return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+MAGNITUDES = {name: quantity(name).variable for name in FORCES}
+"""The outputs with the quantities that the limits bound."""
 
 
 def newton(t, vehicle, coefficients=COEFFICIENTS):
@@ -82,10 +87,10 @@ def test_forces_are_those_of_newtons_second_law(t, coefficients):
     with mpmath.workdps(30):
         exact, components = newton(t, TRUCK, coefficients)
     path = qt.SpiralHelix(*coefficients, 4.5)
-    table = qt.evaluate(path, [t], (*FORCES, "force"), qt.Upright(), vehicle=TRUCK)
+    table = qt.evaluate(path, [t], (*MAGNITUDES.values(), "force"), qt.Upright(), vehicle=TRUCK)
     values = qt.Limits(**dict.fromkeys(FORCES, 1.0), vehicle=TRUCK).values(path, t)
     for name in FORCES:
-        assert float(table.values[name][0]) == pytest.approx(exact[name], rel=1e-12), name
+        assert float(table.values[MAGNITUDES[name]][0]) == pytest.approx(exact[name], rel=1e-12), name
         assert float(values[name]) == pytest.approx(exact[name], rel=1e-12), name
     np.testing.assert_allclose(table.force[0], components, rtol=1e-11, atol=1e-8)
 
@@ -216,10 +221,10 @@ def test_forces_at_a_standstill_are_their_limits(t):
     mass, weight = 12e3, 12e3 * 9.80665
     along, beside, load = mass * 2.0, weight * np.sin(0.1), weight * np.cos(0.1)
     expected = (along, beside, load, np.hypot(along / 0.6, beside / 0.5) / load, (along + 0.007 * load) * 2.0 * t)
-    table = qt.evaluate(start, [t], FORCES, vehicle=TRUCK)
+    table = qt.evaluate(start, [t], tuple(MAGNITUDES.values()), vehicle=TRUCK)
     for name, exact in zip(FORCES, expected, strict=True):
         tolerance = {"rel": 1e-6, "abs": 1e-9}
-        assert float(table.values[name][0]) == pytest.approx(exact, **tolerance), name
+        assert float(table.values[MAGNITUDES[name]][0]) == pytest.approx(exact, **tolerance), name
         number, slope = jax.value_and_grad(lambda t, name=name: value(start, t, name, TRUCK.parameters()))(t)
         assert number == pytest.approx(exact, **tolerance), name
         assert not np.isnan(slope), name
@@ -235,17 +240,17 @@ def test_a_route_from_rest_to_rest_has_forces_at_both_ends(acceleration):
     load = 12e3 * 9.80665 * np.cos(slope) * np.cos(0.1)
     push = 12e3 * (9.80665 * np.sin(slope) + acceleration * np.hypot(8.0, 1.0) * np.array([1.0, -1.0]))
     np.testing.assert_allclose(table.normal_load, load, rtol=1e-6)
-    np.testing.assert_allclose(np.asarray(table.longitudinal_force)[[0, 3]], np.abs(push), rtol=1e-12)
-    np.testing.assert_allclose(np.asarray(table.longitudinal_force)[[1, 2]], np.abs(push), rtol=1e-5)
+    np.testing.assert_allclose(np.asarray(table.longitudinal_force)[[0, 3]], push, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(table.longitudinal_force)[[1, 2]], push, rtol=1e-5)
     np.testing.assert_allclose(np.asarray(table.power)[[0, 3]], 0.0)
 
 
 def test_a_parked_vehicle_stands_on_a_level_road_with_its_bank():
     parked = qt.Route([0.0, 1.0], [[1.0, 2.0, 3.0]] * 2, np.zeros((2, 3)), np.zeros((2, 3)))
-    table = qt.evaluate(parked, [0.5], FORCES, vehicle=TRUCK)
+    table = qt.evaluate(parked, [0.5], tuple(MAGNITUDES.values()), vehicle=TRUCK)
     expected = 0.0, 12e3 * 9.80665 * np.sin(0.1), 12e3 * 9.80665 * np.cos(0.1), np.tan(0.1) / 0.5, 0.0
     for name, exact in zip(FORCES, expected, strict=True):
-        assert float(table.values[name][0]) == pytest.approx(exact, rel=1e-12), name
+        assert float(table.values[MAGNITUDES[name]][0]) == pytest.approx(exact, rel=1e-12), name
 
 
 def test_a_vertical_path_has_no_load_and_no_grip():
@@ -348,7 +353,11 @@ def test_another_number_of_vehicles_is_refused(fleet):
 
 def test_outputs_say_what_they_need():
     assert CHANNELS["moment"].needs == INERTIA
-    assert {name for name, entry in CHANNELS.items() if entry.needs == VEHICLE} == {"force", *FORCES}
+    assert {name for name, entry in CHANNELS.items() if entry.needs == VEHICLE} == {
+        "force",
+        *FORCES,
+        *MAGNITUDES.values(),
+    }
     assert {name for name, entry in CHANNELS.items() if entry.needs == PRINCIPAL} == set(MOMENTS)
     assert set(outputs_with(qt.Vehicle(1.0, inertia=[1.0, 2.0, 2.5]))) == set(CHANNELS)
     assert set(outputs_with(TRUCK)) == set(CHANNELS) - set(MOMENTS)  # its bank rolls the principal axes

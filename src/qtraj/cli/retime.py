@@ -35,7 +35,10 @@ def retime(
         "or a saved path (default: the built-in scenario).",
     ),
     limit: list[str] | None = typer.Option(
-        None, metavar="NAME=VALUE", help="A limit, such as speed=13.9, in SI units. Overrides the scenario; repeatable."
+        None,
+        metavar="NAME=VALUE",
+        help="A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides. Overrides "
+        "the scenario; repeatable.",
     ),
     start_speed: float | None = typer.Option(
         None, metavar="V", help="Speed at the start in m/s, 0 for rest. Overrides the scenario."

@@ -33,7 +33,10 @@ def route(
         "built-in scenario).",
     ),
     limit: list[str] | None = typer.Option(
-        None, metavar="NAME=VALUE", help="A limit, such as speed=13.9, in SI units. Overrides the scenario; repeatable."
+        None,
+        metavar="NAME=VALUE",
+        help="A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides. Overrides "
+        "the scenario; repeatable.",
     ),
     track: dict[str, Any] | None = None,
 ) -> Outcome:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations  # so that `help` shows short names
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -56,10 +56,25 @@ def by_side(name: str, bound: Bound) -> Iterator[tuple[str, Scalar]]:
     if not isinstance(bound, Sides):
         yield name, bound
         return
-    if bound.lower is not None:
-        yield name + LOWER, bound.lower
-    if bound.upper is not None:
-        yield upper_side(quantity(name)), bound.upper
+    for side, value in zip(_names(name), (bound.lower, bound.upper), strict=True):
+        if value is not None:
+            yield side, value
+
+
+def part_of(bound: Bound, name: str, names: Collection[str]) -> Bound | None:
+    """Return the bounds of a limit that are in `names`, or None without any."""
+    kept = [side for side, _ in by_side(name, bound) if side in names]
+    if not isinstance(bound, Sides):
+        return bound if kept else None
+    lower, upper = (
+        x if side in kept else None for side, x in zip(_names(name), (bound.lower, bound.upper), strict=True)
+    )
+    return None if lower is None and upper is None else Sides(lower, upper)
+
+
+def _names(name: str) -> tuple[str, str]:
+    """Return the names of the lower and of the upper bound."""
+    return name + LOWER, upper_side(quantity(name))
 
 
 def _text(x: Scalar | None) -> str:

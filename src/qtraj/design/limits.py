@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.bound import Bound, Limit, bound_of, by_side
+from qtraj.design.bound import Bound, Limit, Sides, bound_of, by_side, part_of
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
@@ -176,9 +176,15 @@ class Limits(eqx.Module):
 
     def only(self, names: Collection[str]) -> Limits:
         """Return the bounds in `names`, with the vehicle if one of them needs it."""
-        kept = {name: value for name, value in self.given().items() if name in names}
-        vehicle = self.vehicle if any(quantity(name).needs_vehicle for name in kept) else None
-        return limits_of(kept, vehicle)
+        kept: dict[str, Any] = {name: part_of(bound, name, names) for name, bound in self._bounds().items()}
+        if not any(quantity(name).needs_vehicle for name, bound in kept.items() if bound is not None):
+            kept["vehicle"] = None
+        return eqx.tree_at(
+            lambda x: [getattr(x, name) for name in kept],
+            self,
+            list(kept.values()),
+            is_leaf=lambda x: x is None or isinstance(x, Sides | Vehicle),
+        )
 
     @property
     def needs_vehicle(self) -> bool:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,13 @@ TURNING = 10.0
 """Limit on an angular rate [rad/s] above which it may be in degrees."""
 
 
-def odd_limits(limits: Mapping[str, float], track: Track) -> tuple[str, ...]:
-    """Return a text about each limit that is odd for a recording, with the value to write instead."""
-    return tuple(text for name, value in limits.items() for text in _oddity(name, float(value), track))
+def odd_limits(limits: Mapping[str, Any], track: Track) -> tuple[str, ...]:
+    """Return a text about each limit that is odd for a recording, with the value to write instead.
+
+    Limits with two sides are not compared.
+    """
+    one_sided = ((name, float(value)) for name, value in limits.items() if not isinstance(value, tuple))
+    return tuple(text for name, value in one_sided for text in _oddity(name, value, track))
 
 
 def _oddity(name: str, value: float, track: Track) -> Iterator[str]:

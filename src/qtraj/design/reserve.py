@@ -19,10 +19,10 @@ ALMOST_ZERO = 0.01
 def reserve(name: str, bounds: Mapping[str, Scalar]) -> tuple[Any, Any]:
     """Return the room and the shift of one limit; `bounds` are all limits by name."""
     b = quantity(name).side * bounds[name]
-    xp, size = namespace(b), abs(b)
+    xp, size = namespace(*bounds.values()), abs(b)
     room = xp.where((b > 0) | (size > ALMOST_ZERO * _typical(name, bounds)), size, _typical(name, bounds))
     room = xp.where(room > 0, room, 1.0)
-    return room, xp.where(b > 0, 0.0, room - b)
+    return room, xp.where(b > 0, 0.0, room) - xp.where(b > 0, 0.0, b)  # a limit may be infinite
 
 
 def _typical(name: str, bounds: Mapping[str, Scalar]) -> Any:
@@ -30,13 +30,16 @@ def _typical(name: str, bounds: Mapping[str, Scalar]) -> Any:
     unit, found = quantity(name).unit, 0.0
     for other, bound in bounds.items():
         if other != name and quantity(other).unit == unit:
-            found = namespace(bound).maximum(found, abs(bound))
+            found = namespace(found, bound).maximum(found, abs(bound))
     return found
 
 
 def tightened(name: str, bounds: Mapping[str, Scalar], fraction: float) -> Scalar:
     """Return a limit on one side that is stricter by `fraction` of its room."""
-    return bounds[name] - quantity(name).side * fraction * reserve(name, bounds)[0]
+    limit, side = bounds[name], quantity(name).side
+    xp, allows_zero = namespace(*bounds.values()), side * limit > 0
+    room = xp.where(allows_zero, 0.0, reserve(name, bounds)[0])
+    return xp.where(allows_zero, limit * (1 - fraction), limit - side * fraction * room)
 
 
 def value_at(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:

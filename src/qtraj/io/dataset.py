@@ -26,7 +26,7 @@ from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, Upright
@@ -36,11 +36,11 @@ from qtraj.path.vehicle_data import vehicle_quantities
 SAMPLES = 513
 """Default number of samples of each path."""
 
-LIMIT_VARIABLES = {name: entry.variable for name, entry in QUANTITIES.items()}
+LIMIT_VARIABLES = {name: entry.variable for name, entry in (QUANTITIES | SIDES).items()}
 """The variable that each limit bounds, by the name of the limit."""
 
-SIGNED_VARIABLES = frozenset(entry.variable for entry in QUANTITIES.values() if entry.signed)
-"""The variables that a limit bounds only from above; a limit on any other variable bounds its magnitude."""
+SIGNED_VARIABLES = frozenset(entry.variable for entry in (QUANTITIES | SIDES).values() if entry.signed)
+"""The variables with signed values; a limit on any other variable bounds its magnitude."""
 
 LAYOUT = "time(path, sample) is the time from the start of the path; progress(sample) = time / duration, from 0 to 1"
 
@@ -70,13 +70,14 @@ def path_dataset(
     The dataset contains all outputs of `qtraj.evaluate` at `samples` instants of each path. Attitudes and rates refer
     to `frame`. For a route, the default is `Driving` if the route stops or reverses, otherwise `Upright()`. For other
     paths, the default is `Upright()` if there is a recorded `track`, because vehicles stay upright, otherwise
-    `Natural()`. A limited variable has the attribute `limit`. The positions of a recorded track are added as
-    `recorded_position`, and the times from its first sample as `recorded_time`. The properties of a `fitted` path
-    become variables and attributes whose names begin with `fit_`. `findings` contains certificates of paths, by the
-    names of the paths. The certificates become the variables `largest_curvature`, `largest_curvature_time` and
-    `finding_curvature` for a limit on curvature, and similarly for other limits; these variables refer to the whole
-    path, not only to its samples. If the limits have a vehicle, the dataset also contains forces and power; the
-    parameters of the vehicle are variables whose names begin with `vehicle_`.
+    `Natural()`. A limited variable has the attributes `limit` and `lower_limit`, as far as they exist. The positions of
+    a recorded track are added as `recorded_position`, and the times from its first sample as `recorded_time`. The
+    properties of a `fitted` path become variables and attributes whose names begin with `fit_`. `findings` contains
+    certificates of paths, by the names of the paths. The certificates become the variables `largest_curvature`,
+    `largest_curvature_time` and `finding_curvature` for a limit on curvature, and similarly for other limits; those of
+    a lower bound on the speed are `smallest_speed`, `smallest_speed_time` and `finding_smallest_speed`. These variables
+    refer to the whole path, not only to its samples. If the limits have a vehicle, the dataset also contains forces and
+    power; the parameters of the vehicle are variables whose names begin with `vehicle_`.
 
     **Raises:** ValueError if there is no path, or fewer than 2 samples are requested.
     """
@@ -96,7 +97,7 @@ def path_dataset(
         stacked = np.stack([column[name][1] for column in columns])
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
-        variables[LIMIT_VARIABLES[name]][2]["limit"] = float(limit)
+        variables[LIMIT_VARIABLES[name]][2][limit_attribute(name)] = float(limit)
     variables |= _findings(list(paths), findings or {})
     for name, fact in vehicle_quantities(vehicle).items():
         variables[name] = (fact.axes, np.asarray(fact.values), variable_attributes(fact.unit, fact.meaning))
@@ -125,6 +126,22 @@ def path_dataset(
     return xarray.Dataset(variables, coordinates, whole)
 
 
+def limit_attribute(name: str) -> str:
+    """Return the name of the attribute of a variable that contains this limit."""
+    return "lower_limit" if quantity(name).lower else "limit"
+
+
+def limited_variables(dataset: xarray.Dataset) -> list[str]:
+    """Return the variables with a limit."""
+    known = dict.fromkeys(name for name in LIMIT_VARIABLES.values() if name in dataset)
+    return [name for name in known if {"limit", "lower_limit"} & dataset[name].attrs.keys()]
+
+
+def limits_of(variable: xarray.DataArray) -> list[float]:
+    """Return the lower and the upper limit of a variable, as far as they exist."""
+    return [float(variable.attrs[name]) for name in ("lower_limit", "limit") if name in variable.attrs]
+
+
 def bounded_values(name: str, values: Any) -> np.ndarray:
     """Return the values that the limit of a variable bounds: signed values for `SIGNED_VARIABLES`, else magnitudes."""
     return np.asarray(values, float) if name in SIGNED_VARIABLES else np.abs(np.asarray(values, float))
@@ -151,29 +168,36 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
     variables: dict[str, Any] = {}
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
         entry = quantity(name)
-        variable, unit = entry.variable, entry.unit
+        extreme, finding, unit = *finding_names(name), entry.unit
         by_path = [certificates.get(path) for path in paths]
         with_limit = [c if c is not None and name in c.names else None for c in by_path]
         rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in with_limit]
         times, values, texts = zip(*rows, strict=True)
         limit = {"limit": float(next(c.worst[name][2] for c in with_limit if c is not None))}
         about = f"of the {entry.meaning} on the whole path"
-        variables[f"largest_{variable}"] = (
+        variables[extreme] = (
             ("path",),
             np.array(values, float),
-            variable_attributes(unit, f"largest value {about}") | limit,
+            variable_attributes(unit, f"{entry.extreme} value {about}") | limit,
         )
-        variables[f"largest_{variable}_time"] = (
+        variables[f"{extreme}_time"] = (
             ("path",),
             np.array(times, float),
-            variable_attributes("s", f"time of the largest value {about}"),
+            variable_attributes("s", f"time of the {entry.extreme} value {about}"),
         )
-        variables[f"finding_{variable}"] = (
+        variables[finding] = (
             ("path",),
             np.array(texts, str),
             {"long_name": f"status of the limit {about}"},
         )
     return variables
+
+
+def finding_names(name: str) -> tuple[str, str]:
+    """Return the names of the variables with the worst value of a limited quantity and with the status of its limit."""
+    entry = quantity(name)
+    extreme = f"{entry.extreme}_{entry.variable}"
+    return extreme, f"finding_{extreme if entry.lower else entry.variable}"
 
 
 def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, limits_of
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.speed_profile import SpeedProfile, speed_profile
 from qtraj.design.timing.outcome import Retimed
@@ -44,7 +44,7 @@ def retimed_dataset(
     cells = np.shape(timed.timing.coefficients)[0]
     dataset = path_dataset(
         ({} if timed.of_shape else {"before": timed.path.path}) | {"after": timed.path},
-        Limits(**given, vehicle=timed.vehicle) if limits is None else limits,
+        limits_of(given, timed.vehicle) if limits is None else limits,
         track,
         samples=int(np.clip(SAMPLES_PER_CELL * cells + 1, MIN_SAMPLES, MAX_SAMPLES)),
         attributes={"retiming_result": timed.result, **(attributes or {})},

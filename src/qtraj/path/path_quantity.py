@@ -165,8 +165,8 @@ def ratio(numerator: Any, denominator: Any) -> Any:
 
 def quotient(numerator: Any, square: Any) -> Any:
     """Return numerator/√square; 0/0 is 0, and x/0 is infinite with the sign of x and zero gradient."""
-    pole = xp.where((square <= 0) & (numerator != 0), xp.inf * xp.sign(numerator), 0.0)
-    return numerator * inverse_root(square) + xp.where(pole == 0, 0.0, pole)
+    infinite = xp.where(numerator > 0, xp.inf, xp.where(numerator < 0, -xp.inf, 0.0 * numerator))
+    return xp.where(square > 0, numerator * inverse_root(square), infinite)
 
 
 def squared(x: Any) -> Any:

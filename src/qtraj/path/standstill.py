@@ -59,7 +59,8 @@ def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array)
         # Before a stop, the motion is opposite to the first nonzero derivative if the order of this derivative is even.
         derivative = scaled(rows[k + 2], backwards) if k % 2 == 0 else rows[k + 2]
         found = select(is_significant(squares[k], reference), derivative, found)
-    return found
+    # Just before a stop, the velocity is too small for its direction, but has the right sign.
+    return select(dot(found, rows[1]) < 0, scaled(found, -xp.ones_like(squares[0])), found)
 
 
 def _horizontal(like: Array, up: Triple | None) -> Triple:

@@ -70,7 +70,10 @@ Inertia = Annotated[
 Text = Annotated[str, Field(min_length=1, description="a string")]
 Angles = Literal["deg", "rad"]
 
-RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
+Range = Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]
+"""A range of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
+
+RangeMap = dict[str, Range]
 """Ranges by name, each of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
 
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"

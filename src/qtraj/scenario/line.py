@@ -44,7 +44,7 @@ def line_in(file: Path, options: Mapping[str, Any]) -> ScenarioFile[None] | None
     return ScenarioFile(file, None, key, line=found)
 
 
-def limits_of_line(limits: Mapping[str, float]) -> Limits:
+def limits_of_line(limits: Mapping[str, Any]) -> Limits:
     """Return the limits of the command line; a curve without times has no vehicle.
 
     **Raises:** ValueError for a limit that needs a vehicle.

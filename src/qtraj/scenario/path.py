@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, create_model
 
+from qtraj.design.bound import bound_of
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.odd_limits import odd_limits
@@ -55,16 +56,36 @@ class PlacementPart(Part):
 
 
 class LimitedPart(Part):
-    """Upper bounds on path quantities, for the whole path."""
+    """Bounds on path quantities, for the whole path."""
 
-    def limits(self) -> dict[str, float]:
-        """Return the limits that are set, by name."""
-        return {name: value for name, value in self.model_dump().items() if value is not None}
+    def limits(self) -> dict[str, Any]:
+        """Return the limits that are set, by name: numbers, or pairs (lower, upper)."""
+        return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
+
+    def _faults(self) -> Iterator[str]:
+        for name, value in self.limits().items():
+            with naming(f"limits.{name}"):
+                bound_of(value, name)
+        yield from ()
 
 
-_number: Any = keys.Positive
+def _bound(value: Any) -> Any:
+    if isinstance(value, dict):
+        return value.get("min"), value.get("max")
+    return tuple(value) if isinstance(value, list) else value
+
+
+_value: Any = keys.Positive | keys.Range
 _limits: dict[str, Any] = {
-    name: (_number | None, key(entry.meaning, None, values=f"a positive finite number [{entry.label}]"))
+    name: (
+        _value | None,
+        key(
+            entry.meaning,
+            None,
+            values=f"a positive finite number [{entry.label}] for the magnitude, or [lower, upper], {{min = lower}} or "
+            "{max = upper} for the signed value",
+        ),
+    )
     for name, entry in QUANTITIES.items()
 }
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
@@ -255,7 +276,7 @@ def lay(
         return _between(scenario, **chosen)
 
 
-def with_odd_limits(recording: Recording, limits: Mapping[str, float]) -> Recording:
+def with_odd_limits(recording: Recording, limits: Mapping[str, Any]) -> Recording:
     """Return the recording with notes about limits that are odd for it."""
     return recording._replace(notes=(*recording.notes, *odd_limits(limits, recording.track)))
 

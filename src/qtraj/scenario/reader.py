@@ -62,7 +62,7 @@ def read_scenario(
 def scenario_in(
     given: InputFile,
     kind: str,
-    limits: Mapping[str, float] = MappingProxyType({}),
+    limits: Mapping[str, Any] = MappingProxyType({}),
     recording: bool = False,
     others: Iterable[str] = KINDS,
 ) -> ScenarioFile[Any]:
@@ -80,7 +80,7 @@ def scenario_in(
     data = copy.deepcopy(given.data)
     renamed = {old: new for old, new in entry.renamed.items() if _rename(data, old.split("."), new)}
     if limits and isinstance(own := data.setdefault("limits", {}), dict):
-        own |= limits
+        own |= {name: _as_key(value) for name, value in limits.items()}
     try:
         scenario = entry.model.model_validate(data)
     except ValidationError as error:
@@ -92,6 +92,13 @@ def scenario_in(
             text = text.replace(new, old)  # show the names in the user's file
         raise ValueError(f"{file}: {text}") from None
     return ScenarioFile(file, scenario, given.hash, tuple(f"{file}: '{o}' is now '{n}'" for o, n in renamed.items()))
+
+
+def _as_key(limit: Any) -> Any:
+    """Return a limit in the form of a scenario."""
+    if not isinstance(limit, tuple):
+        return limit
+    return {name: value for name, value in zip(("min", "max"), limit, strict=True) if value is not None}
 
 
 def _other_content(given: InputFile) -> str:

@@ -122,7 +122,7 @@ class RouteTask(NamedTuple):
 
 def read_route(
     file: Path | None,
-    limits: Mapping[str, float] = MappingProxyType({}),
+    limits: Mapping[str, Any] = MappingProxyType({}),
     track: Mapping[str, Any] = MappingProxyType({}),
 ) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
@@ -161,7 +161,7 @@ def _tuned(path: Route, limits: Limits, part: RouteTunePart, progress: Report) -
 
 
 def read_retiming(
-    file: Path | None, limits: Mapping[str, float], track: Mapping[str, Any] = MappingProxyType({})
+    file: Path | None, limits: Mapping[str, Any], track: Mapping[str, Any] = MappingProxyType({})
 ) -> ScenarioFile[Any]:
     """Read the scenario in a file; a recording is read as a scenario without limits.
 
@@ -181,7 +181,7 @@ def read_retiming(
     return scenario_in(given, nearest_kind(given.data, kinds), limits, recording=True, others=("slew", "loop"))
 
 
-def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RouteTask:
+def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, Any]) -> RouteTask:
     """Return the task of a scenario; it includes the tuning of the path if the scenario has a table [tune].
 
     `limits`: the limits for a saved path, which has no scenario.
@@ -200,7 +200,7 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, float]) -> RouteTas
     return RouteTask(task.path, task.limits, task.recording, task.fitted, tuning)
 
 
-def _without_vehicle(limits: Mapping[str, float], name: str) -> Limits:
+def _without_vehicle(limits: Mapping[str, Any], name: str) -> Limits:
     if needs := [limit for limit in limits if QUANTITIES[limit].needs_vehicle]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import xarray
 
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, limits_of as limits_from
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.result import AbstractResult
@@ -17,7 +17,7 @@ from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import provided
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import QUANTITIES, SIDES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_from
@@ -84,8 +84,9 @@ def limits_of(tuned: Tuned) -> Limits:
 def _path_limits(given: Mapping[str, Any], vehicle: Vehicle | None) -> Limits:
     """Select the limits on a single path that can be evaluated with this `vehicle`, or without one if it is None."""
     available = provided(vehicle)
-    names = [name for name, entry in QUANTITIES.items() if entry.needs in available]
-    return Limits(**{name: limit for name, limit in given.items() if name in names}, vehicle=vehicle)
+    names = [name for name, entry in (QUANTITIES | SIDES).items() if entry.needs in available]
+    bounds = {name: limit for name, limit in given.items() if name in names}
+    return limits_from(bounds, vehicle)
 
 
 def _one(path: AbstractHodograph) -> Any:

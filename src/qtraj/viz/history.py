@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_of
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
@@ -75,8 +75,9 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
 
 def _panels(dataset: xarray.Dataset) -> list[str]:
     """Return the variables to plot against time: all variables with a limit, and the variables in `ALWAYS`."""
-    known = [name for name in LIMIT_VARIABLES.values() if name in dataset]  # forces are present only with a vehicle
-    return [name for name in known if name in ALWAYS or "limit" in dataset[name].attrs]
+    limited = {*ALWAYS, *limited_variables(dataset)}
+    known = dict.fromkeys(name for name in LIMIT_VARIABLES.values() if name in dataset)  # forces need a vehicle
+    return [name for name in known if name in limited]
 
 
 def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], margins: dict[str, float]) -> None:
@@ -95,25 +96,24 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         values = variable.isel(path=k).values
         shown = bounded_values(name, values)
         axes.plot(dataset["time"].isel(path=k).values, shown, label=str(path), **path_line(str(path), k))
-    if (limit := variable.attrs.get("limit")) is not None:
+    limits = limits_of(variable)
+    for limit in limits:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     # Where the road has no load, the friction demand is infinite.
     drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]
     lowest = min(0.0, *drawn) if drawn else 0.0
     if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise a single stop would determine the scale
-        top = max(cut[0], 1.08 * (limit or 0.0))
+        top = max([cut[0], *(1.08 * abs(limit) for limit in limits)])
         axes.set_ylim(max(1.08 * lowest, -top) - 0.03 * top, top)
         if max(sampled) > top:
             note = f"larger values, up to {max(sampled):.3g}, are not shown"
             axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
     elif drawn and min(drawn) < FLAT * max(drawn):
         # leave margins, so that lines at both ends of the range are visible
-        axes.set_ylim(1.08 * lowest - 0.03 * max(drawn), 1.08 * max(drawn))
-    if limit is not None:
-        top = axes.get_ylim()[1]
-        axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)
-        axes.set_ylim(top=top)
+        extent = max(drawn) - lowest
+        axes.set_ylim(lowest - (0.08 if lowest < 0 else 0.03) * extent, max(drawn) + 0.08 * extent)
+    _shade_beyond(axes, variable)
     axes.set_xlim(left=0)
     axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{symbol(variable.attrs['units']) or '–'}]")
     axes.grid(alpha=0.25, lw=0.5)
@@ -122,3 +122,12 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.set_xlabel("time from the start of the path [s]")
     else:
         axes.tick_params(labelbottom=False)
+
+
+def _shade_beyond(axes: Any, variable: xarray.DataArray) -> None:
+    """Shade the values that the limits exclude."""
+    low, high = axes.get_ylim()
+    for name, edge in (("limit", high), ("lower_limit", low)):
+        if name in variable.attrs:
+            axes.axhspan(float(variable.attrs[name]), edge, color=LIMIT, alpha=0.05, lw=0)
+    axes.set_ylim(low, high)

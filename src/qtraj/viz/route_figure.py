@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
+from qtraj.io.dataset import bounded_values, limited_variables, limits_of
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.extent import beside
 from qtraj.viz.map_colours import map_colours
@@ -37,7 +37,7 @@ def route_figure(dataset: Any) -> Figure:
     """
     dataset = path_samples(dataset)
     path = dataset.isel(path=-1)
-    limited = [name for name in LIMIT_VARIABLES.values() if name in path and "limit" in path[name].attrs]
+    limited = limited_variables(path)
     before = _before(dataset)
     panels = ["height", *dict.fromkeys(["speed", *limited]), *([] if before is None else [LATERAL])]
     with mpl.rc_context(RC):
@@ -132,13 +132,16 @@ def _draw_panel(
         style = {"color": COLOURS["before"], "ls": STYLES["before"], "lw": 0.9}
         axes.plot(distance(earlier) / scale, _values(earlier, name), label="before", **style)
     axes.plot(way, values, color=COLOURS["after"], lw=1.0, label="after")
-    limit = None if name == "height" else path[name].attrs.get("limit")
-    if limit is not None:
+    limits = [] if name == "height" else limits_of(path[name])
+    for limit in limits:
         axes.axhline(limit, **BOUND, label=f"limit {limit:.4g}")
-        axes.plot(way, np.where(values > limit, values, np.nan), color=MARK, lw=1.4)
+    if limits:
+        about = path[name].attrs
+        broken = (values > about.get("limit", np.inf)) | (values < about.get("lower_limit", -np.inf))
+        axes.plot(way, np.where(broken, values, np.nan), color=MARK, lw=1.4)
     cut = None if name == "height" else spike([values])
     if cut is not None:
-        top = max(cut[0], 1.3 * (limit or 0.0))
+        top = max([cut[0], *(1.3 * abs(limit) for limit in limits)])
         axes.set_ylim(max(-top, min(0.0, float(np.min(values)))), top)
     unit = "m" if name == "height" else symbol(path[name].attrs["units"])
     _finish(axes, f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]")

@@ -50,7 +50,7 @@ def speed_profile_figure(dataset: xarray.Dataset) -> Figure:
     even at constant speed. Bars show where each limit is reached, with the percentage of the distance.
     """
     names = [str(name) for name in dataset["limit"].values]
-    panels = [name for name in PANELS if name in names]
+    panels = [panel for panel in PANELS if panel in map(_panel_of, names)]
     bars = ROW * len(names) + 0.12
     with mpl.rc_context(RC):
         heights = [SPEED, bars, *[PANEL] * len(panels)]
@@ -159,20 +159,34 @@ def _draw_bars(axes: Any, dataset: xarray.Dataset, names: list[str], scale: floa
     axes.set_ylim(len(names) - 0.4, -0.6)
 
 
-def _draw_panel(axes: Any, dataset: xarray.Dataset, names: list[str], name: str, way: np.ndarray) -> None:
-    """Draw one limited quantity; the acceleration along the path is signed."""
-    k, along = names.index(name), name == "longitudinal_acceleration"
+def _draw_panel(axes: Any, dataset: xarray.Dataset, names: list[str], panel: str, way: np.ndarray) -> None:
+    """Draw one limited quantity with its limits; the acceleration along the path is signed."""
+    along = panel == "longitudinal_acceleration"
+    own = [k for k, name in enumerate(names) if _panel_of(name) == panel]
+    sided = any(quantity(names[k]).base for k in own)
     thin = 0.5 if dataset.sizes["cell"] > MANY else 1.0
-    values = dataset["tangential_acceleration" if along else quantity(name).variable].values
-    limit = float(dataset["bound"][k])
+    values = dataset["tangential_acceleration" if along else quantity(names[own[0]]).variable].values
+    limits = [float(dataset["bound"][k]) for k in own]
     axes.plot(way, values, color=CURVE, lw=thin)
-    axes.plot(way, _only(values, dataset["usage"].values[k] >= 0.99), color=_colour(name), lw=1.8 * thin)
-    for sign in (1, -1) if along else (1,):
-        axes.axhline(sign * limit, **BOUND)
-    top = 1.2 * limit if limit < LARGEST else 1.0
-    axes.set_ylim(-top if along else 0.0, top)
+    for k in own:
+        reached = dataset["usage"].values[k] >= 0.99
+        axes.plot(way, _only(values, reached), color=_colour(names[k]), lw=1.8 * thin)
+    lines = [sign * limit for limit in limits for sign in ((1, -1) if along and not sided else (1,))]
+    for limit in lines:
+        axes.axhline(limit, **BOUND)
+    shown = [x for x in lines if abs(x) < LARGEST]
+    top = 1.2 * max(shown, default=1.0)
+    low = 1.2 * min(shown, default=-1.0) if along or sided else 0.0
+    if sided:  # without a limit on one side, the values determine the extent
+        known = values[np.isfinite(values)]
+        low, top = min(low, 1.2 * known.min(initial=0.0)), max(top, 1.2 * known.max(initial=0.0))
+    axes.set_ylim(low, top)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=(1, 2, 2.5, 5, 10)))
-    axes.set_ylabel(f"{_words(name).replace(' ', chr(10))}\n[{symbol(quantity(name).unit)}]", fontsize=7.5)
+    axes.set_ylabel(f"{_words(panel).replace(' ', chr(10))}\n[{symbol(quantity(panel).unit)}]", fontsize=7.5)
+
+
+def _panel_of(name: str) -> str:
+    return quantity(name).base or name
 
 
 def _only(values: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ def parts(
     scaled = _stacked([_symmetric(x) for x in own], (2, 2), square)
     rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning]), strict=True))
     # Where r' = 0, the direction of motion may be opposite to `ahead`.
-    sides = [xp.where(moving, xp.stack(row(name, rates[name], bounds)), 0.0) for name in SIDED if name in bounds]
+    sides = [xp.where(moving[None], xp.stack(row(name, rates[name], bounds)), 0.0) for name in SIDED if name in bounds]
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
@@ -235,7 +235,7 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     xp = namespace(v, c.upper)
     zero = xp.zeros_like(v[:1] * c.upper[None])
     found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    flat = xp.concatenate([2 * _products(xp, c.forms, v), c.sides[:, 1:] + 0.0 * v[0]])
+    flat = xp.concatenate([2 * _products(xp, c.forms, v), c.sides[:, 1:] + 0.0 * v[0][None, None]])
     found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
     if c.jerk is not None:
         slope = _product(xp, c.jerk, v)
@@ -293,7 +293,7 @@ def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Flo
 
 def _affine(sides: Float[Any, "sides 3 *nodes"], v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
     """Return the functions of the limits on one side."""
-    return sides[:, 0] + sides[:, 1] * v[0] + sides[:, 2] * v[1]
+    return sides[:, 0] + sides[:, 1] * v[0][None] + sides[:, 2] * v[1][None]
 
 
 def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:

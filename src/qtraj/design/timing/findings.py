@@ -65,7 +65,7 @@ def certificate(
         x, y = xp.asarray(polynomials.placement.orientation)[1:3]
         vertical = np.array([quantity(name).upright for name in names])
         whole = xp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
-    over = np.array([quantity(name).side for name in names]) * (values - limits) > 0
+    over = np.array([float(quantity(name).side) for name in names]) * (values - limits) > 0
     whole = xp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
     values = xp.where(xp.any(undefined(codes), axis=1), np.nan, values)
     return Certificate(names, whole, times, values, limits)

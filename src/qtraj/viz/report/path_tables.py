@@ -9,11 +9,11 @@ from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
 from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE
 from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, finding_names, limit_attribute
 from qtraj.io.route_dataset import ROUTE_FACT, ROUTE_FACT_TEXT
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
-from qtraj.path.quantity import CORRIDOR
+from qtraj.path.quantity import CORRIDOR, quantity
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle_data import PREFIX
 from qtraj.viz.report.model import Table, number, sentence, unit
@@ -70,13 +70,13 @@ def _vehicle(dataset: xarray.Dataset) -> Table:
 
 
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Tabulate the largest value of each limited quantity, from the certificate or at the sampled instants."""
+    """Tabulate the worst value of each limited quantity, from the certificate or at the sampled instants."""
     rows = []
     for limit_name, name in LIMIT_VARIABLES.items():
         for label, path in paths.items():
-            if name in path and "limit" in path[name].attrs:
+            if name in path and limit_attribute(limit_name) in path[name].attrs:
                 certified = tuned is not None and label == "after" and limit_name in tuned.certificate.names
-                cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, name)
+                cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, limit_name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *cells])
     for label, path in paths.items():
@@ -90,37 +90,39 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
             'without a certificate, the largest value, "within" and "broken" refer to the sampled instants only',
         ]
     )
-    header = ["limit", "path", "largest", "limit", "margin", "at [s]", ""]
+    header = ["limit", "path", "worst value", "limit", "margin", "at [s]", ""]
     return Table("Limits", header, rows, 2, sentence(note) + ".")
 
 
 def _certified(tuned: Tuned, name: str) -> list[str]:
     certificate = tuned.certificate
     time, value, limit = certificate.worst[name]
-    margin = "active" if name in certificate.active else number(limit - value, 3)
+    margin = "active" if name in certificate.active else number(certificate.margin(name), 3)
     return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
 
 
-def _stored(path: xarray.Dataset, name: str) -> list[str]:
+def _stored(path: xarray.Dataset, limit_name: str) -> list[str]:
     """Return the cells of a row from the finding in the dataset or, without a finding, from the samples."""
-    finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
+    extreme, status = finding_names(limit_name)
+    finding = str(path[status].values) if status in path else ""
     if finding not in PROOFS:
-        return _sampled(path, name)
-    value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
-    limit = float(path[f"largest_{name}"].attrs["limit"])
-    active = finding in ("proved", "sampled") and limit - value <= ACTIVE_MARGIN * limit
-    margin = "active" if active else number(limit - value, 3)
-    return [number(value), number(limit), margin, number(time, 4), finding]
+        return _sampled(path, limit_name)
+    value, time = (float(path[f"{extreme}{suffix}"]) for suffix in ("", "_time"))
+    limit = float(path[extreme].attrs["limit"])
+    margin = quantity(limit_name).side * (limit - value)
+    active = finding in ("proved", "sampled") and margin <= ACTIVE_MARGIN * (abs(limit) or 1.0)
+    return [number(value), number(limit), "active" if active else number(margin, 3), number(time, 4), finding]
 
 
-def _sampled(path: xarray.Dataset, name: str) -> list[str]:
-    values, limit = bounded_values(name, path[name].values), float(path[name].attrs["limit"])
+def _sampled(path: xarray.Dataset, limit_name: str) -> list[str]:
+    name, side = LIMIT_VARIABLES[limit_name], quantity(limit_name).side
+    values, limit = bounded_values(name, path[name].values), float(path[name].attrs[limit_attribute(limit_name)])
     if not np.isfinite(values).any():
         return ["–", number(limit), "–", "–", "undefined"]
-    worst = int(np.nanargmax(values))
+    worst = int(np.nanargmax(side * values))
     value, time = float(values[worst]), float(path["time"].values[worst])
-    verdict = "within" if value <= limit else "broken"
-    return [number(value), number(limit), number(limit - value, 3), number(time, 4), verdict]
+    margin = side * (limit - value)
+    return [number(value), number(limit), number(margin, 3), number(time, 4), "within" if margin >= 0 else "broken"]
 
 
 def _reached(dataset: xarray.Dataset) -> Table:

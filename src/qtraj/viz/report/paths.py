@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values
+from qtraj.io.dataset import bounded_values, limited_variables, limits_of
 from qtraj.path.frame_axes import AXES, NATURAL, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.path.quantity import TITLES as QUANTITY_TITLES
 from qtraj.viz.map_colours import map_colours
@@ -111,7 +111,7 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
 def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
     """Create the panels: limited and other quantities show every path, components only the selected path."""
     first = paths[0]
-    limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
+    limited = limited_variables(first)
     own = [name for kind, name in OF_FRAME.items() if frame == AXES[kind]]
     others = [name for name in (*ALWAYS, *own) if name in first and name not in limited]
     panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)] + _lateral(bodies)
@@ -150,7 +150,7 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
         Series(body.name, k, bounded_values(name, path[name].values), body.colour, body.dash)
         for k, (body, path) in enumerate(zip(bodies, paths, strict=True))
     ]
-    limits = [(float(notes["limit"]), f"limit {notes['limit']:.4g}")] if "limit" in notes else []
+    limits = [(limit, f"limit {limit:.4g}") for limit in limits_of(paths[0][name])]
     return Panel(QUANTITY_TITLES.get(name, name.replace("_", " ")), unit(notes.get("units", "")), series, limits)
 
 
