@@ -144,12 +144,21 @@ def _arc(axes, radius, start, end, label) -> None:
     )
 
 
+def braking() -> Figure:
+    """The fastest timing along a winding road, with 4 m/s² of braking and 1.5 m/s² of acceleration."""
+    points = [[0, 0, 0], [60, 0, 0], [110, 30, 0], [130, 80, 0], [180, 100, 0], [250, 90, 0], [300, 60, 0]]
+    limits = qt.Limits(speed=20.0, lateral_acceleration=3.0, longitudinal_acceleration=(-4.0, 1.5))
+    timed = qt.retime(qt.Shape.through(points), limits, start_speed=0.0, end_speed=0.0)
+    return qt.speed_profile(timed).plot("Braking with 4 m/s², accelerating with 1.5 m/s²")
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "tuning": tuning,
     "conventions": conventions,
     "trihedra": trihedra,
     "orientation": orientation,
     "turns": turns,
+    "braking": braking,
 }
 """The name of each file, and the function that draws it."""
 

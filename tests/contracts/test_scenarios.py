@@ -19,6 +19,12 @@ def test_the_page_is_up_to_date(written):
     assert (DOCS / "scenarios.md").read_text(encoding="utf-8") == written
 
 
+def test_the_table_of_quantities_is_up_to_date():
+    """If it is not, run .venv/bin/python docs/quantities.py"""
+    written = runpy.run_path(str(DOCS / "quantities.py"))["page"]()
+    assert (DOCS / "howto" / "limits.md").read_text(encoding="utf-8") == written
+
+
 def test_every_key_has_a_meaning_a_value_and_a_default(written):
     rows = [re.split(r"(?<!\\)\|", row)[1:-1] for row in written.splitlines() if row.startswith("| `")]
     assert len(rows) > 90

@@ -122,8 +122,8 @@ def grouped_table(
 
 
 def limits(title: str, rows: Iterable[Sequence[str]], column: str) -> Group:
-    """Return a title and a table of the findings on limits; its last column has the name `column`."""
-    return grouped_table(title, [rows], "limit", right=("largest", "limit", "at [s]", column))
+    """Return a title and a table of the findings on limits: the worst values, and a last column `column`."""
+    return grouped_table(title, [rows], "limit", right=("value", "limit", "at [s]", column))
 
 
 def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:

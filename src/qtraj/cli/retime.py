@@ -93,6 +93,7 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict
     from qtraj.design.timing.requirements import ACCELERATIONS
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
+    from qtraj.path.quantity import quantity
     from qtraj.scenario.route import retiming
 
     recorded = getattr(loaded.scenario, "track", None) is not None
@@ -104,7 +105,7 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict
         if task.tuning is not None:
             watch.say("tuning")
             tuned = task.tuning(watch.tuning)
-        given = set(task.limits.on_timing().given())
+        given = {quantity(name).base or name for name in task.limits.on_timing().given()}
         if given and not set(ACCELERATIONS) & given:
             message(
                 "note",

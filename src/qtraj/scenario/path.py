@@ -5,9 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Field, create_model
+from pydantic import Field
 
-from qtraj.design.bound import bound_of
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.odd_limits import odd_limits
@@ -27,6 +26,7 @@ from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
 from qtraj.scenario import keys
 from qtraj.scenario.keys import NamedPart, Part, key
+from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 
@@ -53,43 +53,6 @@ class PlacementPart(Part):
         None,
         values="four finite numbers, scalar first: the quaternion from path components to world components",
     )
-
-
-class LimitedPart(Part):
-    """Bounds on path quantities, for the whole path."""
-
-    def limits(self) -> dict[str, Any]:
-        """Return the limits that are set, by name: numbers, or pairs (lower, upper)."""
-        return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
-
-    def _faults(self) -> Iterator[str]:
-        for name, value in self.limits().items():
-            with naming(f"limits.{name}"):
-                bound_of(value, name)
-        yield from ()
-
-
-def _bound(value: Any) -> Any:
-    if isinstance(value, dict):
-        return value.get("min"), value.get("max")
-    return tuple(value) if isinstance(value, list) else value
-
-
-_value: Any = keys.Positive | keys.Range
-_limits: dict[str, Any] = {
-    name: (
-        _value | None,
-        key(
-            entry.meaning,
-            None,
-            values=f"a positive finite number [{entry.label}] for the magnitude, or [lower, upper], {{min = lower}} or "
-            "{max = upper} for the signed value",
-        ),
-    )
-    for name, entry in QUANTITIES.items()
-}
-LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
-"""The table [limits], with one key for each entry of the registry of path quantities."""
 
 
 class VehiclePart(Part):

@@ -20,6 +20,7 @@ ALWAYS = ("curvature", "lateral_acceleration")
 PANEL = 1.7  # height [inch]
 # If all values are above this fraction of the largest value, the curves would look flat on an axis from zero.
 FLAT = 0.85
+LONG = 18  # names with more characters have the unit in a second line
 
 
 def tuning_figure(dataset: Any) -> Figure:
@@ -115,7 +116,8 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.set_ylim(lowest - (0.08 if lowest < 0 else 0.03) * extent, max(drawn) + 0.08 * extent)
     _shade_beyond(axes, variable)
     axes.set_xlim(left=0)
-    axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{symbol(variable.attrs['units']) or '–'}]")
+    words, unit = name.removesuffix("_magnitude").replace("_", " "), symbol(variable.attrs["units"]) or "–"
+    axes.set_ylabel(f"{words}{chr(10) if len(words) > LONG else ' '}[{unit}]")
     axes.grid(alpha=0.25, lw=0.5)
     axes.legend(loc="best", fontsize=8)
     if last:

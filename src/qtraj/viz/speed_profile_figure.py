@@ -110,8 +110,8 @@ def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.nd
         ncols=8,
         fontsize=7.5,
         borderaxespad=0.1,
-        handlelength=1.5,
-        columnspacing=1.1,
+        handlelength=1.2,
+        columnspacing=0.8,
         handletextpad=0.5,
     )
 
@@ -196,8 +196,11 @@ def _only(values: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def _words(name: str) -> str:
-    return name.replace("_", " ")
+    words = name.replace("_", " ")
+    return words.replace("longitudinal", "long.") if quantity(name).base else words
 
 
 def _colour(name: str) -> str:
-    return COLOURS.get(name, OTHER)
+    """Return the colour of a limit; a lower side has another one than the upper side."""
+    entry = quantity(name)
+    return OTHER if entry.lower else COLOURS.get(entry.base or name, OTHER)

@@ -84,8 +84,10 @@ class Finding(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name of the quantity and the symbol of its unit, such as "speed [m/s]"."""
-        return f"{self.name} [{symbol(quantity(self.name).unit) or '-'}]"
+        """The name of the quantity and the symbol of its unit, such as "speed [m/s]" or "speed min [m/s]"."""
+        entry = quantity(self.name)
+        side = self.name.removeprefix(entry.base).replace("_", " ") if entry.base else ""
+        return f"{entry.base or self.name}{side} [{symbol(entry.unit) or '-'}]"
 
     @property
     def text(self) -> str:

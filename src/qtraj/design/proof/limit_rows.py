@@ -29,7 +29,7 @@ def limit_change_rows(before: Certificate, after: Certificate) -> list[list[tupl
     """
     groups = []
     for was, now in zip(before.findings(), after.findings(), strict=True):
-        name, unit = now.label.split()
+        name, unit = now.label.rsplit(" ", 1)
         groups.append([(name, "before", *_margin_texts(was)), (unit, "after", *_margin_texts(now))])
     return groups
 
