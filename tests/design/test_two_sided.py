@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 import qtraj as qt
 from qtraj.design.limits import limits_of
+from qtraj.path.motion_quantities import MOTION_QUANTITIES
 from qtraj.path.quantity import quantity
 
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 6.0, 0.3])
@@ -17,7 +18,8 @@ HELIX = qt.SpiralHelix.hermite(START, END, 4.0)
 LINE = qt.Shape.through([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
 CAR = qt.Vehicle(mass=1500.0, rolling_resistance=0.01, drag_area=0.6)
 
-SIGNED = ("torsion", "longitudinal_acceleration", "slope", "yaw_rate", "yaw_acceleration")
+MOTION = tuple(entry.name for entry in MOTION_QUANTITIES)
+SIGNED = ("torsion", "longitudinal_acceleration", "slope", "yaw_rate", "yaw_acceleration", *MOTION)
 FORCES = ("longitudinal_force", "lateral_force", "normal_load", "power")
 POSITIVE = ("curvature", "speed", "acceleration", "lateral_acceleration", "jerk")
 
@@ -56,7 +58,15 @@ def test_signed_values_agree_with_the_reference():
         "longitudinal_acceleration": 1.1238399271167439,
         "slope": 0.054939483184407634,
         "yaw_rate": 0.46921727730627377,
+        "longitudinal_jerk": -1.1980887878681236,
+        "lateral_jerk": 0.73892352360867554,
+        "horizontal_curvature": 0.055480340529293635,
+        "curvature_rate": -0.0044150432244786107,
+        "sharpness": -0.00052124949134843971,
+        "vertical_speed": 0.46534375,
+        "vertical_acceleration": 0.041875,
     }
+    assert set(MOTION) <= set(exact)
     for name, value in exact.items():
         assert signed(HELIX, name, [1.3])[0] == pytest.approx(value, rel=1e-14)
 
@@ -166,6 +176,11 @@ def test_a_number_and_its_pair_give_the_same_timing():
         ({"longitudinal_acceleration": (-1.0, 2.0), "yaw_rate": (-0.15, 0.3)}, (0, 0)),
         ({"longitudinal_acceleration": (-1.0, 2.0), "yaw_acceleration": (-0.2, 0.4)}, (0, 0)),
         ({"longitudinal_acceleration": (-1.0, 2.0), "speed": (4.0, 12.0)}, (5.0, 6.0)),
+        ({"longitudinal_acceleration": (-1.0, 2.0), "vertical_speed": (-0.05, 0.1)}, (0, 0)),
+        ({"longitudinal_acceleration": (-1.0, 2.0), "vertical_acceleration": (-0.01, 0.02)}, (0, 0)),
+        ({"longitudinal_acceleration": 1.5, "vertical_acceleration": 0.01}, (0, 0)),
+        ({"longitudinal_acceleration": 1.5, "curvature_rate": (-0.001, 0.002)}, (0, 0)),
+        ({"longitudinal_acceleration": 1.5, "curvature_rate": 0.001}, (0, 0)),
     ],
 )
 def test_timings_with_two_sides_are_proved_and_reach_their_limits(limits, ends):
@@ -205,6 +220,9 @@ def test_a_batch_of_pairs_is_timed():
 
 
 TIGHT = {
+    "vertical_speed": (0.2, 0.34),
+    "sharpness": (-1e-4, 3e-4),
+    "longitudinal_jerk": (-0.02, 0.1),
     "longitudinal_acceleration": (-0.02, 0.3),
     "speed": (6.6, 7.1),
     "slope": (0.03, 0.05),
@@ -220,6 +238,39 @@ def test_tuned_paths_satisfy_two_sides(name):
     assert found.certificate.active, found.certificate
     free = qt.tune(START, END, qt.Limits(speed=100.0), motion="hermite", starts=1)
     assert float(found.objective) > float(free.objective) + 1e-6
+
+
+@pytest.mark.parametrize("name", ["curvature_rate", "longitudinal_jerk", "vertical_speed"])
+def test_tuned_routes_satisfy_limits_on_rates(name):
+    values = signed(ROUTE, name, np.linspace(0.0, 60.0, 20_001))
+    low, high = 1.1 * float(values.min()), 0.95 * float(values.max())
+    free = np.zeros(31, bool)  # the vertical speed is largest at the start
+    found = qt.tune_route(ROUTE, qt.Limits(**{name: (low, high)}), 1.0, fixed=free)
+    assert found.certificate.holds, found.result
+    assert found.certificate.worst[f"{name}_max"][1] == pytest.approx(high, rel=1e-3)
+
+
+def test_a_clothoid_is_driven_at_the_speed_of_its_curvature_rate():
+    """Along a clothoid κ = σ·s, the curvature rate is σ·v: its limit is a constant speed."""
+    s, sharpness = np.linspace(0.0, 60.0, 121), 4e-4
+    heading = 0.5 * sharpness * s**2
+    fine = np.linspace(0.0, 60.0, 12_001)
+    angles = 0.5 * sharpness * fine**2
+    steps = (f(0.5 * (angles[1:] + angles[:-1])) * np.diff(fine) for f in (np.cos, np.sin))
+    x, y = (np.concatenate([[0.0], np.cumsum(step)]) for step in steps)
+    at = 100 * np.arange(121)
+    curvature = sharpness * s
+    zero = 0 * s
+    route = qt.Route(
+        s,
+        np.stack([x[at], y[at], zero], axis=1),
+        np.stack([np.cos(heading), np.sin(heading), zero], axis=1),
+        np.stack([-curvature * np.sin(heading), curvature * np.cos(heading), zero], axis=1),
+    )
+    np.testing.assert_allclose(signed(route, "sharpness", s[1:-1]), sharpness, rtol=1e-3)
+    timed = qt.retime(route, qt.Limits(curvature_rate=(-1.0, 4e-3), speed=50.0))
+    assert timed.certificate.holds, timed.result
+    assert float(timed.duration) == pytest.approx(60.0 / 10.0, rel=2e-3)
 
 
 def test_forces_with_two_sides_are_tuned():
@@ -318,7 +369,10 @@ def test_pairs_that_bound_nothing_are_no_limits():
         (lambda: qt.Limits(slope=("a", 1.0)), "lower bound of the limit slope must be a number"),
         (lambda: qt.Limits(tangential_moment=(1.0, 2.0), vehicle=CAR), "must be one number"),
         (lambda: qt.retime(HELIX, qt.Limits(speed=(5.0, 9.0)), start_speed=0), "the speed must be at least 5.0 m/s"),
-        (lambda: qt.retime(HELIX, qt.Limits(speed=9.0, yaw_rate=(0.1, 0.6))), "limits on the yaw rate that allow zero"),
+        (
+            lambda: qt.retime(HELIX, qt.Limits(speed=9.0, yaw_rate=(0.1, 0.6))),
+            "on yaw_rate must allow zero",
+        ),
         (lambda: qt.retime(HELIX, qt.Limits(speed=9.0, slope=(-0.1, 0.6))), "retime supports limits only on"),
         (lambda: qt.tune_route(ROUTE, qt.Limits(yaw_rate=(0.1, 0.6))), "two-sided limits that allow zero"),
     ],

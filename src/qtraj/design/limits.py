@@ -53,6 +53,11 @@ class Limits(eqx.Module):
     - `jerk` |r⃛| [m/s³].
     - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis, positive to the
       left.
+    - `longitudinal_jerk` and `lateral_jerk` [m/s³], the rates of the longitudinal and of the horizontal lateral
+      acceleration.
+    - `horizontal_curvature` [1/m] of the projection of the path, positive in left turns; its `curvature_rate`
+      [1/(m s)], and its change per horizontal distance, the `sharpness` [1/m²].
+    - `vertical_speed` [m/s] and `vertical_acceleration` [m/s²], positive upwards.
 
     With a `vehicle`, on a road that is level in the lateral direction or has the vehicle's bank angle:
 
@@ -90,6 +95,13 @@ class Limits(eqx.Module):
     jerk: Bound | None
     yaw_rate: Bound | None
     yaw_acceleration: Bound | None
+    longitudinal_jerk: Bound | None
+    lateral_jerk: Bound | None
+    horizontal_curvature: Bound | None
+    curvature_rate: Bound | None
+    sharpness: Bound | None
+    vertical_speed: Bound | None
+    vertical_acceleration: Bound | None
     longitudinal_force: Bound | None
     lateral_force: Bound | None
     normal_load: Bound | None
@@ -114,6 +126,13 @@ class Limits(eqx.Module):
         jerk: Limit = None,
         yaw_rate: Limit = None,
         yaw_acceleration: Limit = None,
+        longitudinal_jerk: Limit = None,
+        lateral_jerk: Limit = None,
+        horizontal_curvature: Limit = None,
+        curvature_rate: Limit = None,
+        sharpness: Limit = None,
+        vertical_speed: Limit = None,
+        vertical_acceleration: Limit = None,
         longitudinal_force: Limit = None,
         lateral_force: Limit = None,
         normal_load: Limit = None,
@@ -125,28 +144,11 @@ class Limits(eqx.Module):
         vehicle: Vehicle | None = None,
         **unknown: Any,
     ):
+        given = {name: limit for name, limit in locals().items() if name in QUANTITIES}
         for name in unknown:
             raise TypeError(f"Limits has no limit {name!r}: {suggestion(name, list(QUANTITIES), 'limits')}")
-        self.curvature = bound_of(curvature, "curvature")
-        self.torsion = bound_of(torsion, "torsion")
-        self.speed = bound_of(speed, "speed")
-        self.acceleration = bound_of(acceleration, "acceleration")
-        self.lateral_acceleration = bound_of(lateral_acceleration, "lateral_acceleration")
-        self.longitudinal_acceleration = bound_of(longitudinal_acceleration, "longitudinal_acceleration")
-        self.slope = bound_of(slope, "slope")
-        self.angular_rate = bound_of(angular_rate, "angular_rate")
-        self.angular_acceleration = bound_of(angular_acceleration, "angular_acceleration")
-        self.jerk = bound_of(jerk, "jerk")
-        self.yaw_rate = bound_of(yaw_rate, "yaw_rate")
-        self.yaw_acceleration = bound_of(yaw_acceleration, "yaw_acceleration")
-        self.longitudinal_force = bound_of(longitudinal_force, "longitudinal_force")
-        self.lateral_force = bound_of(lateral_force, "lateral_force")
-        self.normal_load = bound_of(normal_load, "normal_load")
-        self.friction = bound_of(friction, "friction")
-        self.power = bound_of(power, "power")
-        self.tangential_moment = bound_of(tangential_moment, "tangential_moment")
-        self.normal_moment = bound_of(normal_moment, "normal_moment")
-        self.binormal_moment = bound_of(binormal_moment, "binormal_moment")
+        for name, limit in given.items():
+            setattr(self, name, bound_of(limit, name))
         self.vehicle = vehicle
         needing = [name for name in self.given() if quantity(name).needs_vehicle]
         if needing or vehicle is not None:
@@ -171,7 +173,7 @@ class Limits(eqx.Module):
         return self.only(NAMES)
 
     def on_shape(self) -> Limits:
-        """Return the limits on quantities that depend only on the shape of a path: curvature, torsion and slope."""
+        """Return the limits on quantities that depend only on the shape of a path, such as the curvature."""
         return self.only([name for name in self.given() if (x := quantity(name)).per_time == 0 and not x.needs])
 
     def only(self, names: Collection[str]) -> Limits:

@@ -22,12 +22,12 @@ VEHICLE, INERTIA, PRINCIPAL = "vehicle", "inertia", "principal inertia"
 class Component(NamedTuple):
     """The signed value of a quantity whose entry describes its magnitude.
 
-    It is numerator/denominator, where the denominator is positive; `value` computes it in floating point.
+    It is numerator/denominator, where the denominator is positive and None is 1; `value` computes it in floating point.
     """
 
     meaning: str
     numerator: Formula
-    denominator: Formula
+    denominator: Formula | None
     value: Formula
 
 

@@ -11,6 +11,7 @@ from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.argument import require_type
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
+from qtraj.path.motion_quantities import MOTION_QUANTITIES
 from qtraj.path.path_quantity import Component, PathQuantity, cubed, quotient, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.sides import sides_of
@@ -202,7 +203,9 @@ _ENTRIES = (
     ),
 )
 
-QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)}
+QUANTITIES: dict[str, PathQuantity] = {
+    entry.name: entry for entry in (*_ENTRIES, *MOTION_QUANTITIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)
+}
 """The quantities by their names in `Limits`, in display order."""
 
 SIDES = sides_of(QUANTITIES.values())

@@ -77,9 +77,9 @@ def certify(
     - "sampled": the limit is satisfied according to refined sampling. This is the best possible status for a `Curve`,
       and for quantities that depend on the vertical if the axis of the path is not vertical.
 
-    For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on the curvature,
-    torsion and slope are proved on its original path. All other limits (on the longitudinal and lateral
-    force, normal load, moments and angular acceleration) are sampled.
+    For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on quantities of
+    the shape, such as the curvature, are proved on its original path. All other limits, such as those on forces,
+    moments and the rates of accelerations, are sampled.
 
     For a batch of paths, each limit is a scalar or has the batch shape, and the certificate has this batch shape, too.
     Under `jit` and `vmap` the arrays of the certificate are available, but not its texts; the proof runs on the host.
@@ -93,7 +93,8 @@ def certify(
     velocity approaches there. A segment without motion satisfies every limit that does not depend on the road. The
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
-    A `Shape` is checked like a route, with limits on curvature, torsion and slope only.
+    A `Shape` is checked like a route, with limits on quantities of the shape only: curvature,
+    horizontal curvature, sharpness, torsion and slope.
 
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths

@@ -79,7 +79,9 @@ def _kind(limit: Limit) -> str:
     name = limit.entry.base or limit.entry.name
     if name in DIRECTIONS:
         return "direction"
-    return "component" if name in COMPONENTS else "shape"
+    if name in COMPONENTS:
+        return "component"
+    return "path" if limit.entry.per_time else "shape"
 
 
 def _judge(

@@ -1,4 +1,4 @@
-"""Certify limits on a shape, which has no times: only limits on curvature, torsion and slope."""
+"""Certify limits on a shape, which has no times: only limits on quantities such as the curvature."""
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.route import certify_route
@@ -16,7 +16,7 @@ def certify_shape(shape: Shape, limits: Limits) -> RouteCertificate:
     if others:
         raise ValueError(
             f"a shape has no times, so limits on {', '.join(others)} cannot be checked on it. Compute its fastest "
-            "timing with qtraj.retime(shape, limits), or remove these limits; curvature, torsion and slope need no "
-            "times."
+            "timing with qtraj.retime(shape, limits), or remove these limits; curvature, horizontal_curvature, "
+            "sharpness, torsion and slope need no times."
         )
     return certify_route(shape.route, allowed)

@@ -22,15 +22,18 @@ from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosed, Root, at_bounds
-from qtraj.design.timing.sided import SIDED, SLOWEST, YAW_RATES
+from qtraj.design.timing.sided import SIDED, SIDES_OF_RATES, SLOWEST
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
-THIRD = ("jerk", "yaw_acceleration", "yaw_acceleration_min", "yaw_acceleration_max", "angular_rate")
-"""Limits that contain the third derivative of the path; all others need two derivatives."""
+OF_PATH = ("speed", "vertical_speed", "curvature_rate")
+"""Quantities that need the velocity of the path itself, not only its direction."""
+
+THIRD = ("jerk", "yaw_acceleration", "curvature_rate", "angular_rate")
+"""Quantities that contain the third derivative of the path; all others need two derivatives."""
 
 
 class Combined:
@@ -77,8 +80,8 @@ class CellClaims:
         """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""
         if name in ROAD:
             return self._road(name, limit)
-        if name in YAW_RATES:
-            return self._yaw_rate(name, limit)
+        if name in SIDES_OF_RATES:
+            return self._side_of_rate(name, limit)
         return Claim(self._side(name, limit) if name in SIDED else self._slack(name, limit * limit))
 
     def _side(self, name: str, limit: Any) -> Any:
@@ -86,15 +89,25 @@ class CellClaims:
         i, side = self._own, quantity(name).side
         if name == SLOWEST:
             return self._real.S * self.motion.a - limit * limit
+        if name.startswith("vertical"):
+            return 2 * side * limit - side * self._doubled_vertical()
         if name.startswith("longitudinal"):
             return Surd((-side * self._along(), 2 * side * limit, 0, 0), (i.S, i.H))
         return Surd((-side * self._turning(), 0, 0, 2 * side * limit * (i.S * i.H)), (i.S, i.H))
 
-    def _yaw_rate(self, name: str, limit: Any) -> Combined:
-        """Return the claim that the path turns to the other side, or that the yaw rate is small enough."""
-        i, side = self._own, quantity(name).side
-        slack = limit * limit * (i.S * i.H) - (i.P * i.P) * self.motion.a
-        return Combined(Claim(-side * i.P), Claim(slack), either=True)
+    def _side_of_rate(self, name: str, limit: Any) -> Combined:
+        """Return the claim that the path turns or climbs to the other side, or that the rate is small enough."""
+        entry = quantity(name)
+        other_side = -entry.side * entry.numerator(self._rows(entry.base))
+        return Combined(Claim(other_side), Claim(self._slack(entry.base, limit * limit)), either=True)
+
+    def _rows(self, name: str) -> Invariants:
+        """Return the invariants of a quantity that is proportional to a power of the speed."""
+        return self._real if name in OF_PATH else self._own
+
+    def _doubled_vertical(self) -> Any:
+        """Return twice the vertical acceleration."""
+        return 2 * (self._real.W * self.motion.a) + self._real.V * self.motion.slope
 
     def _along(self) -> Any:
         """Return twice the acceleration in the direction of q, times |q|."""
@@ -114,12 +127,15 @@ class CellClaims:
             across = cross(i.r[1], real.r[2])
             return bound * i.S - dot(across, across) * (a * a)
         if name in UPPER:
-            entry, own = quantity(name), real if name == "speed" else i
+            entry, own = quantity(name), self._rows(name)
             numerator = entry.numerator(own) * a
             return (bound if entry.denominator is None else bound * entry.denominator(own)) - numerator
         if name == "longitudinal_acceleration":
             along = self._along()
             return 4 * (bound * i.S) - along * along
+        if name == "vertical_acceleration":
+            vertical = self._doubled_vertical()
+            return 4 * bound - vertical * vertical
         if name == "acceleration":
             return 4 * bound - dot(*2 * [self._doubled()])
         if name == "jerk":

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from qtraj.design.timing import road
 from qtraj.design.timing.road import ROAD, Road
-from qtraj.design.timing.sided import SIDED, SLOWEST, YAW_RATES, row
+from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
@@ -32,10 +32,10 @@ from qtraj.path.frenet import Invariants, yaw
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
-UPPER = ("speed", "lateral_acceleration", "yaw_rate", *YAW_RATES, "angular_rate")
+UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate")
 """Limits that are upper bounds on a = u̇²."""
 
-FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
+FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration", "acceleration")
 """Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
 NAMES = (*UPPER, *FORMS, *SIDED, "jerk", *ROAD)
@@ -135,11 +135,12 @@ def parts(
     rate, growth = yaw(i, inv_speed, inv_level)
     half = 0.5 / unit
     along = dot(ahead, r2) * inv_ahead, half * xp.sqrt(i.S)
-    turning = growth, half * rate
-    forms = dict(zip(FORMS, (_square(*along), _square(*turning), (i.A, half * i.B, half * half * i.S)), strict=True))
+    turning, climbing = (growth, half * rate), (i.W, half * i.V)
+    squares = *(_square(*x) for x in (along, turning, climbing)), (i.A, half * i.B, half * half * i.S)
+    forms = dict(zip(FORMS, squares, strict=True))
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
     scaled = _stacked([_symmetric(x) for x in own], (2, 2), square)
-    rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning]), strict=True))
+    rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]), strict=True))
     # Where r' = 0, the direction of motion may be opposite to `ahead`.
     sides = [xp.where(moving[None], xp.stack(row(name, rates[name], bounds)), 0.0) for name in SIDED if name in bounds]
     jerk, second = None, half / unit
@@ -165,10 +166,11 @@ def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Any) -> Any:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
-    entry = quantity("yaw_rate" if name in YAW_RATES else name)
+    given = quantity(name)
+    entry = quantity(given.base) if given.base else given
     xp, square = namespace(moving, bound, i.S), entry.numerator(i)
-    if name in YAW_RATES:
-        square = xp.where(quantity(name).side * i.P > 0, square, 0.0)
+    if given.base:
+        square = xp.where(given.side * given.numerator(i) > 0, square, 0.0)
     if entry.denominator is not None:
         # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
         divisor = entry.denominator(i)

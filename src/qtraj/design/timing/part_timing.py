@@ -28,6 +28,7 @@ from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
@@ -38,12 +39,9 @@ ACCURACY, CHANGE, ATTEMPTS = 0.2, 0.3, 6
 """As fractions of the tolerance, the accuracy of the cells, and the change of the duration at which cells are no longer
 halved; and how often they are halved."""
 
-COUPLED, FINER = (
-    {"acceleration", "yaw_acceleration", "yaw_acceleration_min", "yaw_acceleration_max", "jerk", "friction", "power"},
-    0.2,
-)
-"""Limits with which the relaxed timing is faster than the fastest one, and without which the accuracy of the cells is
-multiplied by `FINER` if the duration hardly changes."""
+COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "jerk", "friction", "power"}, 0.2
+"""Quantities with whose limits the relaxed timing is faster than the fastest one, and without which the accuracy of the
+cells is multiplied by `FINER` if the duration hardly changes."""
 
 LEAST_ERROR = 0.1
 """With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
@@ -153,7 +151,8 @@ def _on_chosen_cells(
     """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
     accuracy = ACCURACY * p.tolerance
     cells, least = chosen(shape, task, accuracy)
-    exact = np.isfinite(least) and not COUPLED & set(p.names) and not excludes_zero(p.bounds)
+    limited = {quantity(name).base or name for name in p.names}
+    exact = np.isfinite(least) and not COUPLED & limited and not excludes_zero(p.bounds)
     if "jerk" in p.bounds:
         cells, _ = chosen(shape, task, COARSE)
     found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)

@@ -133,7 +133,7 @@ class _Task:
 
     def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None):
         self._motions, self._limits, self._road = motions, limits, road
-        self._order = 3 if set(THIRD) & set(limits) else 2
+        self._order = 3 if set(THIRD) & {quantity(name).base or name for name in limits} else 2
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
         self._roots: list[Enclosure] = []

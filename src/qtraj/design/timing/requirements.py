@@ -8,7 +8,7 @@ import numpy as np
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.sided import SLOWEST, YAW_RATES
+from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.quantity import quantity
@@ -52,13 +52,13 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 
 
 def require_sides(limits: Limits) -> None:
-    """Raise an error for a two-sided limit on the yaw rate that does not allow zero."""
+    """Raise an error for a two-sided limit on a rate that does not allow zero."""
     for name, bound in limits.given().items():
         known = concrete(bound)
-        if name in YAW_RATES and known is not None and not (quantity(name).side * known > 0).all():
+        if name in SIDES_OF_RATES and known is not None and not (quantity(name).side * known > 0).all():
             raise ValueError(
-                f"retime needs limits on the yaw rate that allow zero, because paths have straight parts, but {name} = "
-                f"{known.tolist()} was given"
+                f"the two-sided limit on {quantity(name).base} must allow zero, its value on straight or level parts, "
+                f"but {name} = {known.tolist()} was given"
             )
 
 

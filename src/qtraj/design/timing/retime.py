@@ -70,11 +70,14 @@ def retime(
     """Compute the fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
-    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `angular_rate` and, with a vehicle, `friction`
-    and `power`. `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the
-    search choose the speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end
-    at rest where the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only
-    between the ends.
+    `longitudinal_acceleration`, `vertical_speed`, `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`,
+    `curvature_rate`, `angular_rate` and, with a vehicle, `friction` and `power`. `speed`, `vertical_speed`,
+    `yaw_rate`, `curvature_rate` and the longitudinal, vertical and yaw acceleration may have two sides, as in
+    `longitudinal_acceleration=(-6, 2)`.
+
+    `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the
+    speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end at rest where the
+    velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
 
     Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends, where
     |r'(u)| is small and where the active limit changes. Cells are halved until the estimated distance of the duration

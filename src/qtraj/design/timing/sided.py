@@ -1,6 +1,6 @@
 """Limits on one side of a signed value along a timing, as affine functions of a = u̇² and a' = da/du.
 
-The longitudinal acceleration and the yaw acceleration are p·a + q·a'; how their limits are imposed is described in
+The longitudinal, the vertical and the yaw acceleration are p·a + q·a'; how their limits are imposed is described in
 `design.reserve`. A lower bound l on the speed is imposed on its square: (2l² − |r'|² a)/l² ≤ 1.
 """
 
@@ -11,6 +11,7 @@ from qtraj.design.reserve import reserve, tightened, value_at
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import quantity
+from qtraj.path.sides import LOWER, UPPER
 
 SLOWEST = "speed_min"
 """The lower bound on the speed."""
@@ -21,11 +22,16 @@ SIDED = (
     "longitudinal_acceleration_max",
     "yaw_acceleration_min",
     "yaw_acceleration_max",
+    "vertical_acceleration_min",
+    "vertical_acceleration_max",
 )
 """Limits that are affine in a and a'."""
 
-YAW_RATES = ("yaw_rate_min", "yaw_rate_max")
-"""Limits that are upper bounds on a where the path turns to their side."""
+RATES = ("yaw_rate", "vertical_speed", "curvature_rate")
+"""Signed quantities that are proportional to √a."""
+
+SIDES_OF_RATES = tuple(side for name in RATES for side in (name + LOWER, name + UPPER))
+"""Limits that are upper bounds on a where the path turns or climbs to their side."""
 
 
 def reduced(bounds: Mapping[str, Scalar], fraction: float) -> dict[str, Scalar]:

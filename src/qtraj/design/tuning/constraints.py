@@ -127,12 +127,14 @@ def _side_value(own: _Entry, i: Invariants, by: Units) -> Any:
     """Return the constraint value ln((x + s)/(b + s)) of a limit on one side of a signed value (see `reserve`)."""
     entry = own.entry
     room, shift = reserve(entry.name, by.limits)
-    numerator, denominator = entry.side * entry.numerator(i), entry.denominator(i)  # type: ignore[misc]
+    numerator = entry.side * entry.numerator(i)
+    denominator = None if entry.denominator is None else entry.denominator(i)
     unit = own.length * log(by.length)
     unit = unit if own.per_time == 0 else unit - by.log_duration * float(own.per_time)
     if concrete(shift) is not None and not np.any(shift):
         return _log_ratio(numerator, denominator) + unit - log(room)
-    return _log_ratio(numerator * exp(unit) + shift * denominator, denominator) - log(room)
+    shifted = numerator * exp(unit) + (shift if denominator is None else shift * denominator)
+    return _log_ratio(shifted, denominator) - log(room)
 
 
 def _squared_distance(at: Place, by: Units, u: Any) -> Any:
