@@ -21,7 +21,12 @@ class RandomPath(NamedTuple):
 
     spline: PPoly
     kinds: tuple[str, str, str]
-    limits: dict[str, float]
+    limits: dict[str, Any]
+
+    def braking(self, ratio: float) -> "RandomPath":
+        """Return the same path with a limit on braking that is `ratio` times the limit on the acceleration."""
+        limit = self.limits["longitudinal_acceleration"]
+        return self._replace(limits=self.limits | {"longitudinal_acceleration": (-ratio * limit, limit)})
 
 
 def random_path(seed: int, points: int = 40) -> RandomPath:
@@ -85,7 +90,8 @@ def _curve(rng: np.random.Generator, kind: str, u: np.ndarray, points: np.ndarra
 def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     """Return the minimum duration from rest to rest, by a forward and a backward pass along the distance [s].
 
-    Between two samples the squared speed is linear in the distance.
+    Between two samples the squared speed is linear in the distance. The limit on the longitudinal acceleration may be a
+    pair (lower, upper).
     """
     first, second = path.spline.derivative(1), path.spline.derivative(2)
     u = _resolving(first, samples)
@@ -105,9 +111,10 @@ def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     energy = highest(u)
     energy[1:] = np.minimum(energy[1:], highest(u[1:] - 1e-9 * h))  # the curvature may jump at a joint
     energy[[0, -1]] = 0.0
-    place = path.limits["longitudinal_acceleration"] * s
-    rising = np.minimum.accumulate(energy - place) + place
-    falling = np.minimum.accumulate((energy + place)[::-1])[::-1] - place
+    given = path.limits["longitudinal_acceleration"]
+    braking, accelerating = (-given[0] * s, given[1] * s) if isinstance(given, tuple) else (given * s, given * s)
+    rising = np.minimum.accumulate(energy - accelerating) + accelerating
+    falling = np.minimum.accumulate((energy + braking)[::-1])[::-1] - braking
     speed = np.sqrt(2 * np.maximum(np.minimum(rising, falling), 0.0))
     both = speed[1:] + speed[:-1]
     return float(np.sum(np.divide(2 * np.diff(s), both, out=np.zeros_like(both), where=both > 0)))

@@ -2,9 +2,11 @@
 
     python -m benchmarks.timing_paths
     python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
+    python -m benchmarks.timing_paths --braking 3 --toppra 0 --jerk 0
 
 The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
-acceleration. The exact duration is computed by a forward and a backward pass on 200 000 samples. TOPPRA (extra `dev`)
+acceleration; with `--braking`, the limit on braking is this multiple of that on acceleration. The exact duration is
+computed by a forward and a backward pass on 200 000 samples. TOPPRA (extra `dev`)
 gets 1 000 equidistant grid points; its limits are then evaluated between them. With a limit on the jerk, the duration
 is compared with that for a tenfold smaller tolerance.
 """
@@ -43,11 +45,12 @@ def quantiles(name, values, unit=""):
     print(f"  {name}: median {middle:.3g}{unit}, 90 % below {high:.3g}{unit}, {low:.3g} to {most:.3g}{unit}")
 
 
-def random_paths(count):
-    """Compare with the exact durations."""
+def random_paths(count, braking):
+    """Compare with the exact durations; `braking` is the ratio of the limits on braking and acceleration."""
     refused, failed, gaps, claimed, seconds, cells = 0, [], [], [], [], []
     for seed in range(count):
         path = random_path(seed)
+        path = path if braking == 1 else path.braking(braking)
         result = timed(path)
         if result is None:
             refused += 1
@@ -117,14 +120,17 @@ def beside_toppra(count):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--paths", type=int, default=200)
+    parser.add_argument("--braking", type=float, default=1.0)
     parser.add_argument("--jerk", type=int, default=20)
     parser.add_argument("--toppra", type=int, default=20)
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     np.seterr(all="ignore")
-    random_paths(given.paths)
-    with_jerk(given.jerk)
-    beside_toppra(given.toppra)
+    random_paths(given.paths, given.braking)
+    if given.jerk:
+        with_jerk(given.jerk)
+    if given.toppra:
+        beside_toppra(given.toppra)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import qtraj as qt
 from qtraj.design.timing import spline
 
 STREET = {"speed": 13.0, "lateral_acceleration": 2.0, "longitudinal_acceleration": 1.5}
-FAST, SLOW = range(30), range(30, 130)
+FAST, SLOW, BRAKING = range(30), range(30, 130), range(200, 208)
 SMOOTH = [seed for seed in range(14) if not {"cubic hermite", "lines"} & set(random_path(seed).kinds)]
 """Paths whose acceleration does not jump, and which do not reverse on a straight line."""
 
@@ -19,19 +19,18 @@ def from_rest(path, limits, **options):
     return qt.retime(path, qt.Limits(**limits), 0.0, 0.0, **options)
 
 
-def of_random(seed, **more):
-    """The path with the timing of a random path, or None if it reverses on a straight line."""
-    path = random_path(seed)
+def timing_of(path):
+    """The path with its timing, or None if it reverses on a straight line."""
     try:
-        return path, from_rest(qt.Route.from_piecewise(path.spline), path.limits | more)
+        return path, from_rest(qt.Route.from_piecewise(path.spline), path.limits)
     except ValueError as error:
         if path.kinds[0] == "lines" and "the velocity of the route is zero at" in str(error):
             return path, None
         raise
 
 
-def check_against_the_exact_duration(seed):
-    path, timed = of_random(seed)
+def check_against_the_exact_duration(path):
+    path, timed = timing_of(path)
     if timed is None:
         return
     assert timed.code == qt.ResultCode.successful, timed.result
@@ -42,13 +41,18 @@ def check_against_the_exact_duration(seed):
 
 @pytest.mark.parametrize("seed", FAST)
 def test_random_paths_are_timed_as_fast_as_a_forward_and_a_backward_pass(seed):
-    check_against_the_exact_duration(seed)
+    check_against_the_exact_duration(random_path(seed))
+
+
+@pytest.mark.parametrize("seed", BRAKING)
+def test_braking_and_accelerating_differ(seed):
+    check_against_the_exact_duration(random_path(seed).braking(3.0 if seed % 2 else 0.4))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SLOW)
 def test_more_random_paths_are_timed_as_fast_as_a_forward_and_a_backward_pass(seed):
-    check_against_the_exact_duration(seed)
+    check_against_the_exact_duration(random_path(seed))
 
 
 @pytest.mark.parametrize("seed", SMOOTH)

@@ -42,8 +42,8 @@ class Shape(AbstractResult):
     horizontal distances from the n joints to the right and to the left edge, or None. `closed`: whether the end of the
     curve is its start; then the last joint is the first one.
 
-    `certify` accepts a shape with limits on curvature, sharpness, torsion and slope, `retime` computes its fastest timing, and
-    `tune_route` the fastest route within its widths.
+    `certify` accepts a shape with limits on curvature, sharpness, torsion and slope, `retime` computes its fastest
+    timing, and `tune_route` the fastest route within its widths.
 
     **Raises:** ValueError for a route that is not proved to be regular (|r'| > 0 everywhere, so there is no cusp and no
     stop), a closed curve whose ends differ in position, direction or curvature, and wrong widths.
