@@ -274,7 +274,7 @@ def _bounding(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _is_power(name: str) -> bool:
-    return quantity(name).bounds_speed and not quantity(name).on_road
+    return name in UPPER or name == "acceleration"
 
 
 def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
@@ -285,12 +285,13 @@ def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " 
     own = [limit for name, limit in zip(names, limits, strict=True) if _is_power(name)]
     bounded = (found.grip > 0) & (found.unit_speed > 0)
     lowest = np.where(bounded, found.unit_speed * np.where(bounded, found.grip, 1.0) ** -0.5, np.inf)
-    for name, limit, value in zip(_bounding(names), own, found.unit_values, strict=True):
+    for name, limit, signed in zip(_bounding(names), own, found.unit_values, strict=True):
         if name == "speed":
             lowest = np.minimum(lowest, limit)
             continue
+        value = quantity(name).side * signed
         known = np.isfinite(value) & (value > 0) & (found.unit_speed > 0)
         with np.errstate(over="ignore"):  # an infinite bound is none
-            bound = (limit / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
+            bound = (abs(limit) / np.where(known, value, 1.0)) ** (1 / quantity(name).per_time) * found.unit_speed
         lowest = np.minimum(lowest, np.where(known, bound, np.inf))
     return lowest
