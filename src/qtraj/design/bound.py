@@ -26,6 +26,9 @@ class Sides(eqx.Module):
     lower: Scalar | None
     upper: Scalar | None
 
+    def __iter__(self) -> Iterator[Scalar | None]:
+        return iter((self.lower, self.upper))
+
     def __repr__(self) -> str:
         return f"({', '.join(map(_text, (self.lower, self.upper)))})"
 
@@ -114,8 +117,6 @@ def _of_magnitude(lower: Scalar | None, upper: Scalar | None, entry: PathQuantit
             f"the lower bound of {what} must not be negative, because the {entry.title} never is, but {known.tolist()} "
             f"was given: pass None instead{_signed_instead(entry)}"
         )
-    if known is not None and not known.any():  # a bound of zero always holds
-        return upper
     _require_ascending(lower, upper, what)
     return Sides(lower, upper)
 
@@ -128,7 +129,8 @@ def _require_ascending(lower: Scalar | None, upper: Scalar | None, what: str) ->
     low, high = (None if x is None else concrete(x) for x in (lower, upper))
     if low is not None and high is not None and np.any(low >= high):
         raise ValueError(
-            f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given"
+            f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given: "
+            "leave some room, because no search can keep a quantity exactly constant"
         )
 
 
@@ -138,5 +140,8 @@ def _number(value: Any, what: str, entry: PathQuantity) -> Scalar:
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what} must be a number [{entry.label}], but {value!r} was given") from error
     if limit.ndim != 0:
-        raise ValueError(f"{what} must be one number, but an array of shape {limit.shape} was given")
+        raise ValueError(
+            f"{what} must be one number, or a pair as a tuple (lower, upper), but an array of shape {limit.shape} was "
+            "given"
+        )
     return limit

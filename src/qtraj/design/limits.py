@@ -21,7 +21,7 @@ from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import LOWER
 from qtraj.path.values import value
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require, require_vehicle
@@ -43,7 +43,7 @@ class Limits(eqx.Module):
     A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
     value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
     Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
-    negative, such as the speed, and of normal load and power has no ending.
+    negative, such as the speed, has no ending.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
@@ -146,11 +146,15 @@ class Limits(eqx.Module):
     ):
         given = {name: limit for name, limit in locals().items() if name in QUANTITIES}
         for name in unknown:
-            raise TypeError(f"Limits has no limit {name!r}: {suggestion(name, list(QUANTITIES), 'limits')}")
+            advice = suggestion(name, list(QUANTITIES), "limits")
+            if name in SIDES:
+                entry = SIDES[name]
+                advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"
+            raise TypeError(f"Limits has no limit {name!r}: {advice}")
         for name, limit in given.items():
             setattr(self, name, bound_of(limit, name))
         self.vehicle = vehicle
-        needing = [name for name in self.given() if quantity(name).needs_vehicle]
+        needing = [name for name in self._bounds() if quantity(name).needs_vehicle]
         if needing or vehicle is not None:
             require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
         for name in needing:

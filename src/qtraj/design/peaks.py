@@ -42,7 +42,9 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Return the time [s] and the value of the maximum of one path quantity over the whole path.
 
-    `name` is a field of `Limits`. Newton's method refines the maximum in each of 1025 intervals of time; on a route, in
+    `name` is a field of `Limits`, for the magnitude of a quantity, or the name of a side of a limit, such as
+    `longitudinal_acceleration_max`, for the signed value; for a lower side, such as `speed_min`, the result is the
+    minimum. Newton's method refines the maximum in each of 1025 intervals of time; on a route, in
     each of four intervals of every segment; on a retimed path, in each cell of its timing. The value is differentiable
     with respect to the path (envelope theorem).
 
@@ -60,16 +62,18 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 
 @eqx.filter_jit
 def _compiled_peak(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Scalar, Scalar]:
-    return maximum(lambda path, t: value(path, t, name, road), path, CELLS)
+    side = quantity(name).side
+    time, largest = maximum(lambda path, t: side * value(path, t, name, road), path, CELLS)
+    return time, side * largest
 
 
 def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | None) -> tuple[Any, Any]:
     """Return the time [s] and the value of the maximum, in NumPy; only cells with the highest values are refined."""
-    duration = path.duration
+    duration, side = path.duration, quantity(name).side
     low, high = _divided(*_cells(path, CELLS)[1:])
 
     def quantity_at(u: Any) -> Any:
-        found = value(path, (u * duration).ravel(), name, road)
+        found = side * value(path, (u * duration).ravel(), name, road)
         return np.broadcast_to(found, u.size).reshape(u.shape)
 
     values = quantity_at(np.stack([low, 0.5 * (low + high), high]))
@@ -83,7 +87,7 @@ def _peak_at_once(path: AbstractHodograph, name: str, road: RoadParameters | Non
     at, refined = find_maxima(inside, grid, inside(grid[:, None] + 0.0 * width))
     best = np.argmax(refined)
     time = np.clip(start + at * width, start, high[cells])[best] * duration
-    return time, quantity_at(np.asarray(time / duration))[()]
+    return time, side * quantity_at(np.asarray(time / duration))[()]
 
 
 def _divided(low: Float[Array, " n"], high: Float[Array, " n"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:

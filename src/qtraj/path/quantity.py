@@ -5,6 +5,7 @@ formula, and a ratio of polynomials in the invariants of `frenet` (see `PathQuan
 datasets, figures, proofs and tuning use this registry.
 """
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 from qtraj.algebra.cpu import inverse_root
@@ -14,7 +15,7 @@ from qtraj.path.moment_quantities import MOMENT_QUANTITIES
 from qtraj.path.motion_quantities import MOTION_QUANTITIES
 from qtraj.path.path_quantity import Component, PathQuantity, cubed, quotient, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
-from qtraj.path.sides import sides_of
+from qtraj.path.sides import LOWER, sides_of, upper_side
 
 
 def _rate_square(i: Any) -> Any:
@@ -246,7 +247,14 @@ d is at least the distance between the paths, because a chord is shorter than it
 """
 
 
+def bound_speed(names: Collection[str]) -> bool:
+    """Return whether limits with these names bound the speed on every path; a pair does if a number does."""
+    bounding = [entry for entry in QUANTITIES.values() if entry.bounds_speed]
+    return any(x.name in names or {x.name + LOWER, upper_side(x)} <= set(names) for x in bounding)
+
+
 _KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR}
+"""All quantities and sides of limits by name."""
 
 
 def quantity(name: str) -> PathQuantity:

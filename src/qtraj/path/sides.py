@@ -2,8 +2,8 @@
 
 A limit that is one number bounds the magnitude of a quantity. A limit that is a pair bounds its signed value on two
 sides. Each side is an entry of its own, so proofs, searches and tables treat a side like any other limit: the name of
-the quantity with `_min` for the lower bound, and with `_max` for the upper bound. If the quantity has no magnitude
-different from its value, as the speed and the power, its own entry is the upper side.
+the quantity with `_min` for the lower bound, and with `_max` for the upper bound. For quantities that are never
+negative, such as the speed, their own entry is the upper side.
 """
 
 from collections.abc import Iterable
@@ -30,28 +30,21 @@ def has_sides(entry: PathQuantity) -> bool:
 
 def upper_side(entry: PathQuantity) -> str:
     """Return the name of the upper side of a quantity."""
-    return entry.name if entry.component is None else entry.name + UPPER
+    return entry.name + UPPER if entry.component or entry.signed else entry.name
 
 
 def _sides(entry: PathQuantity) -> list[PathQuantity]:
-    ratio = entry.component
-    if ratio is None:
-        return [_lower(entry, entry)]
-    signed = replace(
-        entry,
-        symbol=entry.symbol.strip("|"),
-        meaning=ratio.meaning,
-        numerator=ratio.numerator,
-        denominator=ratio.denominator,
-        signed=ratio.value,
-        square=None,
-        output=entry.name,
-        base=entry.name,
-        bounds_speed=False,
-    )
-    return [_lower(entry, signed), replace(signed, name=entry.name + UPPER)]
-
-
-def _lower(entry: PathQuantity, signed: PathQuantity) -> PathQuantity:
-    name = entry.name + LOWER
-    return replace(signed, name=name, output=signed.variable, base=entry.name, lower=True, bounds_speed=False)
+    value, ratio = replace(entry, output=entry.variable, base=entry.name, bounds_speed=False), entry.component
+    if ratio is not None:
+        value = replace(
+            value,
+            symbol=entry.symbol.strip("|"),
+            meaning=ratio.meaning,
+            numerator=ratio.numerator,
+            denominator=ratio.denominator,
+            signed=ratio.value,
+            square=None,
+            output=entry.name,
+        )
+    lower = replace(value, name=entry.name + LOWER, lower=True)
+    return [lower] if upper_side(entry) == entry.name else [lower, replace(value, name=upper_side(entry))]

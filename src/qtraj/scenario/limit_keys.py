@@ -27,8 +27,10 @@ class LimitedPart(Part):
 
     def _faults(self) -> Iterator[str]:
         for name, value in self.limits().items():
-            bound_of(value, name)
-        yield from ()
+            try:
+                bound_of(value, name)
+            except ValueError as error:
+                yield str(error)
 
 
 def _bound(value: Any) -> Any:

@@ -98,8 +98,8 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         shown = bounded_values(name, values)
         axes.plot(dataset["time"].isel(path=k).values, shown, label=str(path), **path_line(str(path), k))
     limits = limits_of(variable)
-    for limit in limits:
-        axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
+    for limit, words in zip(limits, ("lower limit", "upper limit") if len(limits) > 1 else ("limit",), strict=False):
+        axes.axhline(limit, label=f"{words} {limit:.4g}", **BOUND)
     # Where the road has no load, the friction demand is infinite.
     drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]

@@ -76,12 +76,15 @@ class CellClaims:
         """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
         return Claim(getattr(self._own, DIVISORS[name]))
 
-    def within(self, name: str, limit: Any) -> Claim | Combined | Enclosed:
-        """Return the claim that a quantity does not exceed its `limit`, a constant polynomial."""
+    def within(self, name: str, limit: Any, allows_zero: bool = True) -> Claim | Combined | Enclosed:
+        """Return the claim that a quantity satisfies its `limit`, a constant polynomial.
+
+        `allows_zero` is whether the limit on one side of a signed value is satisfied by zero.
+        """
         if name in ROAD:
             return self._road(name, limit)
         if name in SIDES_OF_RATES:
-            return self._side_of_rate(name, limit)
+            return self._side_of_rate(name, limit, allows_zero)
         return Claim(self._side(name, limit) if name in SIDED else self._slack(name, limit * limit))
 
     def _side(self, name: str, limit: Any) -> Any:
@@ -95,11 +98,15 @@ class CellClaims:
             return Surd((-side * self._along(), 2 * side * limit, 0, 0), (i.S, i.H))
         return Surd((-side * self._turning(), 0, 0, 2 * side * limit * (i.S * i.H)), (i.S, i.H))
 
-    def _side_of_rate(self, name: str, limit: Any) -> Combined:
-        """Return the claim that the path turns or climbs to the other side, or that the rate is small enough."""
+    def _side_of_rate(self, name: str, limit: Any, allows_zero: bool) -> Combined:
+        """Return the claim that the path turns or climbs to the other side, or that the rate is small enough.
+
+        If the limit does not allow zero, the claim is that it does so, and that the rate is large enough.
+        """
         entry = quantity(name)
-        other_side = -entry.side * entry.numerator(self._rows(entry.base))
-        return Combined(Claim(other_side), Claim(self._slack(entry.base, limit * limit)), either=True)
+        other_side = Claim(-entry.side * entry.numerator(self._rows(entry.base)))
+        slack = self._slack(entry.base, limit * limit)
+        return Combined(other_side, Claim(slack if allows_zero else -slack), either=allows_zero)
 
     def _rows(self, name: str) -> Invariants:
         """Return the invariants of a quantity that is proportional to a power of the speed."""

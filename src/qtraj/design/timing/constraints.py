@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import road
 from qtraj.design.timing.road import ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
@@ -116,18 +117,23 @@ class Parts(NamedTuple):
 
 
 def parts(
-    r: Float[Any, "3 3 *nodes"], unit: Scalar, bounds: dict[str, Scalar], vehicle: RoadParameters | None = None
+    r: Float[Any, "3 3 *nodes"],
+    unit: Scalar,
+    bounds: dict[str, Scalar],
+    vehicle: RoadParameters | None = None,
+    before_stop: Any = False,
 ) -> Parts:
     """Compute the constraints on a = u̇² from `r`, the derivatives r', r'' and r''' at the nodes.
 
     The first axes of `r` are the order of the derivative and the component. Derivatives of a are with respect to
-    u/`unit`. Limits on friction and power are included only with a `vehicle`.
+    u/`unit`. Limits on friction and power are included only with a `vehicle`. Where r' = 0, the motion ends if
+    `before_stop` (nodes) is true, and starts otherwise.
     """
     xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * xp.max(square)
-    # Where r' = 0, use the direction of r'', in which the motion starts.
-    ahead = tuple(xp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
+    # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.
+    ahead = tuple(xp.where(moving, p, xp.where(before_stop, -q, q)) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
     inv_speed, inv_level, inv_ahead = (
         _inverse_root(x) for x in (xp.where(moving, i.S, 0.0), xp.where(moving, i.H, 0.0), dot(ahead, ahead))
@@ -141,14 +147,14 @@ def parts(
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
     scaled = _stacked([_symmetric(x) for x in own], (2, 2), square)
     rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]), strict=True))
-    # Where r' = 0, the direction of motion may be opposite to `ahead`.
-    sides = [xp.where(moving[None], xp.stack(row(name, rates[name], bounds)), 0.0) for name in SIDED if name in bounds]
+    known = dict.fromkeys(SIDED, moving) | dict.fromkeys(SIDED[1:3], dot(ahead, ahead) > 0)
+    sides = [xp.where(known[x][None], xp.stack(row(x, rates[x], bounds)), 0.0) for x in SIDED if x in bounds]
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = _symmetric(entries / bounds["jerk"] ** 2)
-    upper = [_upper(name, i, bounds[name], moving) for name in UPPER if name in bounds]
+    upper = [_upper(name, i, bounds, moving) for name in UPPER if name in bounds]
     found = Parts(_stacked(upper, (), square), scaled, _stacked(sides, (3,), square), jerk)
     if vehicle is None:
         return found
@@ -164,13 +170,13 @@ def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]
     return xp.stack(rows) if rows else xp.zeros((0, *shape, *like.shape), like.dtype)
 
 
-def _upper(name: str, i: Any, bound: Scalar, moving: Any) -> Any:
+def _upper(name: str, i: Any, bounds: dict[str, Scalar], moving: Any) -> Any:
     """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
-    given = quantity(name)
+    given, bound = quantity(name), bounds[name]
     entry = quantity(given.base) if given.base else given
     xp, square = namespace(moving, bound, i.S), entry.numerator(i)
-    if given.base:
-        square = xp.where(given.side * given.numerator(i) > 0, square, 0.0)
+    if given.base:  # negative on the other side
+        square, bound = square * xp.sign(given.side * given.numerator(i)), scale_and_shift(name, bounds)[0]
     if entry.denominator is not None:
         # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
         divisor = entry.denominator(i)
@@ -221,7 +227,7 @@ def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[A
     """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
     linear = [name in UPPER and POWERS[name] < 1 for name in rows]
     xp = namespace(found)
-    return xp.stack([xp.sqrt(x) if root else x for x, root in zip(found, linear, strict=True)])
+    return xp.stack([xp.sign(x) * xp.sqrt(abs(x)) if root else x for x, root in zip(found, linear, strict=True)])
 
 
 def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:

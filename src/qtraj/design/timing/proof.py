@@ -23,6 +23,7 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
+from qtraj.design.timing.sided import SIDES_OF_RATES
 from qtraj.design.timing.sources import Source
 from qtraj.foundation.types import Scalar
 from qtraj.path.path_quantity import LOAD
@@ -119,13 +120,26 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
     for name, limit in limits.items():
         wanted, divisor = finite & np.isfinite(limit), quantity(name).divisor
-        found = task.decided(wanted, lambda claims, bound, name=name: claims.within(name, bound(name)))
+        found = _within(task, name, limit, wanted)
         if divisor not in positive:
             own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
             positive[divisor] = forward & own.proved
         proved = (positive[divisor] & found.proved) | (forward & (limit == np.inf))
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
+
+
+def _within(task: "_Task", name: str, limit: PerCell, wanted: Bool[Any, " n"]) -> Decided:
+    """Decide whether a quantity satisfies its limit."""
+    allows_zero = np.ones(limit.shape, bool)
+    if name in SIDES_OF_RATES:
+        allows_zero = quantity(name).side * limit > 0
+    found = [
+        task.decided(wanted & own, lambda claims, bound, allows=allows: claims.within(name, bound(name), allows))
+        for own, allows in ((allows_zero, True), (~allows_zero, False))
+        if own.any()
+    ]
+    return Decided(*(np.where(allows_zero, x[0], x[-1]) for x in zip(*found, strict=True)))
 
 
 class _Task:

@@ -1,5 +1,6 @@
 """Check the arguments of `retime`."""
 
+from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
@@ -11,7 +12,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import bound_speed, quantity
 
 ACCELERATIONS = ("acceleration", "longitudinal_acceleration", "friction", "jerk")
 """Limits that bound the acceleration at a stop, also with two sides."""
@@ -24,6 +25,9 @@ converge."""
 LEAST_TOLERANCE = 1e-5
 """Smallest tolerance; the optimality errors of searches with many cells are of this size."""
 
+ABOVE = 3e-5
+"""Least relative distance of the speed at an end from a lower bound on the speed."""
+
 REPRESENTABLE = 1e50
 """Largest limit and speed; the sixth power of a number up to this bound is finite."""
 
@@ -34,7 +38,14 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
     `free` indicates that neither end speed is prescribed; then a limit that bounds the speed is required.
     """
     names = tuple(limits.given())
-    if unknown := [name for name in names if name not in NAMES]:
+    sides = [name for name in names if name not in NAMES and quantity(name).base in NAMES]
+    if sides:
+        base = quantity(sides[0]).base
+        raise ValueError(
+            f"retime supports only one number as a limit on {base}, but {limits!r} was given: pass a number, and check "
+            "the other side with qtraj.certify on the path of the result"
+        )
+    if unknown := list(_without_sides(name for name in names if name not in NAMES)):
         raise ValueError(
             f"retime supports limits only on {', '.join(_without_sides(NAMES))}. Remove the limits on "
             f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that "
@@ -42,7 +53,7 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
         )
     require_sides(limits)
     bounding = [name for name in NAMES if quantity(name).bounds_speed]
-    if not set(bounding) & set(names) and (free or not names):
+    if not bound_speed(names) and (free or not set(names) - {SLOWEST}):
         raise ValueError(
             f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
             "if the path has straight parts, add a limit on the speed, or pass start_speed or end_speed. On the "
@@ -68,7 +79,7 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
     if known[0] is None:
         return
     slow = any(v is not None and (v < known[0]).any() for v in known[1:])
-    if stops or slow:
+    if (stops or slow) and known[0].any():
         contrary = "the path has stops" if stops else "a speed at an end is lower"
         raise ValueError(
             f"the speed must be at least {known[0].tolist()} m/s, but {contrary}: omit the lower bound, or pass a path "
@@ -76,13 +87,33 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
         )
 
 
-def _without_sides(names: tuple[str, ...]) -> list[str]:
+def faster_than_bound(v: Scalar | None, bounds: dict[str, Scalar]) -> Scalar | None:
+    """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away."""
+    known = None if v is None else concrete(v)
+    slowest = concrete(bounds[SLOWEST]) if SLOWEST in bounds else None
+    if known is None or slowest is None:
+        return v
+    least = slowest * (1 + ABOVE)
+    return least if slowest <= known < least else v
+
+
+def _without_sides(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(quantity(name).base or name for name in names))
 
 
 def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
-    """Raise an error if a route has `stops` and a limit on power, but no limit that bounds the acceleration there."""
-    if stops and "power" in names and not set(ACCELERATIONS) & {quantity(name).base or name for name in names}:
+    """Raise an error if a route has `stops` and limits with which the acceleration there must have a bound, but none.
+
+    A limit on power needs a bound, and a limit on one side of the acceleration along the path one on the other side.
+    """
+    bounded = set(ACCELERATIONS) & set(names)
+    sides = [name for name in names if quantity(name).base == "longitudinal_acceleration"]
+    if stops and len(sides) == 1 and not bounded:
+        raise ValueError(
+            "at a stop, the acceleration along the path must be limited on both sides: pass longitudinal_acceleration "
+            "as a pair of two numbers, such as (-6, 2)"
+        )
+    if stops and "power" in names and not bounded and not sides:
         raise ValueError(
             "a limit on power does not bound the acceleration at a stop of a route, and no other given limit bounds it "
             f"there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."

@@ -21,6 +21,7 @@ from qtraj.design.timing.part_timing import Posed, TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
 from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
+    faster_than_bound,
     require_bounded_at_stops,
     require_duration,
     require_knots,
@@ -153,6 +154,7 @@ def retime(
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: given[name] for name in NAMES if name in given}
     require_moving(bounds, speeds, any(any(part.stops) or not part.moves for part in parts))
+    speeds = tuple(faster_than_bound(v, bounds) for v in speeds)
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):

@@ -43,7 +43,8 @@ class Limited(NamedTuple):
         """Return the ratio of each quantity to its limit at the fraction `place` of each moving `cell`."""
         r, v = motion_at(self.path, self.cells, cell, place)
         one: Any = np.ones(())
-        found = used(parts(r, one, self.bounds, self.vehicle), v)
+        before_stop = self.library.asarray(self.cells.stops[1])[cell] & (place > 0.5)
+        found = used(parts(r, one, self.bounds, self.vehicle, before_stop), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
 

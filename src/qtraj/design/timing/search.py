@@ -147,7 +147,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / grid.knots[-1])
     r = derivatives(shape, grid, t.cell, t.place)
     bounds = reduced(problem.bounds, MARGIN)
-    found = parts(r, shape.per_cell, bounds, problem.vehicle)
+    found = parts(r, shape.per_cell, bounds, problem.vehicle, t.cell >= cells // 2)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     r1 = r[0, :, :count].reshape(3, 2, cells + 1)

@@ -1,13 +1,13 @@
 """Limits on one side of a signed value along a timing, as affine functions of a = u̇² and a' = da/du.
 
 The longitudinal, the vertical and the yaw acceleration are p·a + q·a'; how their limits are imposed is described in
-`design.reserve`. A lower bound l on the speed is imposed on its square: (2l² − |r'|² a)/l² ≤ 1.
+`design.one_sided`. A lower bound l on the speed is imposed on its square: (2l² − |r'|² a)/l² ≤ 1.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
-from qtraj.design.reserve import reserve, tightened, value_at
+from qtraj.design.one_sided import scale_and_shift, stricter, value_at
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import quantity
@@ -41,7 +41,7 @@ def reduced(bounds: Mapping[str, Scalar], fraction: float) -> dict[str, Scalar]:
 
 def _reduced(name: str, bounds: Mapping[str, Scalar], fraction: float) -> Scalar:
     if name in SIDED and name != SLOWEST:
-        return tightened(name, bounds, fraction)
+        return stricter(name, bounds, fraction)
     return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)
 
 
@@ -51,15 +51,22 @@ def row(name: str, rates: tuple[Any, Any], bounds: Mapping[str, Scalar]) -> tupl
     For the lower bound on the speed, the value is its square.
     """
     (p, q), side, square = rates, quantity(name).side, bounds[name] ** 2
-    room, shift = (square, 2 * square) if name == SLOWEST else reserve(name, bounds)
-    return shift / room + 0.0 * p, side * p / room, side * q / room
+    scale, shift = _of_slowest(square) if name == SLOWEST else scale_and_shift(name, bounds)
+    return shift / scale + 0.0 * p, side * p / scale, side * q / scale
+
+
+def _of_slowest(square: Any) -> tuple[Any, Any]:
+    """Return scale and shift of a lower bound on the squared speed; a bound of zero is always satisfied."""
+    return namespace(square).where(square > 0, square, 1.0), 2 * square
 
 
 def value_of(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
     """Return the value of a limited quantity from its ratio to the limit, or from the value of an imposed function."""
     if name == SLOWEST:
-        xp = namespace(usage, bounds[name])
-        return bounds[name] * xp.sqrt(xp.maximum(2 - usage, 0.0))
+        xp, (scale, shift) = namespace(usage, bounds[name]), _of_slowest(bounds[name] ** 2)
+        return xp.sqrt(xp.maximum(shift - usage * scale, 0.0))
+    if name in SIDES_OF_RATES:
+        return quantity(name).side * usage * scale_and_shift(name, bounds)[0]
     return value_at(usage, name, bounds) if name in SIDED else usage * bounds[name]
 
 

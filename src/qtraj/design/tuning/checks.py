@@ -22,7 +22,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState, Cylindrical, require_states
 from qtraj.path.boundary_problem import axis_between
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES, bound_speed, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.bounds_speed)
 """Limits that bound the speed; the objective "fastest" needs at least one of these limits."""
@@ -52,7 +52,7 @@ def require_choices(
     user_limits = limits.given()
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
-    if objective.needs_time_limit and not any(name in BOUNDING for name in user_limits):
+    if objective.needs_time_limit and not bound_speed(user_limits):
         # A limit on the power does not bound the speed while braking.
         braking = " while the vehicle brakes" if "power" in user_limits else ""
         raise ValueError(
@@ -136,7 +136,8 @@ def _bad_limit(data: _Data) -> Any:
     bad = data.xp.zeros(data.problem.speed.shape, bool)
     for name, limit in data.limits.items():
         signed = quantity(name).bounds_side
-        bad = bad | (~data.xp.isfinite(limit) if signed else ~_positive(limit, data.xp))
+        finite = data.xp.isfinite(limit) & (limit >= 0 if quantity(name).lower and not signed else True)
+        bad = bad | ~(finite if signed or quantity(name).lower else _positive(limit, data.xp))
     return bad
 
 

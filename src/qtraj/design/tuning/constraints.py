@@ -18,7 +18,7 @@ import numpy as np
 from qtraj.algebra.jets import cos, exp, log, replaced, sin, sqrt
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.sparse import mul
-from qtraj.design.reserve import reserve
+from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.tuning.problem import Formulas
 from qtraj.foundation.arrays import concrete
 from qtraj.path.components import rotated_z
@@ -124,17 +124,17 @@ def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
 
 
 def _side_value(own: _Entry, i: Invariants, by: Units) -> Any:
-    """Return the constraint value ln((x + s)/(b + s)) of a limit on one side of a signed value (see `reserve`)."""
+    """Return the constraint value ln((x + s)/(b + s)) of a limit on one side of a signed value (see `one_sided`)."""
     entry = own.entry
-    room, shift = reserve(entry.name, by.limits)
+    scale, shift = scale_and_shift(entry.name, by.limits)
     numerator = entry.side * entry.numerator(i)
     denominator = None if entry.denominator is None else entry.denominator(i)
     unit = own.length * log(by.length)
     unit = unit if own.per_time == 0 else unit - by.log_duration * float(own.per_time)
     if concrete(shift) is not None and not np.any(shift):
-        return _log_ratio(numerator, denominator) + unit - log(room)
+        return _log_ratio(numerator, denominator) + unit - log(scale)
     shifted = numerator * exp(unit) + (shift if denominator is None else shift * denominator)
-    return _log_ratio(shifted, denominator) - log(room)
+    return _log_ratio(shifted, denominator) - log(scale)
 
 
 def _squared_distance(at: Place, by: Units, u: Any) -> Any:

@@ -6,8 +6,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.design import one_sided
 from qtraj.design.limits import Limits, divisors
-from qtraj.design.reserve import tightened, value_at as of_side
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import namespace
 from qtraj.path.quantity import CORRIDOR, quantity
@@ -41,8 +41,9 @@ def target(name: str, limits: Mapping[str, Any]) -> Any:
     """Return the limit that a search uses, so that rounding errors cannot violate the given one of `limits`."""
     entry, limit = quantity(name), limits[name]
     if entry.bounds_side:
-        return tightened(name, limits, 1 - TARGET_RATIO)
-    return limit / TARGET_RATIO if entry.lower else namespace(limit).maximum(TARGET_RATIO * limit, MIN_LIMIT)
+        return one_sided.stricter(name, limits, 1 - TARGET_RATIO)
+    wanted = limit / TARGET_RATIO if entry.lower else TARGET_RATIO * limit
+    return namespace(limit).maximum(wanted, MIN_LIMIT)
 
 
 def given(limits: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,7 +52,7 @@ def given(limits: Mapping[str, Any]) -> dict[str, Any]:
     for name, limit in limits.items():
         entry = quantity(name)
         if entry.bounds_side:
-            found[name] = tightened(name, limits, TARGET_RATIO - 1)
+            found[name] = one_sided.stricter(name, limits, TARGET_RATIO - 1)
         else:
             found[name] = limit * TARGET_RATIO if entry.lower else limit / TARGET_RATIO
     return found
@@ -61,7 +62,7 @@ def value_at(ratio: Any, name: str, limits: Mapping[str, Any]) -> Any:
     """Return the value of a quantity whose constraint value is ln(`ratio`)."""
     entry = quantity(name)
     if entry.bounds_side:
-        return of_side(ratio, name, limits)
+        return one_sided.value_at(ratio, name, limits)
     return limits[name] / ratio if entry.lower else ratio * limits[name]
 
 

@@ -10,7 +10,7 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import bound_speed, quantity
 from qtraj.path.route import Route
 
 OBJECTIVES = ("nearest", "smoothest", "fastest")
@@ -46,13 +46,13 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
 def require_suitable(names: tuple[str, ...], objective: str) -> None:
     """Raise a ValueError if a route cannot be tuned for this objective within limits of these names."""
     # The natural trihedral does not exist on straights.
-    wrong = [name for name in names if quantity(name).divisor == "cross_norm"]
+    wrong = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.divisor == "cross_norm")
     if wrong:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
             "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
-    forces = [name for name in names if quantity(name).on_road]
+    forces = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.on_road)
     if forces:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
@@ -60,7 +60,7 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
         )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
-    if objective == "fastest" and not any(quantity(name).bounds_speed for name in names):
+    if objective == "fastest" and not bound_speed(names):
         raise ValueError(
             "the fastest route needs a limit that bounds the speed, such as speed, acceleration, lateral_acceleration "
             "or yaw_rate. On straight parts, lateral_acceleration and yaw_rate do not bound the speed: if the route "

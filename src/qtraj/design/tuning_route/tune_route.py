@@ -137,6 +137,7 @@ def _solution(
     max_steps: int,
 ) -> Solution:
     """Return the result and the search behind it, for concrete arguments."""
+    limited(limits, objective)
     if closed:
         circuit.require_closed(route)
     given = parts(route, closed)
