@@ -73,6 +73,7 @@ class ResultCode(enum.IntEnum):
         "every limit is proved to be satisfied on the segments that may change, but the search stopped before the "
         "optimum. Try a larger max_steps for a better value of the objective.",
     )
+    starts_above_limits = NOTES + 6, "start_speed is above the limits: the vehicle brakes until it satisfies them."
 
     max_steps_reached = (
         FAILURES + 0,

@@ -118,7 +118,7 @@ def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Tim
     if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, ends):  # other cells would be compiled anew
         x, excess = _searched(p, part, _fixed(p, part), ends, rest), np.nan
     else:
-        shape = _shape(p.path, part)
+        shape = shape_of(p.path, part)
         x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(p, ends, part, rest, shape))
     powers, usage, codes, slower = _proved(p, x)
     excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
@@ -188,7 +188,7 @@ def _on_chosen_cells(
     return found._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
 
 
-def _shape(path: AbstractHodograph, part: Part) -> Shape:
+def shape_of(path: AbstractHodograph, part: Part) -> Shape:
     """Return the derivatives of a part of a path with concrete values."""
     if isinstance(path, Route):
         segments = known_segments(path).part(slice(part.first, part.last))
@@ -243,10 +243,8 @@ def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any, float]:
     powers, usage = x.found.powers, x.found.usage
     if p.slower:
         powers, usage = (1 - p.slower) * powers, usage * (1 - p.slower) ** exponents
-    if p.polynomials is None:
-        return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32), 0.0
-    codes = _codes(p, p.polynomials, x, powers)
-    if is_traced(constants(powers)):
+    codes = codes_of(p, x.grid, powers, x.rest, x.found.unbounded)
+    if p.polynomials is None or is_traced(constants(powers)):
         return powers, usage, codes, 0.0
     rows = [NAMES.index(name) for name in p.names]
     first, reduced = (powers, usage), 0.0
@@ -254,16 +252,18 @@ def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any, float]:
         if (codes[rows] == PROVED).all():
             break
         slower = (1 - fraction) * first[0]
-        found = _codes(p, p.polynomials, x, slower)
+        found = codes_of(p, x.grid, slower, x.rest, x.found.unbounded)
         if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
             powers, codes, usage, reduced = slower, found, first[1] * (1 - fraction) ** exponents, fraction
     return powers, usage, codes, reduced
 
 
-def _codes(p: Posed, polynomials: Source, x: _Searched, powers: Any) -> Any:
-    """Return the status of all limits in all cells."""
+def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbounded: Any = False) -> Any:
+    """Return the status of all limits in all cells; SAMPLED if the path is not polynomial."""
+    if p.polynomials is None:
+        return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
-    xp = namespace(x.found.unbounded, powers)
-    given = {name: xp.where(x.found.unbounded, np.nan, p.bounds[name]) for name in p.names}
+    xp = namespace(unbounded, powers)
+    given = {name: xp.where(unbounded, np.nan, p.bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
-    return prove(polynomials, x.grid, (own, np.array(x.rest)), given, road).codes
+    return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes

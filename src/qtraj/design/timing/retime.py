@@ -13,8 +13,9 @@ from jax.lax import stop_gradient
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
+from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.constraints import NAMES, listed
-from qtraj.design.timing.ends import begun
+from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.part_timing import Posed, TimedPart, moving_time, timed
@@ -73,6 +74,13 @@ def retime(
     search choose the speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end
     at rest where the velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only
     between the ends.
+
+    A vehicle may start faster than the limits allow, because of a limit at the start or of a bend ahead. If the
+    longitudinal acceleration is limited and the jerk is not, it then brakes as strongly as this limit allows until it
+    meets the fastest timing from a lower speed. The code of the result is `starts_above_limits`, a success with a note:
+    every limit is satisfied from `braking_time` [s] and `braking_distance` [m] on. The certificate is for the whole
+    path, so the limits that are violated before are "broken", and `certificate.holds` is false. In all other cases, and
+    inside jit, the code is `end_speed_not_reached`, and the text says what to do.
 
     Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends, where
     |r'(u)| is small and where the active limit changes. Cells are halved until the estimated distance of the duration
@@ -153,8 +161,9 @@ def retime(
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
     require_duration(duration, is_traced(path, bounds, road, speeds))
-    *found, gap, share = _retimed(posed, parts, standing, speeds, duration)
-    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, gap=gap, share=share)
+    *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
+    more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
+    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
 
 
@@ -187,6 +196,8 @@ def _retimed(
         keeps_ends = any(v is not None and float(v) > 0 for v in speeds)
         given, share = gentlest(p, duration - waits, keeps_ends, lambda p: moving_time(of_parts_with(p), rest))
     found = of_parts_with(given)
+    brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
+    found[0] = found[0] if brakes is None else brakes[:2]
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = eqx.filter_jit(_judged) if traced else _judged
     own, grids = (list(x) for x in zip(*found, strict=True))
@@ -198,7 +209,18 @@ def _retimed(
         result[3], gap = result[3] * ratios(p.names, share)[:, None], np.asarray(np.nan)
         too_short = code == ResultCode.successful and float(result[1]) > (1 + p.tolerance) * duration
         code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
-    return *result, code, steps, gap, share
+    if brakes is not None and brakes.holds and code == ResultCode.limits_broken:
+        code = np.asarray(int(ResultCode.starts_above_limits))
+    return *result, code, steps, gap, share, *((0.0, 0.0) if brakes is None else brakes[2:4])
+
+
+def _braked(p: Posed, part: Part, found: tuple[TimedPart, Any], begins: Begun) -> Braked | None:
+    """Return the timing of the first part if it has to start above its limits, otherwise None."""
+    if is_traced(found[0].powers, begins.wanted, begins.pace) or not np.isfinite(begins.wanted[0]):
+        return None
+    reached = np.sqrt(np.maximum(found[0].powers[0, 0], 0.0)) * begins.pace[0]
+    missed = begins.pace[0] > 0 and reached < begins.wanted[0] * (1 - REACHED)
+    return braked(p, part, found, begins.wanted[0]) if missed else None
 
 
 def _judged(
