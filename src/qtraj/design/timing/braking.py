@@ -16,7 +16,8 @@ from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.cells import Cells, Shape
 from qtraj.design.timing.constraints import NAMES, listed, parts, ratios, used
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.part_timing import Posed, TimedPart, codes_of, shape_of
+from qtraj.design.timing.part_search import Posed, shape_of
+from qtraj.design.timing.part_timing import TimedPart, codes_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import Timing
@@ -28,7 +29,7 @@ LIMIT = "longitudinal_acceleration"
 RESERVE = 1e-3
 """Fraction by which the deceleration stays below its limit, for the error of the cubics."""
 
-MEETING, HALVINGS = 6, 12
+MEETING, HALVINGS = 10, 12
 """How often the cell in which both curves meet is halved, and the largest number of halvings for the cubics."""
 
 CHECKED = 17

@@ -18,7 +18,8 @@ from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.part_timing import Posed, TimedPart, moving_time, timed
+from qtraj.design.timing.part_search import Posed
+from qtraj.design.timing.part_timing import TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
 from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
