@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.random_paths import exact_duration, random_path
+from benchmarks.random_paths import RandomPath, exact_duration, random_path
 from scipy.interpolate import CubicSpline, PPoly
 
 import qtraj as qt

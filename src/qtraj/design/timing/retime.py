@@ -26,6 +26,7 @@ from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_duration,
     require_knots,
+    require_one_path,
     require_regular,
     require_representable,
     require_stop,
@@ -122,8 +123,8 @@ def retime(
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
     limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
     wrong `tolerance` or `duration`, a `duration` with traced arguments, float32, a path that has a timing already, a
-    path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest, has a
-    velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
+    batch, a path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest,
+    has a velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
     acceleration jumps), and a route with stops and a limit on power but none on acceleration, friction or jerk; with
     `periodic`, for a path that does not end as it starts or has stops, and for a speed at an end. RuntimeError with
     `throw` if the retiming fails.
@@ -139,6 +140,7 @@ def retime(
             "with other limits"
         )
     require_limits(limits)
+    require_one_path(path, limits)
     require_float64(path)
     lap = bool(periodic)
     if lap:
