@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.sources import source
+from qtraj.design.timing.steepness import friction_at_rest
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
@@ -27,6 +28,10 @@ from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+FAILED_SEARCH = (ResultCode.not_finite, ResultCode.not_converged, ResultCode.limits_broken)
+"""Codes of searches for which no timing may exist."""
 
 
 @storable
@@ -155,6 +160,8 @@ class Retimed(AbstractOutcome):
                 "the vehicle first brakes as strongly as the limit on the longitudinal acceleration allows. From "
                 f"t = {when:.4g} s ({where:.4g} m) on, every limit is {proved}. Before: {before}."
             )
+        if code in FAILED_SEARCH and (steep := self._too_steep(at)):
+            return steep
         if code == ResultCode.not_converged:
             return (
                 "the search stopped before it converged. The returned timing may be slower than necessary. Try another "
@@ -174,6 +181,23 @@ class Retimed(AbstractOutcome):
         if code == int(np.asarray(self.certificate.code)[at]):  # the text of the certificate names the limits
             return self.certificate.explain(at)
         return code.text
+
+    def _too_steep(self, at: tuple[int, ...]) -> str:
+        """Return a text if the limit on friction is too low for a slope or a bank, otherwise an empty one."""
+        if at or self.vehicle is None or "friction" not in self.certificate.names:
+            return ""
+        knots = np.asarray(self.timing.knots)
+        u = np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])])
+        needed, place = friction_at_rest(self.path.path, self.vehicle, u)
+        limit = float(np.asarray(self.certificate.limits)[self.certificate.names.index("friction")])
+        if not needed > limit:
+            return ""
+        where = ", ".join(f"{x:.4g}" for x in np.round(place, 6) + 0.0)
+        return (
+            f"no timing was found. The road is too steep or banked to drive it slowly: at ({where}) m, gravity alone "
+            f"needs {needed:.4g} of the available friction, but the limit is {limit:.4g}. Raise the limit on friction "
+            "above the former value, pass a vehicle with more friction, or change the path."
+        )
 
     def _braking_advice(self) -> str:
         """Return advice on a start speed that is higher than the limits allow."""
