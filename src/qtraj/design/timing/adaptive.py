@@ -79,7 +79,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
             own = own if np.isfinite(own) else np.inf
             if best is None or own < excess:
                 best, excess = latest, own
-            if own <= p.tolerance * slower:
+            if own <= p.tolerance * slower or not np.isfinite(latest.powers).all():
                 break
         halved = _halved(shape, task, accuracy, cells, latest, profile)
         if exact and halved.half.size == cells.half.size:
