@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.design.timing import part_timing, search
+from qtraj.design.timing import part_search, search
 from qtraj.scenario import KINDS
 from qtraj.scenario.reader import read_scenario
 from qtraj.scenario.route import EMBEDDED, read_retiming, retiming
@@ -94,10 +94,10 @@ def test_a_failed_search_is_a_failure_with_results(qtraj, default, tmp_path, mon
     """The figure and the numbers of a timing that contains NaN: neither an error of matplotlib nor `nan`."""
 
     def failed(*given):
-        found = search.fastest(*given)
+        found = search.completed(*given)
         return found._replace(powers=np.nan * found.powers, usage=np.nan * found.usage)
 
-    monkeypatch.setattr(part_timing, "fastest", failed)
+    monkeypatch.setattr(part_search, "completed", failed)
     result = qtraj("retime", default[2] / "path.json", "--limit", "speed=9", "--out", tmp_path / "out")
     assert result.exit_code == 1, result.output
     assert "duration  unknown instead of" in result.stdout

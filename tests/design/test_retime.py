@@ -472,3 +472,29 @@ def test_rounded_accelerations_are_no_jumps():
     parts, standing = of_path(route, ("jerk",))
     assert len(parts) == 1
     assert standing == (False, False)
+
+
+def test_a_batch_is_refused_with_advice():
+    """The call that the message for paths and limits advises has the durations of single calls."""
+    limits = qt.Limits(speed=9.0, longitudinal_acceleration=2.0)
+    paths = jax.tree.map(lambda *x: jnp.stack(x), STRAIGHT, CIRCLE)
+    with pytest.raises(ValueError, match=r"a batch of shape \(2,\) was given: use jax.vmap"):
+        qt.retime(paths, limits)
+    durations = jax.vmap(lambda path: qt.retime(path, limits, knots=64).duration)(paths)
+    single = [float(qt.retime(path, limits, knots=64).duration) for path in (STRAIGHT, CIRCLE)]
+    np.testing.assert_allclose(durations, single, rtol=1e-5)
+    many = jax.vmap(lambda v: qt.Limits(speed=v))(jnp.array([9.0, 8.0]))
+    with pytest.raises(ValueError, match=r"the limit speed has the batch shape \(2,\): use jax.vmap"):
+        qt.retime(STRAIGHT, many)
+
+
+def test_a_batch_of_routes_is_refused_with_advice():
+    points = np.array([[-12.0, 0, 0], [0, 0, 0], [12, 1, 0.5]])
+    rows = [np.array([[6.0, 0.3, 0], [3, 0, 0], [6, 0.5, v]]) for v in (0.2, 0.5)]
+    routes = [qt.Route([0.0, 3, 6], points, velocity, np.zeros((3, 3))) for velocity in rows]
+    batch = jax.tree.map(lambda *x: jnp.stack(x), *routes)
+    limits = qt.Limits(speed=9.0, longitudinal_acceleration=2.0)
+    with pytest.raises(ValueError, match=r"a batch of shape \(2,\) was given: call it once for each route"):
+        qt.retime(batch, limits)
+    first = qt.retime(jax.tree.map(lambda x: x[0], batch), limits)
+    assert float(first.duration) == float(qt.retime(routes[0], limits).duration)

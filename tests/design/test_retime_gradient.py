@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.design.timing import search
-from qtraj.design.timing.constraints import NAMES, tightened
+from qtraj.design.timing import rounds, search
+from qtraj.design.timing.constraint_values import tightened
+from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import begun, continued, duration, solve
@@ -36,10 +37,10 @@ def shortest(values, factors):
     Returns the minimum duration and the coefficients.
     """
     program = search._imposed(problem(values), TABLES)[0]
-    program = program._replace(constraints=tightened(program.constraints, search._at_nodes(factors)))
+    program = program._replace(constraints=tightened(program.constraints, rounds.at_nodes(factors)))
     own = jax.tree.map(lambda x: x[..., None, :, :], program[1:])  # a batch of one problem
     program = program.__class__(program.nodes, *own)
-    first = solve(program, begun(program, initial(program)), np.full(1, search.GAPS[0]))
+    first = solve(program, begun(program, initial(program)), np.full(1, rounds.GAPS[0]))
     found = solve(program, continued(program, first), np.full(1, GAP))
     return duration(program, program.at_nodes(found.coefficients)), found.coefficients[0]
 
@@ -54,7 +55,7 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
     given = jax.tree.map(
         lambda x: x[None], [x if k else x[1:] for k, x in enumerate(search._imposed(problem(at), TABLES))]
     )
-    found = search.Result(*(x[0] for x in search._searched(TABLES, np.zeros(2, bool), None, *given)))
+    found = rounds.Result(*(x[0] for x in rounds.searched(TABLES, np.zeros(2, bool), None, *given)))
     exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
         jnp.asarray(at)
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.random_paths import exact_duration, random_path
+from benchmarks.random_paths import RandomPath, exact_duration, random_path
 from scipy.interpolate import CubicSpline, PPoly
 
 import qtraj as qt
@@ -295,3 +295,17 @@ def test_contradicting_limits_do_not_halve_cells_again_and_again():
     timed = from_rest(hill, {"friction": 0.9, "speed": 5.0, "vehicle": car})
     assert not timed.successful
     assert timed.timing.knots.size < 2000
+
+
+def test_a_long_route_needs_few_cells():
+    """A spline through 200 random points over 13.8 km: the duration is within the tolerance of the exact one."""
+    rng = np.random.default_rng(1)
+    points = np.cumsum(rng.normal(0, 1, (200, 3)) * [1, 1, 0.02] + [1, 0, 0], axis=0) * 27.5
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    spline = CubicSpline(chord, points)
+    timed = from_rest(qt.Route.from_piecewise(spline), STREET)
+    exact = exact_duration(RandomPath(spline, ("walk", "chord", "cubic"), STREET))
+    assert timed.code == qt.ResultCode.successful
+    assert 0 < float(timed.duration) / exact - 1 < 1e-3
+    assert float(timed.gap) == pytest.approx(float(timed.duration) / exact - 1, abs=5e-5)
+    assert timed.timing.knots.size < 9000

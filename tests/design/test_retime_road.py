@@ -1,5 +1,7 @@
 """Limits on friction and power in `retime`: closed forms, dense samples, planted violations, derivatives."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,9 @@ import pytest
 from scipy.integrate import quad
 
 import qtraj as qt
+from qtraj.algebra import subdivision
 from qtraj.design.proof.certificate import BROKEN, PROVED
+from qtraj.design.proof.deciding import decided
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import cells_of
@@ -207,3 +211,34 @@ def test_a_vehicle_with_little_power_climbs_from_rest_to_rest(slope, speed):
     steady = length * np.hypot(1, slope) / speed
     assert steady < float(timed.duration) < 1.04 * steady  # the kinetic energy takes up to 1.1 s more
     assert set(timed.certificate.status.values()) == {"proved"}
+
+
+@pytest.mark.parametrize(("share", "code"), [(0.9, "not_finite"), (1.1, "successful")])
+def test_a_road_that_is_too_steep_is_reported(share, code):
+    """Without motion the slope of 0.8 in the middle of the road needs the friction 0.8/μ; above it, a timing exists."""
+    x, grip = np.linspace(0.0, 200.0, 9), 2.0
+    shape = qt.Shape.through(np.stack([x, 0.3 * x * (200 - x) / 100, 0.8 * x], axis=1))
+    limits = qt.Limits(speed=20.0, friction=share * 0.8 / grip, vehicle=qt.Vehicle(MASS, friction=grip))
+    timed = qt.retime(shape, limits, 0.0, 0.0)
+    assert timed.code == qt.ResultCode[code]
+    needed = re.search(r"gravity alone needs ([\d.]+) of", timed.result)
+    assert (needed is None) == (code == "successful")
+    if needed is not None:
+        assert float(needed.group(1)) == pytest.approx(0.8 / grip, rel=1e-3)
+        assert re.search(r"at \((99|100|101)[\d.]*, ", timed.result)
+
+
+def test_proofs_take_less_work_after_many_undecided_claims(monkeypatch):
+    works = []
+
+    def undecided(claim, strict, max_work):
+        works.append(max_work)
+        return subdivision.Decision(False, False)
+
+    monkeypatch.setattr(subdivision, "decide", undecided)
+    found = decided(np.ones(9, bool), lambda: None, lambda k: k, max_work=6400, patience=3)
+    assert not (found.proved | found.refuted).any()
+    assert works == [6400] * 3 + [100] * 6
+    works.clear()
+    decided(np.ones(9, bool), lambda: None, lambda k: k, max_work=6400)
+    assert works == [6400] * 9

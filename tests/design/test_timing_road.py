@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.design.timing import search
+from qtraj.design.timing import rounds, search
 from qtraj.design.timing.constraints import listed
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.road import coefficients
@@ -62,9 +62,9 @@ def satisfied(path, a, **limits):
     own = tables(uniform(CELLS), (False, False))
     program, places = search._imposed(problem, own)
     coefficients = np.full(CELLS + 3, a)
-    usage = search._between_nodes(places, own.within, coefficients)
+    usage = rounds.between_nodes(places, own.within, coefficients)
     nodes, ones = np.ones_like(program.largest), np.ones((program.constraints.per_node, CELLS))
-    last = search.Result(coefficients, nodes, nodes, np.zeros(()), np.asarray(1e-9), ones, usage, np.zeros((), bool))
+    last = rounds.Result(coefficients, nodes, nodes, np.zeros(()), np.asarray(1e-9), ones, usage, np.zeros((), bool))
     powers, after, error = search._satisfied(last, coefficients, own, places, tuple(bounds))
     after[ROWS.index("speed")] **= 2
     return float(powers[0, 0] / a), usage, after, float(error)
@@ -88,7 +88,7 @@ def test_a_violation_of_the_friction_is_removed_by_a_slower_timing():
     largest = float(jnp.max(usage[ROWS.index("friction")]))
     assert 1 + 1e-4 < largest < 1.01
     assert factor < 1 / largest
-    assert float(jnp.max(after)) < 1 + search.ALLOWED
+    assert float(jnp.max(after)) < 1 + rounds.ALLOWED
     assert error > 5e-5  # half of the fraction by which u̇² was reduced
 
 

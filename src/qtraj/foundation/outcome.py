@@ -73,6 +73,7 @@ class ResultCode(enum.IntEnum):
         "every limit is proved to be satisfied on the segments that may change, but the search stopped before the "
         "optimum. Try a larger max_steps for a better value of the objective.",
     )
+    starts_above_limits = NOTES + 6, "start_speed is above the limits: the vehicle brakes until it satisfies them."
 
     max_steps_reached = (
         FAILURES + 0,
@@ -103,7 +104,7 @@ class ResultCode(enum.IntEnum):
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
         FAILURES + 6,
-        "no boundary velocities were found that satisfy the limits. Try more starts, raise the violated limits, or "
+        "no boundary velocities were found that satisfy the limits. Try more starts, relax the violated limits, or "
         "change the boundary positions.",
     )
     poor_fit = (
@@ -112,7 +113,7 @@ class ResultCode(enum.IntEnum):
         "moving. Pass motion='hermite', which follows the recording more closely than 'uniform', or wider "
         "radius_bounds.",
     )
-    limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
+    limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or relax the limit."
     limits_undecided = (
         FAILURES + 9,
         "a limit is undecided: the largest value of the quantity equals the limit to within rounding error, or the "
@@ -126,7 +127,7 @@ class ResultCode(enum.IntEnum):
     route_not_found = (
         FAILURES + 12,
         "no route that stays within the tube and satisfies the limits was found; a local search cannot prove that "
-        "no such route exists. Widen the tube, raise the limits that are not proved to be satisfied, or fix fewer "
+        "no such route exists. Widen the tube, relax the limits that are not proved to be satisfied, or fix fewer "
         "states.",
     )
     limits_contradict = (
@@ -143,11 +144,11 @@ class ResultCode(enum.IntEnum):
     route_not_converged = (
         FAILURES + 15,
         "the search for a route stopped before it converged. Try a larger max_steps. If the search stops again, widen "
-        "the tube, raise the limits that are not proved to be satisfied, or fix fewer states.",
+        "the tube, relax the limits that are not proved to be satisfied, or fix fewer states.",
     )
     end_speed_not_reached = (
         FAILURES + 14,
-        "start_speed or end_speed cannot be reached within the limits. Pass a lower speed, or raise the limits.",
+        "start_speed or end_speed cannot be reached within the limits. Pass another speed, or relax the limits.",
     )
     rest_unknown = (
         FAILURES + 16,
@@ -164,8 +165,9 @@ class ResultCode(enum.IntEnum):
     duration_too_short = (
         FAILURES + 19,
         "the prescribed duration is shorter than that of the fastest timing within the limits, which is returned. Pass "
-        "a longer duration, or raise the limits.",
+        "a longer duration, or relax the limits.",
     )
+    duration_too_long = FAILURES + 20, "no timing within the limits takes as long as prescribed. Lower the duration."
 
     velocity_vanishes = (
         ILL_POSED + 0,

@@ -118,6 +118,11 @@ class Profile(NamedTuple):
     times: Float[np.ndarray, " cells"]
     bounds: bool
 
+    @property
+    def least(self) -> float:
+        """A lower bound on the duration [s], or −inf if none is known."""
+        return float(self.times.sum()) if self.bounds else -np.inf
+
 
 def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     """Return the profile of the relaxed timing."""
@@ -131,21 +136,25 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     return Profile(a, pace, found.accelerations, fourth, found.times, found.bounds)
 
 
-def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, float]:
-    """Return cells that approximate the relaxed timing, and a lower bound on the duration, or −inf if none is known.
+def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, bool]:
+    """Return cells that approximate the relaxed timing, and whether no timing within the limits is faster.
 
     `accuracy` is the largest relative error of the duration.
     """
-    cells = resolved(shape)
+    cells, bounds = resolved(shape), False
     for _ in range(PASSES):
         profile = relaxed_profile(shape, task, cells)
+        bounds = profile.bounds
         time, error = float(profile.times.sum()), _errors(shape, task, cells, profile)
         if not error.sum() > accuracy * time or error.size > MOST // 2:
             break
         cells = cells.halved(error > accuracy * time / error.size)
-    cells = _graded(shape, cells)
-    finer = relaxed_profile(shape, task, cells.halved(np.ones(cells.half.size, bool)))
-    return cells, float(finer.times.sum()) if finer.bounds else -np.inf
+    return _graded(shape, cells), bounds
+
+
+def finest(shape: Shape, task: Task, cells: Cells) -> float:
+    """Return the lower bound on the duration that the halves of the cells imply."""
+    return relaxed_profile(shape, task, cells.halved(np.ones(cells.half.size, bool))).least
 
 
 def refined(
@@ -153,15 +162,14 @@ def refined(
     task: Task,
     accuracy: float,
     cells: Cells,
-    powers: Float[np.ndarray, "cells 4"],
-    times: Float[np.ndarray, " cells"],
+    timing: tuple[Float[np.ndarray, "cells 4"], Float[np.ndarray, " cells"], Profile],
 ) -> Cells:
     """Halve cells where a timing is not smooth.
 
-    `powers` are the coefficients of a = u̇² in the cells, and `times` the times in the cells [s]. The third derivative
-    of a smooth function hardly jumps.
+    `timing` contains the coefficients of a = u̇² in the cells, the times in the cells [s], and the relaxed timing. The
+    third derivative of a smooth function hardly jumps.
     """
-    least = relaxed_profile(shape, task, cells)
+    powers, times, least = timing
     length = shape.lengths(cells)
     jump = np.pad(np.abs(np.diff(6 * powers[:, 3] / length**3)), 1)
     jump[1:-1][np.diff(cells.segment) > 0] = 0.0

@@ -12,7 +12,7 @@ square of the jerk is a·Q, where Q is a quadratic form in (a, a', a''). So a li
 inequality becomes convex if 1/√a is replaced by its tangent. Limits on friction and power need a vehicle (see `road`).
 
 The last axes of every array index the nodes. Quadratic forms are represented by their symmetric matrices. All functions
-accept NumPy and JAX arrays, except `second_derivatives`, which needs NumPy arrays.
+accept NumPy and JAX arrays; `constraint_values` evaluates the constraints.
 """
 
 import functools
@@ -95,10 +95,6 @@ class Constraints(NamedTuple):
         return 2 if self.jerk is None else 3
 
 
-Gradients = Float[Any, "count orders *nodes"]
-"""For each constraint, the derivatives with respect to a = u̇², a' and, with a limit on the jerk, a''."""
-
-
 class Parts(NamedTuple):
     """The constraints before the upper bounds are combined; `upper` has one row for each limit."""
 
@@ -145,7 +141,7 @@ def parts(
     squares = *(_square(*x) for x in (along, turning, climbing)), (i.A, half * i.B, half * half * i.S)
     forms = dict(zip(FORMS, squares, strict=True))
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
-    scaled = _stacked([_symmetric(x) for x in own], (2, 2), square)
+    scaled = _stacked([symmetric(x) for x in own], (2, 2), square)
     rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]), strict=True))
     known = dict.fromkeys(SIDED, moving) | dict.fromkeys(SIDED[1:3], dot(ahead, ahead) > 0)
     sides = [xp.where(known[x][None], xp.stack(row(x, rates[x], bounds)), 0.0) for x in SIDED if x in bounds]
@@ -153,7 +149,7 @@ def parts(
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
-        jerk = _symmetric(entries / bounds["jerk"] ** 2)
+        jerk = symmetric(entries / bounds["jerk"] ** 2)
     upper = [_upper(name, i, bounds, moving) for name in UPPER if name in bounds]
     found = Parts(_stacked(upper, (), square), scaled, _stacked(sides, (3,), square), jerk)
     if vehicle is None:
@@ -187,7 +183,7 @@ def _upper(name: str, i: Any, bounds: dict[str, Scalar], moving: Any) -> Any:
     return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]:
+def symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]:
     """Return the symmetric matrix with the rows of its lower triangle in `entries`."""
     return entries[np.array([[0, 1], [1, 2]] if entries.shape[0] == 3 else [[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
 
@@ -200,117 +196,3 @@ def _inverse_root(x: Any) -> Any:
 def _square(p: Any, q: Any) -> tuple[Any, Any, Any]:
     """Return the entries (aa, ab, bb) of the quadratic form (p·a + q·b)², where b = a'."""
     return p * p, p * q, q * q
-
-
-def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraints:
-    """Return the same constraints with their limits divided by `factors`."""
-    own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
-    forms = factors[1 : 1 + len(c.forms), None, None] ** 2
-    sides = factors[1 + len(c.forms) : c.before_jerk, None]
-    jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2
-    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own)
-
-
-def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:
-    """Return each quantity divided by its limit in the order of `NAMES`, or a divided by its bound for `UPPER`.
-
-    `v` contains a = u̇² and its derivatives with respect to the path parameter.
-    """
-    xp = namespace(v, p.upper)
-    on_road = [] if p.road is None else road.used(p.road, v)
-    upper = p.upper * xp.maximum(v[0], 0.0)[None]
-    forms, *jerk = (xp.sqrt(xp.maximum(x, 0.0)) for x in _squares(p, v))
-    return xp.concatenate([upper, forms, _affine(p.sides, v), *jerk, *(x[None] for x in on_road)])
-
-
-def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[Any, "limits *nodes"]:
-    """Convert the result of `used` to ratios of quantities to their limits; `rows` are the names of its rows."""
-    linear = [name in UPPER and POWERS[name] < 1 for name in rows]
-    xp = namespace(found)
-    return xp.stack([xp.sign(x) * xp.sqrt(abs(x)) if root else x for x, root in zip(found, linear, strict=True)])
-
-
-def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
-    """Return the constraint values, which must not be positive."""
-    on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
-    upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
-    own = [x - 1 for x in (upper, forms, _affine(c.sides, v), *jerk)]
-    return namespace(v, c.upper).concatenate([*own, *on_road])
-
-
-def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
-    """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
-    xp = namespace(v, c.upper)
-    zero = xp.zeros_like(v[:1] * c.upper[None])
-    found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    flat = xp.concatenate([2 * _products(xp, c.forms, v), c.sides[:, 1:] + 0.0 * v[0][None, None]])
-    found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
-    if c.jerk is not None:
-        slope = _product(xp, c.jerk, v)
-        own = 2 * v[0][None] * slope
-        found.append(xp.concatenate([own[:1] + _dot(xp, slope, v)[None], own[1:]])[None])
-    if c.road is not None:
-        more = [] if c.jerk is None else [zero[0]]
-        found += [xp.stack([*x, *more])[None] for x in road.gradients(c.road, v)]
-    return xp.concatenate(found)
-
-
-def second_derivatives(
-    c: Constraints,
-    slope: Gradients,
-    v: Float[Any, "orders *nodes"],
-    multipliers: Float[Any, "count *nodes"],
-    ratio: Float[Any, "count *nodes"],
-    a: Float[Any, "*nodes"],
-) -> Float[Any, "orders orders *nodes"]:
-    """Return Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0, and `slope` are the gradients.
-
-    The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
-    w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
-    """
-    found = np.einsum("ci...,cj...->ij...", ratio[:, None] * slope, slope)
-    count = c.forms.shape[0]
-    found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
-    if c.jerk is not None:
-        own, last = _product(np, c.jerk, v), multipliers[c.before_jerk]
-        found += 2 * last * v[0] * c.jerk
-        found[0] += last * own
-        found[:, 0] += last * own
-        found[0, 0] += last * _dot(np, own, v) / (2 * a)
-    if c.road is not None:
-        found[:2, :2] += _symmetric(np.stack(road.second_derivatives(c.road, multipliers[c.before_road :])))
-    return found
-
-
-def changes(slope: Gradients, dv: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
-    """Return the changes of the linearised constraint values for the changes `dv` of a and its derivatives."""
-    return namespace(slope, dv).einsum("ci...,i...->c...", slope, dv)
-
-
-def weighted(slope: Gradients, weights: Float[Any, "count *nodes"]) -> Float[Any, "orders *nodes"]:
-    """Return the weighted sums of the gradients."""
-    return namespace(slope, weights).einsum("ci...,c...->i...", slope, weights)
-
-
-def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Float[Any, "some *nodes"]]:
-    """Return the squares of the quantities of the forms, divided by their limits, and that of the jerk."""
-    xp = namespace(v, c.upper)
-    forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
-    return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
-
-
-def _affine(sides: Float[Any, "sides 3 *nodes"], v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
-    """Return the functions of the limits on one side."""
-    return sides[:, 0] + sides[:, 1] * v[0][None] + sides[:, 2] * v[1][None]
-
-
-def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:
-    return xp.einsum("fij...,j...->fi...", forms, v[:2])
-
-
-def _product(xp: Any, matrix: Float[Any, "3 3 *nodes"], v: Float[Any, "3 *nodes"]) -> Float[Any, "3 *nodes"]:
-    return xp.einsum("ij...,j...->i...", matrix, v)
-
-
-def _dot(xp: Any, x: Float[Any, "n *nodes"], y: Float[Any, "n *nodes"]) -> Float[Any, "*nodes"]:
-    return xp.einsum("i...,i...->...", x, y)

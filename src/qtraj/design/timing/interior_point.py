@@ -16,15 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.timing.banded import Factored, factor, solve as solve_band
-from qtraj.design.timing.constraints import (
-    Constraints,
-    Gradients,
-    changes,
-    gradients,
-    second_derivatives,
-    values,
-    weighted,
-)
+from qtraj.design.timing.constraint_values import Gradients, changes, gradients, second_derivatives, values, weighted
+from qtraj.design.timing.constraints import Constraints
 from qtraj.design.timing.seam import folded, order, repeated
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band, products
 from qtraj.foundation.namespace import namespace

@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import Certificate
+from qtraj.design.timing.sources import source
+from qtraj.design.timing.steepness import friction_at_rest
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
@@ -26,6 +28,10 @@ from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+FAILED_SEARCH = (ResultCode.not_finite, ResultCode.not_converged, ResultCode.limits_broken)
+"""Codes of searches for which no timing may exist."""
 
 
 @storable
@@ -46,6 +52,8 @@ class Retimed(AbstractOutcome):
       cells was given, if the path or a limit was traced, or if the duration was prescribed.
     - `share`: the factor on the limits on accelerations with which the fastest timing has the prescribed duration; NaN
       if no duration was prescribed.
+    - `braking_time` [s] and `braking_distance` [m]: if `start_speed` is higher than the limits allow, the time and the
+      distance from which on every limit is satisfied; otherwise 0.
     """
 
     path: RetimedPath
@@ -59,6 +67,8 @@ class Retimed(AbstractOutcome):
     of_shape: bool = eqx.field(static=True)
     gap: Float[Any, "*batch"]
     share: Float[Any, "*batch"]
+    braking_time: Float[Any, "*batch"]
+    braking_distance: Float[Any, "*batch"]
 
     def __init__(
         self,
@@ -73,10 +83,13 @@ class Retimed(AbstractOutcome):
         of_shape: bool = False,
         gap: ArrayInput = np.nan,
         share: ArrayInput = np.nan,
+        braking_time: ArrayInput = 0.0,
+        braking_distance: ArrayInput = 0.0,
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.gap, self.share = as_float(gap), as_float(share)
+        self.braking_time, self.braking_distance = as_float(braking_time), as_float(braking_distance)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
     @property
@@ -109,7 +122,10 @@ class Retimed(AbstractOutcome):
 
     @property
     def converged(self) -> Any:
-        """Whether the search found the fastest timing with these knots, and this timing satisfies every limit."""
+        """Whether the search found the fastest timing with these knots, and this timing satisfies every limit.
+
+        While the vehicle brakes from a `start_speed` above the limits, it need not satisfy them.
+        """
         good = concrete_codes(self) < ResultCode.max_steps_reached
         return good.item() if good.ndim == 0 else good
 
@@ -131,7 +147,21 @@ class Retimed(AbstractOutcome):
             )
         if code == ResultCode.end_speed_not_reached:
             start, end = np.asarray(self.speeds)[at]
-            return f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end."
+            return (
+                f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end. "
+                f"{self._braking_advice()}"
+            )
+        if code == ResultCode.starts_above_limits:
+            when, where = (float(np.asarray(x)[at]) for x in (self.braking_time, self.braking_distance))
+            proved = "satisfied at all samples" if source(self.path.path) is None else "proved to be satisfied"
+            before = "; ".join(x.statement for x in self.certificate.findings(at) if not x.met)
+            return (
+                f"converged: the fastest timing takes {time:.6g} s. start_speed is higher than the limits allow, so "
+                "the vehicle first brakes as strongly as the limit on the longitudinal acceleration allows. From "
+                f"t = {when:.4g} s ({where:.4g} m) on, every limit is {proved}. Before: {before}."
+            )
+        if code in FAILED_SEARCH and (steep := self._too_steep(at)):
+            return steep
         if code == ResultCode.not_converged:
             return (
                 "the search stopped before it converged. The returned timing may be slower than necessary. Try another "
@@ -151,6 +181,40 @@ class Retimed(AbstractOutcome):
         if code == int(np.asarray(self.certificate.code)[at]):  # the text of the certificate names the limits
             return self.certificate.explain(at)
         return code.text
+
+    def _too_steep(self, at: tuple[int, ...]) -> str:
+        """Return a text if the limit on friction is too low for a slope or a bank, otherwise an empty one."""
+        if at or self.vehicle is None or "friction" not in self.certificate.names:
+            return ""
+        knots = np.asarray(self.timing.knots)
+        u = np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])])
+        needed, place = friction_at_rest(self.path.path, self.vehicle, u)
+        limit = float(np.asarray(self.certificate.limits)[self.certificate.names.index("friction")])
+        if not needed > limit:
+            return ""
+        where = ", ".join(f"{x:.4g}" for x in np.round(place, 6) + 0.0)
+        return (
+            f"no timing was found. The road is too steep or banked to drive it slowly: at ({where}) m, gravity alone "
+            f"needs {needed:.4g} of the available friction, but the limit is {limit:.4g}. Raise the limit on friction "
+            "above the former value, pass a vehicle with more friction, or change the path."
+        )
+
+    def _braking_advice(self) -> str:
+        """Return advice on a start speed that is higher than the limits allow."""
+        if "longitudinal_acceleration" not in self.certificate.names:
+            return (
+                "If start_speed is the higher one, add a limit on longitudinal_acceleration: then the vehicle brakes "
+                "from start_speed until it is within the limits. Without this limit, braking is unbounded."
+            )
+        if "jerk" in self.certificate.names:
+            return (
+                "If start_speed is the higher one, omit the limit on the jerk: then the vehicle brakes from "
+                "start_speed until it is within the limits. With a limit on the jerk, it must start within the limits."
+            )
+        return (
+            "A start_speed above the limits is possible only if the vehicle can brake until it is within the limits "
+            "before its first stop or the end of the path, and if no duration is prescribed or argument traced."
+        )
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it."""
@@ -173,6 +237,8 @@ class Retimed(AbstractOutcome):
             "code": Quantity(self.code, "1", "result code of the search"),
             "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
             "share": Quantity(self.share, "1", "factor on the limits on accelerations for a prescribed duration"),
+            "braking_time": Quantity(self.braking_time, "s", "time from which on every limit is satisfied"),
+            "braking_distance": Quantity(self.braking_distance, "m", "distance from which on every limit is satisfied"),
             "gap": Quantity(self.gap, "1", "estimated relative distance of the duration from the minimum"),
             **vehicle_quantities(self.vehicle),
             **findings.variables,

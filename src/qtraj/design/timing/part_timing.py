@@ -1,8 +1,4 @@
-"""Compute the fastest timing of one part of a path, choose its cells, and prove its limits.
-
-The first cells approximate the relaxed timing. If the timing is slower than the relaxed one by more than the tolerance,
-cells are halved where the timing is not smooth, and it is computed again, until it hardly becomes faster.
-"""
+"""Compute the fastest timing of one part of a path, and prove its limits."""
 
 from __future__ import annotations
 
@@ -12,63 +8,23 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.proof.certificate import PROVED, SAMPLED
-from qtraj.design.timing.cells import MOST, Shape, chosen, refined, with_positive
+from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
-from qtraj.design.timing.grid import Grid, of_segments, path_derivatives, uniform
+from qtraj.design.timing.grid import Grid, of_segments, uniform
+from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
-from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.search import Found, Problem, fastest, last_gap
-from qtraj.design.timing.sided import excludes_zero
-from qtraj.design.timing.sources import Source
-from qtraj.design.timing.spline import inserted
-from qtraj.design.timing.tables import tables
+from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
-from qtraj.foundation.types import Scalar
-from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
-from qtraj.path.vehicle import RoadParameters
 
 KNOTS = 512
 """Number of cells of a part if they cannot be chosen, because the path or a limit is traced."""
 
-ACCURACY, CHANGE, ATTEMPTS = 0.2, 0.3, 6
-"""As fractions of the tolerance, the accuracy of the cells, and the change of the duration at which cells are no longer
-halved; and how often they are halved."""
-
-COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "jerk", "friction", "power"}, 0.2
-"""Quantities with whose limits the relaxed timing is faster than the fastest one, and without which the accuracy of the
-cells is multiplied by `FINER` if the duration hardly changes."""
-
-LEAST_ERROR = 0.1
-"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
-
-COARSE = 0.03
-"""Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
-
 SLOWER = (3e-5, 3e-4, 3e-3)
 """Fractions by which u̇² is reduced until all limits are proved: in sharp bends, rounding errors exceed the margin."""
-
-
-class Posed(NamedTuple):
-    """A path, its polynomials or None, its limits with their names, and the arguments of `retime` for its cells.
-
-    `knots` is None if the cells are chosen for the `tolerance`. The squared rate u̇² of the result is reduced by the
-    fraction `slower`.
-    """
-
-    path: AbstractHodograph
-    polynomials: Source | None
-    bounds: dict[str, Scalar]
-    vehicle: RoadParameters | None
-    names: tuple[str, ...]
-    lap: bool
-    knots: int | None
-    tolerance: float
-    slower: float = 0.0
 
 
 class TimedPart(NamedTuple):
@@ -88,25 +44,6 @@ class TimedPart(NamedTuple):
     excess: Any = np.zeros(())
 
 
-class _Searched(NamedTuple):
-    """The result of a search on a grid, the knots of the timing, and whether u̇² is zero at its ends."""
-
-    grid: Grid
-    found: Found
-    knots: Float[Any, " cells+1"]
-    enough: float
-    rest: tuple[bool, bool]
-
-    @property
-    def powers(self) -> Float[np.ndarray, "cells 4"]:
-        """The coefficients of u̇² as known numbers, even if they are differentiated."""
-        return np.asarray(constants(self.found.powers))
-
-    def times(self) -> Float[np.ndarray, " cells"]:
-        """Return the times in the cells [s] as known numbers."""
-        return np.diff(np.asarray(Timing(self.powers, constants(self.knots), self.rest).times))
-
-
 def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[TimedPart, Grid | None]:
     """Return the fastest timing of a part of the path with a proof of its limits, and its cells, or None for a stop.
 
@@ -118,10 +55,9 @@ def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Tim
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
     if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, ends):  # other cells would be compiled anew
-        x, excess = _searched(p, part, _fixed(p, part), ends, rest), np.nan
+        x, excess = searched(p, part, _fixed(p, part), ends, rest), np.nan
     else:
-        shape = _shape(p.path, part)
-        x, excess = _on_chosen_cells(p, part, ends, rest, shape, _task(p, ends, part, rest, shape))
+        x, excess = on_chosen_cells(p, part, ends, rest)
     powers, usage, codes, slower = _proved(p, x)
     excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
     return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
@@ -145,98 +81,7 @@ def _fixed(p: Posed, part: Part) -> Grid:
     return of_segments(np.append(starts, part.end), part.first, cells, part.stops)
 
 
-def _on_chosen_cells(
-    p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], shape: Shape, task: Task
-) -> tuple[_Searched, float]:
-    """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
-    accuracy = ACCURACY * p.tolerance
-    cells, least = chosen(shape, task, accuracy)
-    limited = {quantity(name).base or name for name in p.names}
-    exact = np.isfinite(least) and not COUPLED & limited and not excludes_zero(p.bounds)
-    if "jerk" in p.bounds:
-        cells, _ = chosen(shape, task, COARSE)
-    found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
-    for _ in range(ATTEMPTS):
-        # Without finite coefficients, the limits contradict each other, and smaller cells do not help.
-        if np.isfinite(found.times()).all() or not np.isfinite(found.powers).all() or cells.half.size > MOST // 2:
-            break
-        cells = with_positive(shape, cells, found.powers)
-        found = _searched(p, part, cells.grid(shape.spans, part.first), ends, rest)
-    times = found.times()
-    excess = times.sum() - least
-    for _ in range(ATTEMPTS):
-        before = times.sum()
-        if not excess > p.tolerance * before:
-            break
-        halved = refined(shape, task, accuracy, cells, found.powers, times)
-        if halved.half.size == cells.half.size:
-            if exact:
-                accuracy *= FINER
-                continue
-            halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
-        grid = halved.grid(shape.spans, part.first)
-        finer = _searched(p, part, grid, ends, rest, found)
-        if not finer.found.error < finer.enough:
-            finer = _searched(p, part, grid, ends, rest)
-        gained = before - finer.times().sum()
-        if gained > 0:
-            found, cells, times = finer, halved, finer.times()
-            excess = times.sum() - least if exact else min(times.sum() - least, gained)
-        if not gained > CHANGE * p.tolerance * before:
-            if not exact or np.isnan(gained):
-                break
-            accuracy *= FINER
-    enough = max(found.enough, LEAST_ERROR * p.tolerance)
-    return found._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
-
-
-def _shape(path: AbstractHodograph, part: Part) -> Shape:
-    """Return the derivatives of a part of a path with concrete values."""
-    if isinstance(path, Route):
-        segments = known_segments(path).part(slice(part.first, part.last))
-
-        def of_route(i: np.ndarray, place: np.ndarray) -> np.ndarray:
-            rows = segments.values(i, 0.5 * segments.durations[i] * (1 + place), 3)[1:]
-            return np.moveaxis(np.stack(rows), -1, 1)
-
-        return Shape(of_route, segments.durations)
-    duration = float(np.asarray(path.duration))
-
-    def of_any(_: np.ndarray, place: np.ndarray) -> np.ndarray:
-        found = np.asarray(path_derivatives(path, 0.5 * duration * (1 + place.ravel())))
-        return found.reshape(3, 3, *place.shape)
-
-    return Shape(of_any, np.array([duration]))
-
-
-def _task(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Shape) -> Task:
-    """Return the limits, and the largest squared speeds at both ends."""
-    r1 = shape.derivatives(np.array([0, shape.spans.size - 1]), np.array([-1.0, 1.0]))[0]
-    at_rest = np.array(rest) | np.array(part.stops)
-    squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
-    most = float(squares[0]), float(squares[1])
-    return Task({name: np.asarray(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)
-
-
-def _searched(
-    p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool], before: _Searched | None = None
-) -> _Searched:
-    """Search for the fastest timing, starting from the timing `before`, whose cells are divided by those of `grid`."""
-    span: Any = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
-    start, end = span
-    joint = np.diff(grid.segment) > 0
-    smooth = np.full(grid.cells - 1, 2)
-    smooth[joint] = part.smooth[grid.segment[:-1][joint] - part.first]
-    t, first = tables(grid, rest, p.lap, smooth), None
-    if before is not None:
-        scale = grid.knots[-1] / before.grid.knots[-1]
-        first = inserted(t.grid.knots, before.powers, before.grid.knots * scale, p.lap)
-    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
-    knots = start + grid.knots * ((end - start) / grid.knots[-1])
-    return _Searched(grid, fastest(problem, t, first), knots, last_gap(t.grid.cells, "jerk" in p.bounds), rest)
-
-
-def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any, float]:
+def _proved(p: Posed, x: Searched) -> tuple[Any, Any, Any, float]:
     """Return the coefficients of u̇², the usage and the status of limits; slow down the timing if one is not proved.
 
     The last result is the fraction by which u̇² is reduced for the proofs.
@@ -245,27 +90,28 @@ def _proved(p: Posed, x: _Searched) -> tuple[Any, Any, Any, float]:
     powers, usage = x.found.powers, x.found.usage
     if p.slower:
         powers, usage = (1 - p.slower) * powers, usage * (1 - p.slower) ** exponents
-    if p.polynomials is None:
-        return powers, usage, np.full((len(NAMES), x.grid.cells), SAMPLED, np.int32), 0.0
-    codes = _codes(p, p.polynomials, x, powers)
-    if is_traced(constants(powers)):
+    codes = codes_of(p, x.grid, powers, x.rest, x.found.unbounded)
+    if p.polynomials is None or is_traced(constants(powers)):
         return powers, usage, codes, 0.0
     rows = [NAMES.index(name) for name in p.names]
     first, reduced = (powers, usage), 0.0
     for fraction in SLOWER:
-        if (codes[rows] == PROVED).all():
+        # A larger violation remains if the timing is slower by so little.
+        if (codes[rows] == PROVED).all() or not usage.max() <= 1 + SLOWER[-1]:
             break
         slower = (1 - fraction) * first[0]
-        found = _codes(p, p.polynomials, x, slower)
+        found = codes_of(p, x.grid, slower, x.rest, x.found.unbounded)
         if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
             powers, codes, usage, reduced = slower, found, first[1] * (1 - fraction) ** exponents, fraction
     return powers, usage, codes, reduced
 
 
-def _codes(p: Posed, polynomials: Source, x: _Searched, powers: Any) -> Any:
-    """Return the status of all limits in all cells."""
+def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbounded: Any = False) -> Any:
+    """Return the status of all limits in all cells; SAMPLED if the path is not polynomial."""
+    if p.polynomials is None:
+        return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
-    xp = namespace(x.found.unbounded, powers)
-    given = {name: xp.where(x.found.unbounded, np.nan, p.bounds[name]) for name in p.names}
+    xp = namespace(unbounded, powers)
+    given = {name: xp.where(unbounded, np.nan, p.bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
-    return prove(polynomials, x.grid, (own, np.array(x.rest)), given, road).codes
+    return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.timing.part_timing import Posed
+from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDED
 from qtraj.path.quantity import quantity

@@ -36,6 +36,9 @@ BLOCK_SIZE = 512
 MAX_WORK = 400_000
 """Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
 
+PATIENCE = 8
+"""Number of cells with an undecided limit after which the limit is not proved anyway, and other cells get less work."""
+
 PerCell = Float[Any, " n"]
 
 
@@ -161,6 +164,7 @@ class _Task:
             lambda k: claim(self._in_integers(k), lambda name: self._exact_limit(name, k)),
             strict,
             MAX_WORK,
+            PATIENCE,
         )
 
     def _in_floats(self) -> CellClaims:

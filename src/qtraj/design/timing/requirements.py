@@ -12,7 +12,10 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import bound_speed, quantity
+from qtraj.path.route import Route
+from qtraj.path.vehicle_data import batch_of
 
 ACCELERATIONS = ("acceleration", "longitudinal_acceleration", "friction", "jerk")
 """Limits that bound the acceleration at a stop, also with two sides."""
@@ -30,6 +33,22 @@ ABOVE = 3e-5
 
 REPRESENTABLE = 1e50
 """Largest limit and speed; the sixth power of a number up to this bound is finite."""
+
+
+def require_one_path(path: AbstractHodograph, limits: Limits) -> None:
+    """Raise an error for a batch of paths, limits or vehicles."""
+    if shape := path.duration.shape:
+        advice = "call it once for each route; the first one is jax.tree.map(lambda x: x[0], path)"
+        if not isinstance(path, Route):
+            advice = "use jax.vmap(lambda path: qtraj.retime(path, limits, knots=512))(paths)"
+        raise ValueError(f"retime expects one path, but a batch of shape {shape} was given: {advice}")
+    shapes = {f"the limit {name}": x.shape for name, x in limits.given().items()}
+    for what, shape in (shapes | {"the vehicle": batch_of(limits.vehicle)}).items():
+        if shape:
+            raise ValueError(
+                f"retime expects one set of limits and one vehicle, but {what} has the batch shape {shape}: use "
+                "jax.vmap(lambda limits: qtraj.retime(path, limits, knots=512))(limits)"
+            )
 
 
 def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:

@@ -13,11 +13,13 @@ from jax.lax import stop_gradient
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
+from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.constraints import NAMES, listed
-from qtraj.design.timing.ends import begun
+from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.part_timing import Posed, TimedPart, moving_time, timed
+from qtraj.design.timing.part_search import Posed
+from qtraj.design.timing.part_timing import TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
 from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
@@ -26,6 +28,7 @@ from qtraj.design.timing.requirements import (
     require_duration,
     require_knots,
     require_moving,
+    require_one_path,
     require_regular,
     require_representable,
     require_stop,
@@ -33,10 +36,11 @@ from qtraj.design.timing.requirements import (
     require_tolerance,
     speed_at,
 )
+from qtraj.design.timing.result_code import REACHED, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.search import MARGIN, Found
+from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
@@ -48,10 +52,6 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.vehicle import RoadParameters
-
-REACHED = 2e-3
-"""An end speed counts as reached if it is lower than required by at most this fraction; if rounding errors exceed the
-margin of the proofs, the whole timing is slowed down by up to 0.15 %."""
 
 
 def retime(
@@ -79,6 +79,13 @@ def retime(
     `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the
     speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end at rest where the
     velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
+
+    A vehicle may start faster than the limits allow, because of a limit at the start or of a bend ahead. If the
+    longitudinal acceleration is limited and the jerk is not, it then brakes as strongly as this limit allows until it
+    meets the fastest timing from a lower speed. The code of the result is `starts_above_limits`, a success with a note:
+    every limit is satisfied from `braking_time` [s] and `braking_distance` [m] on. The certificate is for the whole
+    path, so the limits that are violated before are "broken", and `certificate.holds` is false. In all other cases, and
+    inside jit, the code is `end_speed_not_reached`, and the text says what to do.
 
     Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends, where
     |r'(u)| is small and where the active limit changes. Cells are halved until the estimated distance of the duration
@@ -119,8 +126,8 @@ def retime(
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
     limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
     wrong `tolerance` or `duration`, a `duration` with traced arguments, float32, a path that has a timing already, a
-    path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest, has a
-    velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
+    batch, a path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest,
+    has a velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
     acceleration jumps), and a route with stops and a limit on power but none on acceleration, friction or jerk; with
     `periodic`, for a path that does not end as it starts or has stops, and for a speed at an end. RuntimeError with
     `throw` if the retiming fails.
@@ -136,6 +143,7 @@ def retime(
             "with other limits"
         )
     require_limits(limits)
+    require_one_path(path, limits)
     require_float64(path)
     lap = bool(periodic)
     if lap:
@@ -161,8 +169,9 @@ def retime(
         bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
     posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
     require_duration(duration, is_traced(path, bounds, road, speeds))
-    *found, gap, share = _retimed(posed, parts, standing, speeds, duration)
-    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, gap=gap, share=share)
+    *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
+    more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
+    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
 
 
@@ -195,6 +204,8 @@ def _retimed(
         keeps_ends = any(v is not None and float(v) > 0 for v in speeds)
         given, share = gentlest(p, duration - waits, keeps_ends, lambda p: moving_time(of_parts_with(p), rest))
     found = of_parts_with(given)
+    brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
+    found[0] = found[0] if brakes is None else brakes[:2]
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = eqx.filter_jit(_judged) if traced else _judged
     own, grids = (list(x) for x in zip(*found, strict=True))
@@ -206,7 +217,20 @@ def _retimed(
         result[3], gap = result[3] * ratios(p.names, p.bounds, share)[:, None], np.asarray(np.nan)
         too_short = code == ResultCode.successful and float(result[1]) > (1 + p.tolerance) * duration
         code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
-    return *result, code, steps, gap, share
+        too_long = code == ResultCode.successful and float(result[1]) < (1 - 2 * p.tolerance) * duration
+        code = np.asarray(int(ResultCode.duration_too_long)) if too_long else code
+    if brakes is not None and brakes.holds and code == ResultCode.limits_broken:
+        code = np.asarray(int(ResultCode.starts_above_limits))
+    return *result, code, steps, gap, share, *((0.0, 0.0) if brakes is None else brakes[2:4])
+
+
+def _braked(p: Posed, part: Part, found: tuple[TimedPart, Any], begins: Begun) -> Braked | None:
+    """Return the timing of the first part if it has to start above its limits, otherwise None."""
+    if is_traced(found[0].powers, begins.wanted, begins.pace) or not np.isfinite(begins.wanted[0]):
+        return None
+    reached = np.sqrt(np.maximum(found[0].powers[0, 0], 0.0)) * begins.pace[0]
+    missed = begins.pace[0] > 0 and reached < begins.wanted[0] * (1 - REACHED)
+    return braked(p, part, found, begins.wanted[0]) if missed else None
 
 
 def _judged(
@@ -245,35 +269,6 @@ def _judged(
     time = timing.duration if xp is np else stop_gradient(timing.duration)
     time = time + sum(found.sensitivity for found in searches) if xp is jnp else time
     steps = sum((found.steps for found in searches), np.zeros((), np.int32))
-    code = _code(xp, certificate.code, (found, searches), (ends, wanted), (powers, time))
+    code = result_code(xp, certificate.code, (found, searches), (ends, wanted), (powers, time))
     gap = sum(x.excess for x in timed) / time
     return RetimedPath(path, timing), time, certificate, usage, ends, code, steps, gap
-
-
-def _code(
-    xp: Any,
-    code: Any,
-    searched: tuple[Any, list[Found]],
-    speeds: tuple[Any, Any],
-    finite: tuple[Any, Scalar],
-) -> Any:
-    """Return the `ResultCode`: the first of several failures, or else the `code` of the certificate.
-
-    `searched` contains whether all searches converged, and their results. `speeds` are the speeds at both ends and the
-    prescribed speeds; the numbers `finite` must be finite.
-    """
-    (found, searches), (ends, wanted) = searched, speeds
-    missed = xp.any(xp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
-    # Rest at an end changes the structure of the problem, so it must be known: report a traced speed of zero.
-    ignored = xp.any((wanted <= 0) & (ends > 0))
-    is_finite = xp.isfinite(finite[0]).all() & xp.isfinite(xp.asarray(finite[1]))
-    for failed, result in (
-        (missed, ResultCode.end_speed_not_reached),
-        (~found, ResultCode.not_converged),
-        (~is_finite, ResultCode.not_finite),
-        (xp.any(xp.stack([x.unbounded for x in searches])), ResultCode.speed_unbounded),
-        (ignored, ResultCode.rest_unknown),
-        (xp.isnan(wanted).any(), ResultCode.not_finite),
-    ):
-        code = xp.where(failed, int(result), code)
-    return code

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from qtraj.design.timing.constraints import listed, parts, ratios, used
+from qtraj.design.timing.constraint_values import ratios, used
+from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import is_traced

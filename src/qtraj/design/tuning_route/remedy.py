@@ -42,7 +42,7 @@ def remedy(
             return _text(change, objective)
     raised = _raised(limits, least, lambda values: solves(Change(limits | values, False, objective)))
     if raised is None:
-        return "Widen the tube, raise these limits further, or fix fewer states."
+        return "Widen the tube, relax these limits further, or fix fewer states."
     texts = [f"{name} = {value:.4g} {quantity(name).label}" for name, value in raised.items()]
     return f"With {' and '.join(texts)}, every limit is satisfied, as another search has proved."
 

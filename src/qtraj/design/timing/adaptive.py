@@ -1,0 +1,134 @@
+"""Choose the cells of a part of a path and search for its fastest timing on them.
+
+The first cells approximate the relaxed timing. Where the timing is not smooth, cells are halved, and it is computed
+again, until it is slower than the relaxed timing by less than the tolerance, or hardly changes. Until then, the limits
+are imposed only at the nodes: such a draft is too fast by little, and takes one search instead of several.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.timing.cells import (
+    MOST,
+    Cells,
+    Profile,
+    Shape,
+    chosen,
+    finest,
+    refined,
+    relaxed_profile,
+    with_positive,
+)
+from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
+from qtraj.design.timing.parts import Part
+from qtraj.design.timing.relaxed import Task
+from qtraj.design.timing.sided import excludes_zero
+from qtraj.path.quantity import quantity
+
+FIRST, ACCURACY, ACCURACY_COUPLED = 0.5, 0.5, 0.2
+"""As fractions of the tolerance, the accuracies of the first cells, and of halved cells without and with a limit of
+`COUPLED`."""
+
+ENOUGH, CHANGE, ATTEMPTS = 0.45, 0.2, 10
+"""As fractions of the tolerance, the distance of a draft from the relaxed timing, and the change of its duration, at
+which the limits are imposed between the nodes, too; and how often cells are halved."""
+
+AGAIN = 0.2
+"""As a fraction of the tolerance, the accuracy of the first cells after a failed search."""
+
+COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "jerk", "friction", "power"}, 0.2
+"""Quantities with whose limits the relaxed timing is faster than the fastest one, and without which the accuracy of the
+cells is multiplied by `FINER` if the duration hardly changes."""
+
+LEAST_ERROR = 0.1
+"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
+
+COARSE = 0.03
+"""Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
+
+
+def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Searched, float]:
+    """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
+    shape = shape_of(p.path, part)
+    task = task_of(p, ends, part, rest, shape)
+    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance)
+    limited = {quantity(name).base or name for name in p.names}
+    exact = bounds and not COUPLED & limited and not excludes_zero(p.bounds)
+
+    def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
+        grid = cells.grid(shape.spans, part.first)
+        found = first_search(p, part, grid, ends, rest, before)
+        return found if before is None or found.converged else first_search(p, part, grid, ends, rest)
+
+    cells, draft = _positive(shape, cells, draft_on, None)
+    if not np.isfinite(draft.powers).all():  # a search may fail on large cells
+        cells, draft = _positive(shape, chosen(shape, task, AGAIN * p.tolerance)[0], draft_on, None)
+    if not np.isfinite(draft.powers).all():  # the limits contradict each other, and smaller cells do not help
+        return draft.completed("jerk" in p.bounds), np.nan
+    accuracy = (ACCURACY if exact else ACCURACY_COUPLED) * p.tolerance
+    gained, best, excess = np.inf, None, np.inf
+    for attempt in range(ATTEMPTS + 1):
+        profile = relaxed_profile(shape, task, cells)
+        time, change = draft.times().sum(), abs(gained)
+        latest: Drafted | Searched = draft
+        near = time - profile.least <= ENOUGH * p.tolerance * time
+        if near or change <= CHANGE * p.tolerance * time or attempt == ATTEMPTS or cells.half.size >= MOST:
+            latest, slower = _completed(p, part, draft, (ends, rest))
+            own = slower - finest(shape, task, cells)
+            own = own if exact else min(own, change + max(slower - time, 0.0))
+            own = own if np.isfinite(own) else np.inf
+            if best is None or own < excess:
+                best, excess = latest, own
+            if own <= p.tolerance * slower or not np.isfinite(latest.powers).all():
+                break
+        halved = _halved(shape, task, accuracy, cells, latest, profile)
+        if exact and halved.half.size == cells.half.size:
+            accuracy *= FINER
+            continue
+        if halved.half.size == cells.half.size:
+            halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
+        finer = _positive(shape, halved, draft_on, latest)
+        if not finer[1].converged:
+            break
+        cells, draft = finer
+        gained = time - draft.times().sum()
+        if exact and not abs(gained) > CHANGE * p.tolerance * time:
+            accuracy *= FINER
+    if best is None:
+        best, slower = _completed(p, part, draft, (ends, rest))
+        excess = slower - finest(shape, task, cells)
+    enough = max(best.enough, LEAST_ERROR * p.tolerance)
+    return best._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
+
+
+def _halved(
+    shape: Shape, task: Task, accuracy: float, cells: Cells, latest: Drafted | Searched, profile: Profile
+) -> Cells:
+    """Return the cells of the next draft."""
+    times = latest.times()
+    if not np.isfinite(times).all():
+        return with_positive(shape, cells, latest.powers)
+    return refined(shape, task, accuracy, cells, (latest.powers, times, profile))
+
+
+def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searched | None) -> tuple[Cells, Drafted]:
+    """Return cells on which the squared speed of the draft is positive everywhere, if possible, and the draft."""
+    draft = draft_on(cells, before)
+    for _ in range(ATTEMPTS):
+        # Smaller cells do not help a search that failed.
+        if np.isfinite(draft.times()).all() or not np.isfinite(draft.powers).all() or cells.half.size > MOST // 2:
+            break
+        cells = with_positive(shape, cells, draft.powers)
+        draft = draft_on(cells)
+    return cells, draft
+
+
+def _completed(p: Posed, part: Part, draft: Drafted, at: tuple[Any, tuple[bool, bool]]) -> tuple[Searched, float]:
+    """Return the timing with the limits between the nodes, too, and its duration [s]."""
+    found = draft.completed("jerk" in p.bounds)
+    if not found.found.error < max(found.enough, LEAST_ERROR * p.tolerance):
+        found = searched(p, part, draft.grid, *at)
+    return found, float(found.times().sum())

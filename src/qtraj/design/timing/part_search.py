@@ -1,0 +1,156 @@
+"""Search for the fastest timing of one part of a path on given cells."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.design.timing.cells import Shape
+from qtraj.design.timing.grid import Grid, path_derivatives
+from qtraj.design.timing.parts import Part, known_segments
+from qtraj.design.timing.relaxed import Task
+from qtraj.design.timing.rounds import GAPS, last_gap
+from qtraj.design.timing.search import Draft, Found, Problem, completed, drafted, fastest
+from qtraj.design.timing.sources import Source
+from qtraj.design.timing.spline import inserted
+from qtraj.design.timing.tables import Tables, tables
+from qtraj.design.timing.timing import Timing
+from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.types import Scalar
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.route import Route
+from qtraj.path.vehicle import RoadParameters
+
+
+class Posed(NamedTuple):
+    """A path, its polynomials or None, its limits with their names, and the arguments of `retime` for its cells.
+
+    `knots` is None if the cells are chosen for the `tolerance`. The squared rate u̇² of the result is reduced by the
+    fraction `slower`.
+    """
+
+    path: AbstractHodograph
+    polynomials: Source | None
+    bounds: dict[str, Scalar]
+    vehicle: RoadParameters | None
+    names: tuple[str, ...]
+    lap: bool
+    knots: int | None
+    tolerance: float
+    slower: float = 0.0
+
+
+class Searched(NamedTuple):
+    """The result of a search on a grid, the knots of the timing, and whether u̇² is zero at its ends."""
+
+    grid: Grid
+    found: Found
+    knots: Float[Any, " cells+1"]
+    enough: float
+    rest: tuple[bool, bool]
+
+    @property
+    def powers(self) -> Float[np.ndarray, "cells 4"]:
+        """The coefficients of u̇² as known numbers, even if they are differentiated."""
+        return np.asarray(constants(self.found.powers))
+
+    def times(self) -> Float[np.ndarray, " cells"]:
+        """Return the times in the cells [s] as known numbers."""
+        return np.diff(np.asarray(Timing(self.powers, constants(self.knots), self.rest).times))
+
+
+class Drafted(NamedTuple):
+    """The first search on a grid, the knots of the timing, and whether u̇² is zero at its ends.
+
+    Its timing satisfies the limits only at the nodes.
+    """
+
+    grid: Grid
+    draft: Draft
+    knots: Float[Any, " cells+1"]
+    rest: tuple[bool, bool]
+
+    @property
+    def powers(self) -> Float[np.ndarray, "cells 4"]:
+        """The coefficients of u̇² in each cell."""
+        return self.draft.powers
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search converged."""
+        return bool(self.draft.result.error < GAPS[0])
+
+    def times(self) -> Float[np.ndarray, " cells"]:
+        """Return the times in the cells [s]."""
+        return np.diff(np.asarray(Timing(self.powers, self.knots, self.rest).times))
+
+    def completed(self, jerk: bool) -> Searched:
+        """Return the result of all searches; `jerk` is whether the jerk is limited."""
+        enough = last_gap(self.draft.tables.grid.cells, jerk)
+        return Searched(self.grid, completed(self.draft), self.knots, enough, self.rest)
+
+
+def searched(p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool]) -> Searched:
+    """Search for the fastest timing on a grid."""
+    problem, t, knots = _problem(p, part, grid, ends, rest)
+    return Searched(grid, fastest(problem, t), knots, last_gap(t.grid.cells, "jerk" in p.bounds), rest)
+
+
+def first_search(
+    p: Posed,
+    part: Part,
+    grid: Grid,
+    ends: Any,
+    rest: tuple[bool, bool],
+    before: Drafted | Searched | None = None,
+) -> Drafted:
+    """Return the first search on a grid, which starts from the timing `before` on cells that `grid` divides."""
+    problem, t, knots = _problem(p, part, grid, ends, rest)
+    first = None
+    if before is not None:
+        scale = grid.knots[-1] / before.grid.knots[-1]
+        first = inserted(t.grid.knots, before.powers, before.grid.knots * scale, p.lap)
+    return Drafted(grid, drafted(problem, t, first), knots, rest)
+
+
+def _problem(
+    p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool]
+) -> tuple[Problem, Tables, Float[Any, " cells+1"]]:
+    """Return the problem, its tables, and the knots as parameters of the path."""
+    span: Any = [x if is_traced(x) else np.asarray(x) for x in part[:2]]
+    start, end = span
+    joint = np.diff(grid.segment) > 0
+    smooth = np.full(grid.cells - 1, 2)
+    smooth[joint] = part.smooth[grid.segment[:-1][joint] - part.first]
+    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
+    return problem, tables(grid, rest, p.lap, smooth), start + grid.knots * ((end - start) / grid.knots[-1])
+
+
+def shape_of(path: AbstractHodograph, part: Part) -> Shape:
+    """Return the derivatives of a part of a path with concrete values."""
+    if isinstance(path, Route):
+        segments = known_segments(path).part(slice(part.first, part.last))
+
+        def of_route(i: np.ndarray, place: np.ndarray) -> np.ndarray:
+            rows = segments.values(i, 0.5 * segments.durations[i] * (1 + place), 3)[1:]
+            return np.moveaxis(np.stack(rows), -1, 1)
+
+        return Shape(of_route, segments.durations)
+    duration = float(np.asarray(path.duration))
+
+    def of_any(_: np.ndarray, place: np.ndarray) -> np.ndarray:
+        found = np.asarray(path_derivatives(path, 0.5 * duration * (1 + place.ravel())))
+        return found.reshape(3, 3, *place.shape)
+
+    return Shape(of_any, np.array([duration]))
+
+
+def task_of(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Shape) -> Task:
+    """Return the limits, and the largest squared speeds at both ends."""
+    r1 = shape.derivatives(np.array([0, shape.spans.size - 1]), np.array([-1.0, 1.0]))[0]
+    at_rest = np.array(rest) | np.array(part.stops)
+    squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
+    most = float(squares[0]), float(squares[1])
+    return Task({name: np.asarray(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)

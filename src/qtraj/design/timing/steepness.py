@@ -1,0 +1,28 @@
+"""Find out whether a road is too steep or too banked for a limit on friction, however slowly the vehicle drives."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.design.timing import road
+from qtraj.design.timing.constraints import parts
+from qtraj.design.timing.grid import path_derivatives
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.vehicle import Vehicle
+
+
+def friction_at_rest(
+    path: AbstractHodograph, vehicle: Vehicle, u: Float[np.ndarray, " m"]
+) -> tuple[float, Float[np.ndarray, " 3"]]:
+    """Return the largest fraction of the available friction that gravity alone needs, and the position there [m].
+
+    `u` are the parameters of the path at which it is evaluated.
+    """
+    one: Any = np.ones(())
+    parameters: Any = type(vehicle.parameters())(*(np.asarray(x) for x in vehicle.parameters()))
+    with np.errstate(all="ignore"):  # at a stop, friction counts as zero
+        found = parts(np.asarray(path_derivatives(path, u)), one, {"friction": one}, parameters).road
+        usage = np.nan_to_num(road.used(found, np.zeros((2, u.size)))[0]) if found is not None else np.zeros(u.size)
+    worst = int(np.argmax(usage))
+    return float(usage[worst]), np.asarray(path.position(u[worst]))
