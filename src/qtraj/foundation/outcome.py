@@ -167,7 +167,7 @@ class ResultCode(enum.IntEnum):
         "the prescribed duration is shorter than that of the fastest timing within the limits, which is returned. Pass "
         "a longer duration, or relax the limits.",
     )
-    duration_too_long = FAILURES + 20, "no timing within the limits takes as long as prescribed. Lower the duration."
+    duration_too_long = FAILURES + 20, "no timing was found that takes as long as prescribed. Pass a shorter duration."
 
     velocity_vanishes = (
         ILL_POSED + 0,

@@ -16,8 +16,8 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDED
 from qtraj.path.quantity import quantity
 
-STEPS = 16
-"""Largest number of timings for the factor."""
+STEPS, LEAST = 16, 1e-12
+"""Largest number of timings for the factor, and its smallest value: gentler timings have a constant speed."""
 
 
 def scaled(bounds: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def factor_for(duration: Callable[[float], float], wanted: float, tolerance: flo
     best, slow = (1.0, fastest), None  # the last factors with durations below and above the wanted one
     guess = (fastest / wanted) ** 2
     for _ in range(STEPS):
-        if best[1] >= (1 - tolerance) * wanted:
+        if best[1] >= (1 - tolerance) * wanted or guess < LEAST:
             break
         found = duration(guess)
         if found <= wanted:
