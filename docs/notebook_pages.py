@@ -35,6 +35,7 @@ DRAWN_BY = {
     "trihedra": "docs/pictures.py:trihedra",
     "orientation": "docs/pictures.py:orientation",
     "turns": "docs/pictures.py:turns",
+    "braking": "docs/pictures.py:braking",
     "work_precision": "benchmarks/accuracy/figures.py:work_precision_figure",
     "closed_loop_errors": "benchmarks/accuracy/figures.py:closed_loop_errors_figure",
     "recorded_gyro": "benchmarks/accuracy/figures.py:recorded_gyro_figure",

@@ -1,8 +1,9 @@
 """Limits with two sides: lower and upper bounds on signed values."""
 
+import re
+
 import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -124,14 +125,11 @@ def test_random_bounds_agree_with_dense_samples():
 
 
 def test_a_bound_at_the_exact_extreme_is_decided():
-    """Braking at the start of a line: a = 2 - 3t, in 50 digits; relative distances of 1e-12 are decided."""
+    """Braking at the end of a line: a = 2 - 3t; relative distances of 1e-12 are decided."""
     path = qt.Route([0.0, 1.0], [[0, 0, 0], [10.5, 0, 0]], [[10, 0, 0], [10.5, 0, 0]], [[2, 0, 0], [-1, 0, 0]])
-    with mpmath.workdps(50):
-        start, end = mpmath.mpf(2), mpmath.mpf(-1)
-        for factor, statuses in ((1 + 1e-12, ["proved", "proved"]), (1 - 1e-12, ["broken", "broken"])):
-            pair = float(end * factor), float(start * factor)
-            found = qt.certify(path, qt.Limits(longitudinal_acceleration=pair))
-            assert list(found.status.values()) == statuses
+    for factor, statuses in ((1 + 1e-12, ["proved", "proved"]), (1 - 1e-12, ["broken", "broken"])):
+        found = qt.certify(path, qt.Limits(longitudinal_acceleration=(-factor, 2 * factor)))
+        assert list(found.status.values()) == statuses
 
 
 def test_braking_in_reverse_is_negative():
@@ -188,8 +186,8 @@ def test_timings_with_two_sides_are_proved_and_reach_their_limits(limits, ends):
     timed = qt.retime(ROUTE, given, *ends)
     assert timed.certificate.holds, timed.result
     assert timed.converged
-    usage = np.asarray(timed.usage).max(axis=1)
-    assert sum(usage > 0.999) >= 2
+    usage = dict(zip(timed.certificate.names, np.asarray(timed.usage).max(axis=1), strict=True))
+    assert any(usage[name] > 0.999 for name in usage if quantity(name).base or name in limits), usage
     for name, (time, value, limit) in timed.certificate.worst.items():
         output = quantity(name).variable
         if time < float(timed.path.duration):
@@ -277,7 +275,7 @@ def test_forces_with_two_sides_are_tuned():
     limits = qt.Limits(power=(-5000.0, 9000.0), normal_load=(14_400.0, None), vehicle=CAR)
     found = qt.tune(START, END, limits, motion="hermite", starts=2)
     assert found.converged, found.result
-    assert set(found.certificate.names) == {"normal_load_min", "power_min", "power"}
+    assert set(found.certificate.names) == {"normal_load_min", "power_min", "power_max"}
 
 
 def test_the_objective_has_derivatives_with_respect_to_a_lower_bound():
@@ -294,7 +292,7 @@ def test_advice_lowers_a_lower_bound():
     found = qt.tune(START, END, qt.Limits(slope=(0.1, None)), motion="hermite", starts=2)
     assert found.status == "infeasible"
     assert "the largest minimum found is" in found.result
-    assert "lower slope_min to 0.0" in found.result
+    assert re.search(r"lower slope_min to 0\.05\d+", found.result)
 
 
 def test_tuned_routes_satisfy_two_sides():
@@ -329,6 +327,79 @@ def test_a_route_has_derivatives_with_respect_to_a_lower_bound():
     assert np.isnan(contrary)
 
 
+def along_x(positions, velocities, accelerations):
+    zero = np.zeros(2)
+    return qt.Route([0.0, 5.0], *(np.stack([x, zero, zero], axis=1) for x in (positions, velocities, accelerations)))
+
+
+@pytest.mark.parametrize("acceleration", [0.0, 2.0], ids=["smooth", "abrupt"])
+def test_stops_of_a_route_have_both_limits(acceleration):
+    """20 m from stop to stop: v² = 2·20/(1/4 + 1/1.5); at the end, the direction of motion is opposite to r''."""
+    route = along_x([0.0, 20.0], [0.0, 0.0], [acceleration, -acceleration])
+    for pair in ((-4.0, 1.5), (-1.5, 4.0)):
+        timed = qt.retime(route, qt.Limits(speed=10.0, longitudinal_acceleration=pair))
+        assert timed.certificate.holds, timed.result
+        assert float(timed.duration) == pytest.approx(np.sqrt(2 * 20 * (1 / 4 + 1 / 1.5)), rel=1e-3)
+    same = [qt.retime(route, qt.Limits(speed=10.0, longitudinal_acceleration=x)).duration for x in (4.0, (-4.0, 4.0))]
+    assert float(same[0]) == pytest.approx(float(same[1]), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["yaw_rate", "vertical_speed", "curvature_rate", "longitudinal_acceleration"])
+def test_bounds_on_both_sides_of_zero_are_decided_on_retimed_paths(name):
+    """Also bounds that exclude zero, next to the extremes of dense samples."""
+    timed = qt.retime(HELIX, qt.Limits(speed=8.0, longitudinal_acceleration=2.0))
+    values = signed(timed.path, name, np.linspace(0.0, float(timed.duration) * (1 - 1e-12), 40_001))
+    low, high = float(values.min()), float(values.max())
+    room = 1e-4 * (high - low)
+    cases = (
+        ((low - room, high + room), ["proved", "proved"]),
+        ((low + room, high - room), ["broken", "broken"]),
+        ((high + room, high + 2 * room), ["broken", "proved"]),
+        ((low - 2 * room, low - room), ["proved", "broken"]),
+    )
+    for pair, statuses in cases:
+        found = qt.certify(timed.path, qt.Limits(**{name: pair}))
+        assert list(found.status.values()) == statuses, found
+        for (_, value, _), extreme in zip(found.worst.values(), (low, high), strict=True):
+            assert value == pytest.approx(extreme, abs=room)
+
+
+def test_speeds_at_the_ends_may_be_the_lower_bound():
+    timed = qt.retime(ROUTE, qt.Limits(speed=(5.0, 30.0), longitudinal_acceleration=(-6.0, 2.0)), 5.0, 5.0)
+    assert timed.certificate.holds, timed.result
+    with pytest.raises(ValueError, match="on both sides"):
+        qt.retime(along_x([0.0, 20.0], [0, 0], [0, 0]), qt.Limits(speed=9.0, longitudinal_acceleration=(-4.0, None)))
+
+
+def test_peaks_of_sides():
+    times = np.linspace(0.0, 4.0, 100_001)
+    for name in ("speed", "longitudinal_acceleration", "slope"):
+        values = signed(HELIX, name, times)
+        assert float(qt.peak(HELIX, f"{name}_min")[1]) == pytest.approx(values.min(), rel=1e-6)
+    assert float(qt.peak(HELIX, "longitudinal_acceleration_max")[1]) == pytest.approx(2.4711328785236306, rel=1e-9)
+
+
+def test_a_pair_bounds_the_speed_as_a_number_does():
+    number, pair = (qt.retime(HELIX, qt.Limits(yaw_rate=x)) for x in (0.5, (-0.5, 0.5)))
+    assert float(pair.duration) == pytest.approx(float(number.duration), rel=1e-6)
+    found = qt.tune(START, END, qt.Limits(yaw_rate=(-0.5, 0.5)), motion="hermite", objective="fastest", starts=1)
+    assert found.converged, found.result
+
+
+def test_upper_bounds_on_the_power_may_be_negative():
+    found = qt.tune(START, END, qt.Limits(power=(-5000.0, -100.0), vehicle=CAR), motion="hermite", starts=2)
+    assert found.converged, found.result
+    assert list(found.certificate.names) == ["power_min", "power_max"]
+
+
+def test_a_start_above_the_limits_brakes_with_the_lower_side():
+    timed = qt.retime(LINE, qt.Limits(speed=13.0, longitudinal_acceleration=(-3.0, 2.0)), 20.0, None)
+    assert timed.code == qt.ResultCode.starts_above_limits
+    assert float(timed.braking_time) == pytest.approx(7 / 3, rel=2e-3)
+    slow = qt.retime(LINE, qt.Limits(speed=20.0, longitudinal_acceleration=(1.0, 2.0)), 2.0, duration=60.0)
+    assert slow.code == qt.ResultCode.duration_too_long
+
+
 def test_limits_are_shown_selected_and_stored(tmp_path):
     limits = qt.Limits(curvature=0.2, speed=(3.0, 9.0), longitudinal_acceleration=(-6.0, 2.0), slope=(None, 0.1))
     names = [
@@ -342,8 +413,6 @@ def test_limits_are_shown_selected_and_stored(tmp_path):
         "speed", "longitudinal_acceleration_min", "slope_max"
     ]  # fmt: skip
     assert limits_of(limits.given()).given() == limits.given()
-    certificate = qt.certify(HELIX, limits)
-    certificate.save(tmp_path / "findings.json") if hasattr(certificate, "save") else None
     timed = qt.retime(HELIX, qt.Limits(speed=8.0, longitudinal_acceleration=(-3.0, 1.0)))
     timed.save(tmp_path / "timed.json")
     assert qt.load(tmp_path / "timed.json").certificate.worst == timed.certificate.worst
@@ -354,7 +423,7 @@ def test_limits_are_shown_selected_and_stored(tmp_path):
 
 def test_pairs_that_bound_nothing_are_no_limits():
     assert qt.Limits(slope=(None, None)).given() == {}
-    assert list(qt.Limits(speed=(0.0, 3.0)).given()) == ["speed"]
+    assert qt.certify(HELIX, qt.Limits(speed=(0.0, 9.5))).holds
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def test_a_result_and_its_dataset_are_reported_alike(made, name):
         np.testing.assert_array_equal(one.axes, other.axes)
     assert [panel.title for panel in itself.panels] == [panel.title for panel in dataset.panels]
     limited = [(p.title, p.limits[0][0]) for p in dataset.panels if p.limits]
-    assert limited == ([("curvature", 0.2), ("slope", 0.1)] if name == "tuned" else [])
+    assert limited == ([("curvature", 0.2), ("slope magnitude", 0.1)] if name == "tuned" else [])
 
 
 def test_the_report_of_a_tuned_truck_has_its_forces_and_its_vehicle():

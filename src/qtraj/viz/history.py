@@ -20,7 +20,7 @@ ALWAYS = ("curvature", "lateral_acceleration")
 PANEL = 1.7  # height [inch]
 # If all values are above this fraction of the largest value, the curves would look flat on an axis from zero.
 FLAT = 0.85
-LONG = 18  # names with more characters have the unit in a second line
+LONG = 22  # names with more characters have the unit in a second line
 
 
 def tuning_figure(dataset: Any) -> Figure:

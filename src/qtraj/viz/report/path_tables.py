@@ -1,6 +1,6 @@
 """Create the tables of a report on paths: limits, boundary states, provenance."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import xarray
@@ -13,7 +13,8 @@ from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, finding_names, lim
 from qtraj.io.route_dataset import ROUTE_FACT, ROUTE_FACT_TEXT
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
-from qtraj.path.quantity import CORRIDOR, quantity
+from qtraj.path.quantity import CORRIDOR, QUANTITIES, quantity
+from qtraj.path.sides import upper_side
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle_data import PREFIX
 from qtraj.viz.report.model import Table, number, sentence, unit
@@ -72,10 +73,11 @@ def _vehicle(dataset: xarray.Dataset) -> Table:
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
     """Tabulate the worst value of each limited quantity, from the certificate or at the sampled instants."""
     rows = []
-    for limit_name, name in LIMIT_VARIABLES.items():
+    names = () if tuned is None else tuned.certificate.names
+    for limit_name, name in _limits_by_variable(names):
         for label, path in paths.items():
             if name in path and limit_attribute(limit_name) in path[name].attrs:
-                certified = tuned is not None and label == "after" and limit_name in tuned.certificate.names
+                certified = tuned is not None and label == "after" and limit_name in names
                 cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, limit_name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *cells])
@@ -92,6 +94,17 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
     )
     header = ["limit", "path", "worst value", "limit", "margin", "at [s]", ""]
     return Table("Limits", header, rows, 2, sentence(note) + ".")
+
+
+def _limits_by_variable(certified: Collection[str]) -> list[tuple[str, str]]:
+    """Return names of limits and the variables that they bound, without limits that the dataset cannot distinguish.
+
+    An upper bound and a number may have the same variable; then the name among those in a certificate counts.
+    """
+    twins = {x.name: upper_side(x) for x in QUANTITIES.values() if LIMIT_VARIABLES[upper_side(x)] == x.variable}
+    twins = {name: other for name, other in twins.items() if name != other}
+    dropped = {name if other in certified else other for name, other in twins.items()}
+    return [(name, variable) for name, variable in LIMIT_VARIABLES.items() if name not in dropped]
 
 
 def _certified(tuned: Tuned, name: str) -> list[str]:
