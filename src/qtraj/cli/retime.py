@@ -88,7 +88,7 @@ class Result(NamedTuple):
     profile: "SpeedProfile"
 
 
-def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, float], chosen: dict[str, Any], watch: Watch) -> Result:
+def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, Any], chosen: dict[str, Any], watch: Watch) -> Result:
     from qtraj.design.speed_profile import speed_profile
     from qtraj.design.timing.requirements import ACCELERATIONS
     from qtraj.design.timing.retime import retime

@@ -142,16 +142,21 @@ def parts(
     forms = dict(zip(FORMS, squares, strict=True))
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
     scaled = _stacked([symmetric(x) for x in own], (2, 2), square)
-    rates = dict(zip(SIDED, ((i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]), strict=True))
-    known = dict.fromkeys(SIDED, moving) | dict.fromkeys(SIDED[1:3], dot(ahead, ahead) > 0)
-    sides = [xp.where(known[x][None], xp.stack(row(x, rates[x], bounds)), 0.0) for x in SIDED if x in bounds]
+    rates = (i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]
+    # Where r' = 0, the acceleration of the yaw is unknown, and that along the path without r'', too.
+    known: list[Any] = [moving, *2 * [dot(ahead, ahead) > 0], *2 * [moving], *2 * [square >= 0]]
+    rows = [
+        xp.where(there[None], xp.stack(row(name, own, bounds)), 0.0)
+        for name, own, there in zip(SIDED, rates, known, strict=True)
+        if name in bounds
+    ]
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = symmetric(entries / bounds["jerk"] ** 2)
     upper = [_upper(name, i, bounds, moving) for name in UPPER if name in bounds]
-    found = Parts(_stacked(upper, (), square), scaled, _stacked(sides, (3,), square), jerk)
+    found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk)
     if vehicle is None:
         return found
     direction = xp.stack(ahead) * inv_ahead[None]
@@ -177,7 +182,7 @@ def _upper(name: str, i: Any, bounds: dict[str, Scalar], moving: Any) -> Any:
         # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
         divisor = entry.denominator(i)
         square = xp.where(divisor > 0, square / xp.where(divisor > 0, divisor, 1.0), 0.0)
-    square = xp.where(moving, square, 0.0) / bound**2
+    square = xp.where(moving, square, 0.0) / bound / bound  # the square of an infinite bound has no derivative
     if entry.per_time == 1:
         return square
     return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)

@@ -71,7 +71,8 @@ def relaxed(
     changes = np.zeros(limits.shape)
     changes[..., :-1] = 2 * np.minimum(limits[..., 1:], limits[..., :-1]) * distances
     laps = 3 if task.lap else 1
-    squares = _reachable(np.minimum(highest, most).ravel(), *changes.reshape(2, -1), laps).reshape(square.shape)
+    rises, drops = changes.reshape(2, -1)
+    squares = _reachable(np.minimum(highest, most).ravel(), rises, drops, laps).reshape(square.shape)
     speed = np.sqrt(squares)
     both = speed[:, 1:] + speed[:, :-1]
     times = np.divide(2 * distances, both, out=np.full(both.shape, np.inf), where=both > 0)
@@ -106,9 +107,9 @@ def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " s
     """
     both = [bounds[name] for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
     most = np.empty((2, *pace.shape))
-    for own, (name, sign) in zip(most, (("max", 1.0), ("min", -1.0)), strict=True):
+    for k, (name, sign) in enumerate((("max", 1.0), ("min", -1.0))):
         side = bounds.get(f"longitudinal_acceleration_{name}", sign * np.inf)
-        own[:] = min(map(float, [*both, np.maximum(sign * side, 0.0)]))
+        most[k] = min(map(float, [*both, np.maximum(sign * side, 0.0)]))
     if p.road is None:
         return most
     steady, _, steep = p.road.along

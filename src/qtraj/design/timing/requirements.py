@@ -106,7 +106,7 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
         )
 
 
-def faster_than_bound(v: Scalar | None, bounds: dict[str, Scalar]) -> Scalar | None:
+def faster_than_bound(v: Scalar | None, bounds: dict[str, Scalar]) -> Any:
     """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away."""
     known = None if v is None else concrete(v)
     slowest = concrete(bounds[SLOWEST]) if SLOWEST in bounds else None
