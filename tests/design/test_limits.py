@@ -26,6 +26,16 @@ def helix(placement=None) -> qt.SpiralHelix:
     return qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5, placement)
 
 
+def bend(v, a):
+    """The curvature of the horizontal projection."""
+    return (v[0] * a[1] - v[1] * a[0]) / (v[0] ** 2 + v[1] ** 2) ** 1.5
+
+
+def rate_of(function, path, t):
+    """The derivative of a function of velocity and acceleration with respect to time."""
+    return jax.jvp(lambda t: function(*path.derivatives(t, 2)[1:]), (t,), (1.0,))[1]
+
+
 @pytest.mark.parametrize("placement", PLACEMENTS, ids=["axis z", "moved", "tilted"])
 def test_quantities_match_their_definitions(placement):
     path, t = helix(placement), 1.3
@@ -46,6 +56,13 @@ def test_quantities_match_their_definitions(placement):
         "jerk": np.linalg.norm(r[3]),
         "yaw_rate": abs(upright.rate[2]),
         "yaw_acceleration": abs(upright.acceleration[2]),
+        "longitudinal_jerk": abs(rate_of(lambda v, a: v @ a / jnp.linalg.norm(v), path, t)),
+        "lateral_jerk": abs(rate_of(lambda v, a: (v[0] * a[1] - v[1] * a[0]) / jnp.hypot(v[0], v[1]), path, t)),
+        "horizontal_curvature": abs(bend(v, a)),
+        "curvature_rate": abs(rate_of(bend, path, t)),
+        "sharpness": abs(rate_of(bend, path, t)) / np.hypot(v[0], v[1]),
+        "vertical_speed": abs(v[2]),
+        "vertical_acceleration": abs(a[2]),
     }
     assert set(expected) == set(ALL)
     values = jax.jit(lambda path, t: qt.Limits(**ALL).values(path, t))(path, t)

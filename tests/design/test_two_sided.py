@@ -371,6 +371,12 @@ def test_speeds_at_the_ends_may_be_the_lower_bound():
         qt.retime(along_x([0.0, 20.0], [0, 0], [0, 0]), qt.Limits(speed=9.0, longitudinal_acceleration=(-4.0, None)))
 
 
+def test_a_lower_bound_that_contradicts_other_limits_is_named():
+    timed = qt.retime(LINE, qt.Limits(speed=10.0, longitudinal_acceleration=(1.0, 2.0)), 0.0, 0.0)
+    assert timed.code == qt.ResultCode.not_finite
+    assert "the lower bound on longitudinal_acceleration contradicts another limit" in timed.result
+
+
 def test_peaks_of_sides():
     times = np.linspace(0.0, 4.0, 100_001)
     for name in ("speed", "longitudinal_acceleration", "slope"):

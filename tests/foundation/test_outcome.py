@@ -37,7 +37,7 @@ CODES = [0, ResultCode.near_zero_error, ResultCode.infeasible, ResultCode.max_st
 
 
 ADVICE = re.compile(
-    r"\b(try|look|check|give|take|pass|raise|choose|tune|change|limit|must be|start from)\b", re.IGNORECASE
+    r"\b(try|look|check|give|take|pass|raise|relax|choose|tune|change|limit|must be|start from)\b", re.IGNORECASE
 )
 
 

@@ -98,6 +98,8 @@ def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.nd
         if np.any(active == k):
             axes.plot(way, _only(speed, active == k), color=_colour(name), lw=2.8 * thin, label=_words(name), zorder=3)
     _mark_stops(axes, dataset, way)
+    if "speed_min" in names:
+        axes.axhline(float(dataset["bound"][names.index("speed_min")]), **BOUND)
     axes.set_ylim(0, top)
     axes.set_ylabel("speed [m/s]")
     handles, labels = axes.get_legend_handles_labels()

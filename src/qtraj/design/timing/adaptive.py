@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from qtraj.design.timing.cells import (
     MOST,
@@ -17,11 +18,13 @@ from qtraj.design.timing.cells import (
     Profile,
     Shape,
     chosen,
+    divided,
     finest,
     refined,
     relaxed_profile,
     with_positive,
 )
+from qtraj.design.timing.constraints import POWERS, listed
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
@@ -46,6 +49,12 @@ cells is multiplied by `FINER` if the duration hardly changes."""
 LEAST_ERROR = 0.1
 """With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
 
+NOTICED = 1e-4
+"""Relative violation of a limit between the nodes, beyond that of all cells, with which a cell is halved."""
+
+COARSER = 3
+"""Number of earlier drafts that are tried if the limits cannot be imposed between the nodes of the last one."""
+
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
 
@@ -69,7 +78,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     if not np.isfinite(draft.powers).all():  # the limits contradict each other, and smaller cells do not help
         return draft.completed("jerk" in p.bounds), np.nan
     accuracy = (ACCURACY if exact else ACCURACY_COUPLED) * p.tolerance
-    gained, best, excess = np.inf, None, np.inf
+    gained, best, excess, drafts = np.inf, None, np.inf, []
     for attempt in range(ATTEMPTS + 1):
         profile = relaxed_profile(shape, task, cells)
         time, change = draft.times().sum(), abs(gained)
@@ -80,11 +89,15 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
             own = slower - finest(shape, task, cells)
             own = own if exact else min(own, change + max(slower - time, 0.0))
             own = own if np.isfinite(own) else np.inf
-            if best is None or own < excess:
+            rank = not _converged(p, latest), own
+            if best is None or rank < (not _converged(p, best), excess):
                 best, excess = latest, own
             if own <= p.tolerance * slower or not np.isfinite(latest.powers).all():
                 break
         halved = _halved(shape, task, accuracy, cells, latest, profile)
+        exceeding = _exceeding(p, latest)
+        if exceeding.any():
+            halved = divided(shape, cells, exceeding)
         if exact and halved.half.size == cells.half.size:
             accuracy *= FINER
             continue
@@ -93,6 +106,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         finer = _positive(shape, halved, draft_on, latest)
         if not finer[1].converged:
             break
+        drafts.append(draft)
         cells, draft = finer
         gained = time - draft.times().sum()
         if exact and not abs(gained) > CHANGE * p.tolerance * time:
@@ -100,6 +114,13 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     if best is None:
         best, slower = _completed(p, part, draft, (ends, rest))
         excess = slower - finest(shape, task, cells)
+    for earlier in drafts[: -COARSER - 1 : -1]:
+        if _converged(p, best) or not np.isfinite(best.powers).all():
+            break
+        coarser, slower = _completed(p, part, earlier, (ends, rest))
+        if _converged(p, coarser):
+            least = finest(shape, task, cells)
+            best, excess = coarser, slower - (least if exact else max(least, draft.times().sum()))
     enough = max(best.enough, LEAST_ERROR * p.tolerance)
     return best._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
 
@@ -114,6 +135,16 @@ def _halved(
     return refined(shape, task, accuracy, cells, (latest.powers, times, profile))
 
 
+def _exceeding(p: Posed, found: Drafted | Searched) -> Bool[np.ndarray, " cells"]:
+    """Return the cells between whose nodes limits are exceeded so much that the whole timing was slowed down."""
+    if isinstance(found, Drafted) or _converged(p, found):
+        return np.zeros(found.grid.cells, bool)
+    names = listed(p.names, p.vehicle is not None)
+    slower = 1 - 2 * float(found.found.error)  # see `search`
+    others = slower ** np.array([POWERS.get(name, 0.0) for name in names])
+    return (np.asarray(found.found.usage) > others[:, None] * (1 + NOTICED)).any(axis=0)
+
+
 def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searched | None) -> tuple[Cells, Drafted]:
     """Return cells on which the squared speed of the draft is positive everywhere, if possible, and the draft."""
     draft = draft_on(cells, before)
@@ -126,9 +157,14 @@ def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searc
     return cells, draft
 
 
+def _converged(p: Posed, found: Searched) -> bool:
+    return bool(found.found.error < max(found.enough, LEAST_ERROR * p.tolerance))
+
+
 def _completed(p: Posed, part: Part, draft: Drafted, at: tuple[Any, tuple[bool, bool]]) -> tuple[Searched, float]:
     """Return the timing with the limits between the nodes, too, and its duration [s]."""
     found = draft.completed("jerk" in p.bounds)
-    if not found.found.error < max(found.enough, LEAST_ERROR * p.tolerance):
-        found = searched(p, part, draft.grid, *at)
+    if not _converged(p, found):
+        again = searched(p, part, draft.grid, *at)
+        found = again if again.found.error < found.found.error or np.isnan(found.found.error) else found
     return found, float(found.times().sum())

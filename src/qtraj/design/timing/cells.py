@@ -185,6 +185,11 @@ def refined(
     return _graded(shape, cells)
 
 
+def divided(shape: Shape, cells: Cells, which: Bool[np.ndarray, " cells"]) -> Cells:
+    """Halve some cells, and neighbours that are then much longer."""
+    return _graded(shape, cells.halved(which))
+
+
 def with_positive(shape: Shape, cells: Cells, powers: Float[np.ndarray, "cells 4"]) -> Cells:
     """Halve cells in which a = u̇² with the coefficients `powers` is not positive everywhere, and their neighbours."""
     a = powers @ np.linspace(0.0, 1.0, FINE) ** np.arange(4)[:, None]
@@ -204,7 +209,7 @@ def _errors(shape: Shape, task: Task, cells: Cells, p: Profile) -> Float[np.ndar
         value = p.fourth / (32 * a)
         slope = p.fourth * pace / (4 * length * accelerations)
         bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * float(task.bounds.get("jerk", np.inf)))
-    return p.times * (np.nan_to_num(value) + sum(np.minimum(np.nan_to_num(x), 1.0) for x in (slope, bend)))
+        return p.times * (np.nan_to_num(value) + sum(np.minimum(np.nan_to_num(x), 1.0) for x in (slope, bend)))
 
 
 def _graded(shape: Shape, cells: Cells) -> Cells:

@@ -23,6 +23,7 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
 from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_quantities
 
@@ -171,6 +172,12 @@ class Retimed(AbstractOutcome):
             return (
                 "the search failed: the squared speed is not positive between two knots, so the duration is NaN. Try "
                 "another tolerance, or add a limit on the acceleration, which keeps the timing smooth near a stop."
+            )
+        sides = [quantity(name).base for name in self.certificate.names if quantity(name).lower]
+        if code == ResultCode.not_finite and sides:
+            return (
+                f"the search failed, probably because the lower bound on {' or '.join(sides)} contradicts another "
+                "limit or the speeds at the ends: relax one of them."
             )
         if code == ResultCode.not_finite:
             return (

@@ -91,13 +91,15 @@ def searched(
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
             enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
             last = solve(imposed, continued(imposed, state.chosen(which)), enough)
-            state.store(which, last)
-            found = between_nodes(places, within, last.coefficients)
-            used[:, which], usage[:, which] = factors[:, which], found
+            # A search that fails after a good one leaves the result of this one, which is slowed down.
+            good = np.isfinite(last.coefficients).all(axis=1) | (search == 0)
+            state.store(which[good], last.chosen(good))
+            found = between_nodes(places, within, state.coefficients[which])
+            used[:, which[good]], usage[:, which] = factors[:, which[good]], found
             factors[:, which] *= _tighter(places, found, last.error < enough, search)
             if search + 1 < len(GAPS):
                 continue
-            goes_on = (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error)
+            goes_on = (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)
                 places = jax.tree.map(lambda x, goes_on=goes_on: x[..., goes_on, :, :], places)
