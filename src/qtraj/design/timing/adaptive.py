@@ -142,7 +142,7 @@ def _exceeding(p: Posed, found: Drafted | Searched) -> Bool[np.ndarray, " cells"
     names = listed(p.names, p.vehicle is not None)
     slower = 1 - 2 * float(found.found.error)  # see `search`
     others = slower ** np.array([POWERS.get(name, 0.0) for name in names])
-    return (np.asarray(found.found.usage) > others[:, None] * (1 + NOTICED)).any(axis=0)
+    return np.asarray((np.asarray(found.found.usage) > others[:, None] * (1 + NOTICED)).any(axis=0))
 
 
 def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searched | None) -> tuple[Cells, Drafted]:
