@@ -72,12 +72,17 @@ def test_signed_values_agree_with_the_reference():
         assert signed(HELIX, name, [1.3])[0] == pytest.approx(value, rel=1e-14)
 
 
-@pytest.mark.parametrize("name", [*SIGNED, *FORCES, *POSITIVE])
-@pytest.mark.parametrize("path", [HELIX, ROUTE], ids=["helix", "route"])
+OF_HELIX = [*SIGNED, *FORCES, *POSITIVE]
+OF_ROUTE = [name for name in OF_HELIX if name != "torsion"]  # undefined at the inflections of the route
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [*((HELIX, name) for name in OF_HELIX), *((ROUTE, name) for name in OF_ROUTE)],
+    ids=[*(f"helix-{name}" for name in OF_HELIX), *(f"route-{name}" for name in OF_ROUTE)],
+)
 def test_both_sides_are_decided_next_to_the_extremes(path, name):
     """Bounds at the extremes of dense samples, wider or narrower by 1e-6 of their range."""
-    if name == "torsion" and path is ROUTE:
-        pytest.skip("the torsion of this route is undefined at its inflections")
     vehicle = CAR if name in FORCES else None
     joints = np.asarray(path.times) if isinstance(path, qt.Route) else np.zeros(1)
     times = np.union1d(np.linspace(0.0, float(path.duration), 100_001), [joints, np.maximum(joints - 1e-12, 0.0)])
@@ -194,6 +199,15 @@ def test_timings_with_two_sides_are_proved_and_reach_their_limits(limits, ends):
             seen = float(qt.evaluate(timed.path, [time], (output,)).values[output][0])
             assert seen == pytest.approx(value, rel=1e-5, abs=1e-5), name
         assert quantity(name).side * (limit - value) >= 0
+
+
+def test_pairs_on_the_yaw_acceleration_let_the_acceleration_jump_where_the_path_does():
+    """As for a number: the third derivative of this spline jumps at its joints, and with it the yaw acceleration."""
+    common = {"speed": 12.0, "lateral_acceleration": 2.0, "longitudinal_acceleration": 1.5}
+    number, pair = (qt.retime(ROUTE, qt.Limits(**common, yaw_acceleration=x), 0, 0) for x in (0.02, (-0.02, 0.02)))
+    assert number.certificate.holds, number.result
+    assert pair.certificate.holds, pair.result
+    assert float(pair.duration) == pytest.approx(float(number.duration), rel=1e-3)
 
 
 def test_the_duration_has_derivatives_with_respect_to_both_sides():

@@ -42,6 +42,9 @@ which the limits are imposed between the nodes, too; and how often cells are hal
 AGAIN = 0.2
 """As a fraction of the tolerance, the accuracy of the first cells after a failed search."""
 
+HALVED = 2
+"""How often all cells are then halved: a search on a spline with kinks may fail on cells that are too large."""
+
 COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "jerk", "friction", "power"}, 0.2
 """Quantities with whose limits the relaxed timing is faster than the fastest one, and without which the accuracy of the
 cells is multiplied by `FINER` if the duration hardly changes."""
@@ -75,6 +78,10 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     cells, draft = _positive(shape, cells, draft_on, None)
     if not np.isfinite(draft.powers).all():  # a search may fail on large cells
         cells, draft = _positive(shape, chosen(shape, task, AGAIN * p.tolerance)[0], draft_on, None)
+    for _ in range(HALVED):
+        if np.isfinite(draft.powers).all():
+            break
+        cells, draft = _positive(shape, cells.halved(np.ones(cells.half.size, bool)), draft_on, None)
     if not np.isfinite(draft.powers).all():  # the limits contradict each other, and smaller cells do not help
         return draft.completed("jerk" in p.bounds), np.nan
     accuracy = (ACCURACY if exact else ACCURACY_COUPLED) * p.tolerance

@@ -12,6 +12,7 @@ from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments, fastest, stops
 
@@ -132,7 +133,7 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
     **Raises:** ValueError if the velocity jumps at a joint that is not a `cut`, or with a limit on the jerk, if the
     acceleration jumps there.
     """
-    s = s.in_time()
+    s, limited = s.in_time(), {quantity(name).base or name for name in names}
     ends = pieces.values(s.coefficients[:-1], s.durations[:-1], 3)
     after = pieces.values(s.coefficients[1:], np.zeros(s.durations.size - 1), 3)
     pace = np.linalg.norm(s.coefficients[:, 1], axis=-1).max()
@@ -150,7 +151,7 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
                 f"limit on the {('acceleration', 'jerk')[order - 1]} there. Use a route with continuous acceleration, "
                 "such as the result of fit_route."
             )
-        smooth[jumps] = 0 if order < 3 else 1 if "jerk" in names else 0 if "yaw_acceleration" in names else 2
+        smooth[jumps] = 0 if order < 3 else 1 if "jerk" in names else 0 if "yaw_acceleration" in limited else 2
     return smooth
 
 
