@@ -8,6 +8,7 @@ from .algebra import (
 )
 from .batch.evaluate import evaluate as evaluate
 from .batch.table import Table as Table
+from .design.along import Along as Along
 from .design.fitting.fit import fit as fit
 from .design.fitting.fit_route import fit_route as fit_route
 from .design.fitting.fitted import Fitted as Fitted

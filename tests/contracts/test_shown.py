@@ -55,6 +55,7 @@ EXAMPLES = [
     qt.GaussLegendre(),
     qt.GeometricFeedback(1.0, [1.0, 2.0, 3.0]),
     qt.Gyros(0.1, key=jax.random.key(3)),
+    qt.Along([0.0, 120.0], [13.9, 8.3]),
     qt.Limits(curvature=0.1),
     qt.LogarithmicFeedback(1.0, 2.0),
     qt.Magnus(4),

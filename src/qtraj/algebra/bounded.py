@@ -75,6 +75,22 @@ class BoundedPolynomial:
         powers = np.arange(1.0, len(self.c))[:, None]
         return BoundedPolynomial(self.c[1:] * powers, self.m[1:] * powers, self.k + 1)
 
+    def restricted(self, start: Float[np.ndarray, " n"], end: Float[np.ndarray, " n"]) -> BoundedPolynomial:
+        """Return the polynomials p(start + (end − start)·u), 0 ≤ start ≤ end ≤ 1, by repeated synthetic division."""
+        terms, width = len(self.c), end - start
+        c, m = self.c.copy(), self.m.copy()
+        for k in range(terms - 1):  # the Taylor coefficients about the start
+            for i in range(terms - 2, k - 1, -1):
+                c[i] += start * c[i + 1]
+                m[i] += start * m[i + 1]
+        power = np.ones_like(width)
+        for k in range(1, terms):
+            power = power * width
+            c[k] *= power
+            m[k] *= power
+        # Each step multiplies and adds; the width has one rounding, and its powers two more each.
+        return BoundedPolynomial(c, m + TINY, self.k + 5 * terms)
+
     def bernstein(self) -> tuple[Float[np.ndarray, "terms n"], Float[np.ndarray, " n"]]:
         """Return the Bernstein coefficients on [0, 1], and a bound on their errors."""
         matrix = _to_bernstein(len(self.c))

@@ -100,6 +100,11 @@ class ExactPolynomial:
             result = result * inner + ExactPolynomial([number], self.exponent)
         return result
 
+    def restricted(self, start: float, end: float) -> ExactPolynomial:
+        """Return the polynomial p(start + (end − start)·u), whose values on [0, 1] are those of p on [start, end]."""
+        low = ExactPolynomial.of(start)
+        return self.composed(low + (ExactPolynomial.of(end) - low) * ExactPolynomial([0, 1]))
+
     def reflected(self) -> ExactPolynomial:
         """Return the polynomial p(1 − u)."""
         numbers = list(self.numbers)

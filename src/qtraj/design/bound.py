@@ -1,4 +1,7 @@
-"""The value of a limit on one path quantity: a bound on its magnitude, or on two sides of its signed value."""
+"""The value of a limit on one path quantity: a bound on its magnitude, or on two sides of its signed value.
+
+A bound is a number, or an `Along` whose value changes along the way.
+"""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -8,6 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from qtraj.design.along import Along
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -15,25 +19,28 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 from qtraj.path.sides import LOWER, has_sides, upper_side
 
-Limit = ArrayInput | None | tuple[ArrayInput | None, ArrayInput | None]
+Limit = ArrayInput | Along | None | tuple[ArrayInput | Along | None, ArrayInput | Along | None]
 """The value of a limit: a number for the magnitude, or a pair (lower, upper); None means no limit."""
+
+OneBound = Scalar | Along
+"""A bound that is set: a number, or a function of the distance."""
 
 
 @storable
 class Sides(eqx.Module):
     """The lower and the upper bound on a signed value; at most one of them is None."""
 
-    lower: Scalar | None
-    upper: Scalar | None
+    lower: OneBound | None
+    upper: OneBound | None
 
-    def __iter__(self) -> Iterator[Scalar | None]:
+    def __iter__(self) -> Iterator[OneBound | None]:
         return iter((self.lower, self.upper))
 
     def __repr__(self) -> str:
         return f"({', '.join(map(_text, (self.lower, self.upper)))})"
 
 
-Bound = Scalar | Sides
+Bound = OneBound | Sides
 """A limit that is set."""
 
 
@@ -47,14 +54,31 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
     entry = quantity(name)
     if isinstance(value, Sides):
         value = value.lower, value.upper
+    if isinstance(value, Along) and value.values.ndim > 1:
+        value = value.sides()
     if isinstance(value, tuple | list):
         return _two_sided(value, entry)
-    limit = _number(value, f"the limit {name}", entry)
-    require_positive(limit, f"the limit {name}", entry.label)
+    limit = _bound(value, f"the limit {name}", entry, 1)
+    _require_positive(limit, f"the limit {name}", entry)
     return limit
 
 
-def by_side(name: str, bound: Bound) -> Iterator[tuple[str, Scalar]]:
+def numbers(bound: OneBound) -> Any:
+    """Return the number, or all numbers, of a bound as an array."""
+    return bound.values if isinstance(bound, Along) else bound
+
+
+def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
+    """Raise a ValueError for a bound that is not positive and finite; an `Along` may be infinite in parts."""
+    if not isinstance(bound, Along):
+        require_positive(bound, what, entry.label)
+        return
+    known = concrete(bound.values)
+    if known is not None and not (known > 0).all():
+        raise ValueError(f"the values of {what} must be positive [{entry.label}], but {known.tolist()} was given")
+
+
+def by_side(name: str, bound: Bound) -> Iterator[tuple[str, OneBound]]:
     """Return the names and the values of the bounds that a limit consists of; see `qtraj.path.sides`."""
     if not isinstance(bound, Sides):
         yield name, bound
@@ -80,8 +104,8 @@ def _names(name: str) -> tuple[str, str]:
     return name + LOWER, upper_side(quantity(name))
 
 
-def _text(x: Scalar | None) -> str:
-    known = None if x is None else concrete(x)
+def _text(x: OneBound | None) -> str:
+    known = None if x is None or isinstance(x, Along) else concrete(x)
     return repr(x) if known is None else np.array2string(known, formatter={"float_kind": lambda x: f"{x:.6g}"})
 
 
@@ -93,10 +117,13 @@ def _two_sided(given: Any, entry: PathQuantity) -> Bound | None:
         raise ValueError(f"{what} must be one number, which bounds the magnitude, but {given!r} was given")
     names = "lower", "upper"
     lower, upper = (
-        None if x is None else _number(x, f"the {k} bound of {what}", entry) for k, x in zip(names, given, strict=True)
+        None if x is None else _bound(x, f"the {k} bound of {what}", entry, side)
+        for k, x, side in zip(names, given, (-1, 1), strict=True)
     )
     for k, x in zip(names, (lower, upper), strict=True):
-        if x is not None and (known := concrete(x)) is not None and not np.all(np.isfinite(known)):
+        if x is None or isinstance(x, Along):
+            continue
+        if (known := concrete(x)) is not None and not np.all(np.isfinite(known)):
             raise ValueError(f"the {k} bound of {what} must be finite, or None for no bound, but {given!r} was given")
     if lower is None and upper is None:
         return None
@@ -106,12 +133,14 @@ def _two_sided(given: Any, entry: PathQuantity) -> Bound | None:
     return Sides(lower, upper)
 
 
-def _of_magnitude(lower: Scalar | None, upper: Scalar | None, entry: PathQuantity) -> Bound | None:
+def _of_magnitude(lower: OneBound | None, upper: OneBound | None, entry: PathQuantity) -> Bound | None:
     """Return a two-sided limit on a quantity that is never negative."""
     what = f"the limit {entry.name}"
     if upper is not None:
-        require_positive(upper, f"the upper bound of {what}", entry.label)
-    known = None if lower is None else concrete(lower)
+        _require_positive(upper, f"the upper bound of {what}", entry)
+    if isinstance(lower, Along):  # without a bound it is not below zero anyway
+        lower = lower.at_least(0.0)
+    known = None if lower is None else concrete(numbers(lower))
     if known is not None and np.any(known < 0):
         raise ValueError(
             f"the lower bound of {what} must not be negative, because the {entry.title} never is, but {known.tolist()} "
@@ -125,13 +154,45 @@ def _signed_instead(entry: PathQuantity) -> str:
     return "; the yaw rate is signed, positive in left turns" if entry.name in ("curvature", "angular_rate") else ""
 
 
-def _require_ascending(lower: Scalar | None, upper: Scalar | None, what: str) -> None:
-    low, high = (None if x is None else concrete(x) for x in (lower, upper))
-    if low is not None and high is not None and np.any(low >= high):
-        raise ValueError(
-            f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given: "
-            "leave some room, because no search can keep a quantity exactly constant"
+def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str) -> None:
+    if lower is None or upper is None:
+        return
+    low, high, place = *(concrete(x) for x in _compared(lower, upper)), ""
+    if low is None or high is None or not np.any(low >= high):
+        return
+    if isinstance(lower, Along) or isinstance(upper, Along):
+        worst = int(np.argmax(low >= high))
+        at = _places(lower, upper)[worst]
+        low, high, place = (
+            *(np.broadcast_to(x, np.broadcast_shapes(low.shape, high.shape))[worst] for x in (low, high)),
+            f" at {at:.6g} m",
         )
+    raise ValueError(
+        f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given"
+        f"{place}: leave some room, because no search can keep a quantity exactly constant"
+    )
+
+
+def _places(*bounds: OneBound) -> np.ndarray:
+    """Return all distances at which one of the bounds changes [m]."""
+    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Along)]))
+
+
+def _compared(lower: OneBound, upper: OneBound) -> tuple[Any, Any]:
+    """Return the values of both bounds at all distances where one of them changes."""
+    if not (isinstance(lower, Along) or isinstance(upper, Along)):
+        return lower, upper
+    at = _places(lower, upper)
+    return tuple(x.at(at) if isinstance(x, Along) else x for x in (lower, upper))  # type: ignore[return-value]
+
+
+def _bound(value: Any, what: str, entry: PathQuantity, side: int) -> OneBound:
+    """Return a number or an `Along` as a bound; missing values become infinite on this `side`."""
+    if not isinstance(value, Along):
+        return _number(value, what, entry)
+    if value.values.ndim > 1:
+        raise ValueError(f"{what} must have one value for each distance, but {value!r} has pairs: pass it as the limit")
+    return value.without_missing(side)
 
 
 def _number(value: Any, what: str, entry: PathQuantity) -> Scalar:

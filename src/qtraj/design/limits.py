@@ -3,15 +3,16 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.bound import Bound, Limit, Sides, bound_of, by_side, part_of
+from qtraj.design.along import Along
+from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, part_of
+from qtraj.design.divisors import divisors
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
@@ -20,20 +21,11 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import LOWER
 from qtraj.path.values import value
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
-
-FACTOR_ROUNDINGS, TINY = 16, 1e-30
-"""Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
-
-The divisor is a difference of moments of inertia. The first term is used only on a banked road; it is a bound on the
-rounding error, in machine epsilons. The second term is a negligible number that keeps the divisor positive. The moment
-about n is at most the sum, so the sum bounds all moments.
-"""
 
 
 @storable
@@ -43,7 +35,7 @@ class Limits(eqx.Module):
     A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
     value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
     Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
-    negative, such as the speed, has no ending.
+    negative, such as the speed, has no ending. Instead of a number, an `Along` changes along the way.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
@@ -168,9 +160,13 @@ class Limits(eqx.Module):
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
         return {name: value for name, value in values.items() if value is not None}
 
-    def given(self) -> dict[str, Float[Array, "*batch"]]:
+    def given(self) -> dict[str, OneBound]:
         """Return the bounds that are set, by name; a limit with two sides has two names (see `qtraj.path.sides`)."""
         return {side: value for name, bound in self._bounds().items() for side, value in by_side(name, bound)}
+
+    def constant(self) -> dict[str, Float[Array, "*batch"]]:
+        """Return the bounds that do not change along the way, by name."""
+        return {name: bound for name, bound in self.given().items() if not isinstance(bound, Along)}
 
     def on_timing(self) -> Limits:
         """Return the limits that `retime` supports; each of them depends on the timing of a path."""
@@ -189,8 +185,21 @@ class Limits(eqx.Module):
             lambda x: [getattr(x, name) for name in kept],
             self,
             list(kept.values()),
-            is_leaf=lambda x: x is None or isinstance(x, Sides | Vehicle),
+            is_leaf=lambda x: x is None or isinstance(x, Sides | Along | Vehicle),
         )
+
+    @property
+    def varying(self) -> list[str]:
+        """The names of the bounds that change along the way."""
+        return [name for name, bound in self.given().items() if isinstance(bound, Along)]
+
+    def require_constant(self, what: str, instead: str) -> None:
+        """Raise a ValueError if a limit changes along the way, which `what` does not support."""
+        for name in self.varying:
+            raise ValueError(
+                f"{what} supports only limits that do not change along the way, but the limit {name} is "
+                f"{self.given()[name]!r}: {instead}"
+            )
 
     @property
     def needs_vehicle(self) -> bool:
@@ -226,7 +235,9 @@ class Limits(eqx.Module):
 
         Limits and vehicles without a batch dimension are shared.
         """
-        shapes = {f"the limits have the batch shape {x.shape}": x.shape for x in self.given().values()}
+        if batch:
+            self.require_constant("a batch of paths", "check the paths one by one")
+        shapes = {f"the limits have the batch shape {x.shape}": x.shape for x in self.constant().values()}
         shapes[f"the vehicle has the batch shape {batch_of(self.vehicle)}"] = batch_of(self.vehicle)
         for text, shape in shapes.items():
             if shape not in ((), batch):
@@ -271,21 +282,3 @@ def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limi
 def require_limits(limits: Limits) -> None:
     """Raise a ValueError if the argument `limits` is not a `Limits`."""
     require_type(limits, Limits, "limits", "a Limits, such as Limits(curvature=0.05)")
-
-
-def divisors(names: Iterable[str], road: RoadParameters) -> dict[str, Any]:
-    """Return, by name, the positive numbers by which limits are divided.
-
-    The divided limits apply to quantities whose squares are ratios of polynomials. For the three moments, the divisor
-    is the factor that depends on the inertia (`PathQuantity.factor`), plus a negligible number; otherwise it is 1.
-    Without a bank angle, the only rounding error of a factor is from one subtraction of moments of inertia. With a bank
-    angle, a bound on the rounding errors of the moments of inertia is added to the divisor, and proofs include it.
-    """
-    return {name: 1.0 if quantity(name).factor is None else _divisor(quantity(name), road) for name in names}
-
-
-def _divisor(entry: PathQuantity, road: RoadParameters) -> Any:
-    total = road.inertia_tangent + road.inertia_binormal
-    eps = float(jnp.finfo(total.dtype).eps)
-    # A divisor of zero would make the quotient infinite.
-    return entry.scale(road) + total * (TINY + FACTOR_ROUNDINGS * eps * (road.sin != 0).astype(total.dtype))

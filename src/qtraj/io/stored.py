@@ -10,6 +10,7 @@ from qtraj.foundation.document import load
 __all__ = ["load"]
 
 HOMES = (
+    "qtraj.design.along",
     "qtraj.design.bound",
     "qtraj.design.fitting.fitted",
     "qtraj.design.fitting.fitted_route",

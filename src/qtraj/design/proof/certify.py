@@ -20,6 +20,7 @@ from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.shape import certify_shape
 from qtraj.design.proof.sources import Source
+from qtraj.design.proof.varying import certify_varying
 from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float, constants, is_traced
@@ -123,6 +124,8 @@ def certify(
 
 
 def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
+    if limits.varying:
+        return certify_varying(path, limits, _certify)
     names, batch, dtype = tuple(limits.given()), path.duration.shape, path.duration.dtype
     if not names:
         return Certificate((), *[np.zeros((*batch, 0), dtype)] * 4)
@@ -131,7 +134,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         advice = "build the batch with jax.vmap, or with jax.tree.map(lambda *x: jnp.stack(x), *paths)"
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     limits.require_batch(batch, "the paths" if batch else "the path")
-    bounds = _in_batch(limits.given().values(), batch)
+    bounds = _in_batch(limits.constant().values(), batch)
     road = _in_batch(limits.road(float) if limits.needs_vehicle else (), batch)
     factors = _in_batch(limits.factors(float), batch)
     # Outside jit and vmap, the values of differentiated arrays are known, so the proof is not traced.

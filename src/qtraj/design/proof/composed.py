@@ -59,3 +59,10 @@ def times_along(segments: Segments, rows: np.ndarray, fraction: np.ndarray) -> n
     start, end = (pieces.values(own[..., None], t, 0)[0][..., 0] for t in (0.0 * h, h))
     found = progress.times_at(own + np.zeros((*fraction.shape, 1)), h, start + fraction * (end - start))
     return np.where(fraction >= 1, h, found)
+
+
+def fractions_along(segments: Segments, fraction: np.ndarray) -> np.ndarray:
+    """Return the fractions of the curves that the segments cover up to the `fraction` (n,) of their durations."""
+    own, h = segments.known_progress(), segments.durations
+    start, end, at = (pieces.values(own[..., None], t, 0)[0][..., 0] for t in (0.0 * h, h, fraction * h))
+    return np.clip((at - start) / np.where(end != start, end - start, 1.0), 0.0, 1.0)

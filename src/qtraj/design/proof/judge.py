@@ -52,6 +52,17 @@ class Limit(NamedTuple):
     factors: Float[np.ndarray, " n"]
 
 
+class Window(NamedTuple):
+    """The part of each path that is judged, from `start` to `end` as fractions of the duration."""
+
+    start: Float[np.ndarray, " n"]
+    end: Float[np.ndarray, " n"]
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """Return the fractions of the duration at the fractions `u` of the parts."""
+        return self.start + (self.end - self.start) * u
+
+
 class Findings(NamedTuple):
     """Status codes, times [s] and values for each path and limit."""
 
@@ -64,9 +75,13 @@ def judge(
     source: Source,
     limits: Sequence[Limit],
     vehicle: RoadParameters | None = None,
+    window: Window | None = None,
 ) -> Findings:
-    """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units."""
-    task = _Task(source, limits, vehicle)
+    """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units.
+
+    With a `window`, the findings are on a part of each path.
+    """
+    task = _Task(source, limits, vehicle, window)
     columns = [task.finding(limit) for limit in limits]
     return Findings(*(xp.stack(x, axis=1) for x in zip(*columns, strict=True)))
 
@@ -74,8 +89,8 @@ def judge(
 class _Task:
     """The shared data of the findings on one batch of paths."""
 
-    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: RoadParameters | None):
-        self.source, self.vehicle = source, vehicle
+    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: RoadParameters | None, window: Window | None):
+        self.source, self.vehicle, self.window = source, vehicle, window
         entries = [limit.entry for limit in limits]
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
@@ -101,7 +116,7 @@ class _Task:
             undefined = state == UNDEFINED
             codes = xp.where(undefined, UNDEFINED, codes)
             at, values = xp.where(undefined, zero_at, at), xp.where(undefined, np.nan, values)
-        return codes.astype(np.int32), at * self.source.duration, values
+        return codes.astype(np.int32), self._fraction(at) * self.source.duration, values
 
     def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
         """Decide whether the quantity satisfies its limit."""
@@ -121,7 +136,9 @@ class _Task:
         if not np.any(wanted):
             nothing = np.zeros(wanted.shape, bool)
             return Decided(nothing, nothing, np.zeros(wanted.shape))
-        return decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
+        found = decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
+        found.proved[wanted & (entry.side * limit.bounds == np.inf)] = True  # there is no limit
+        return found
 
     def _divisor(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the state of a divisor (PROVED positive, UNDECIDED or UNDEFINED), and the instant of its minimum."""
@@ -156,7 +173,7 @@ class _Task:
             if self.vehicle is not None:
                 vehicle = _constants(self._scaled_vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
         constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, x), k=1)  # noqa: E731
-        return None if derivatives is None else Formulas(derivatives, constant, vehicle)
+        return None if derivatives is None else Formulas(derivatives, constant, vehicle, self.window)
 
     def _in_floats(self, x: np.ndarray, length: int, per_time: int) -> BoundedPolynomial:
         source = self.source
@@ -170,7 +187,8 @@ class _Task:
                 vehicle = _constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
                 unit = self._unit(derivatives.span, k)
                 vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, unit, 2))
-            self._exact[k] = Formulas(derivatives, ExactPolynomial.of, vehicle)
+            window = None if self.window is None else [float(x[k]) for x in self.window]
+            self._exact[k] = Formulas(derivatives, ExactPolynomial.of, vehicle, window)
         return self._exact[k]
 
     def _unit(self, span: Any, k: int) -> float:
@@ -218,8 +236,15 @@ class _Task:
         """Return the invariants at instants (k, n), or on a grid (k,), for which they are computed only once."""
         if u.ndim == 1:
             return self._on_grid(len(u))
-        found, vehicle = self.source.at(u, self.order), None if self.vehicle is None else self._scaled_vehicle
+        found, vehicle = (
+            self.source.at(self._fraction(u), self.order),
+            None if self.vehicle is None else self._scaled_vehicle,
+        )
         return Invariants(found.rows, found.up, vehicle, root=_root, pace=found.pace)
+
+    def _fraction(self, u: np.ndarray) -> np.ndarray:
+        """Return the fractions of the duration at the fractions `u` of the window."""
+        return u if self.window is None else self.window.at(u)
 
     def _on_grid(self, count: int) -> Invariants:
         if count not in self._grids:

@@ -71,10 +71,14 @@ class RoadInvariants:
 class Formulas:
     """The claims about the paths with these derivatives, for a `vehicle` whose parameters are constant polynomials.
 
-    `constant` converts a number to a constant polynomial.
+    `constant` converts a number to a constant polynomial. `window` are the start and the end of the part of [0, 1] that
+    the claims are about; None means the whole path.
     """
 
-    def __init__(self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None):
+    def __init__(
+        self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None, window: Any = None
+    ):
+        self._window = window
         self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
         self.span, self._squared_span = derivatives.span, 1
         if not is_one(self.span):
@@ -115,6 +119,8 @@ class Formulas:
         claim = Claim(number)
         if not is_one(self.span):
             claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
+        if self._window is not None:
+            claim.polynomials = [p.restricted(*self._window) for p in claim.polynomials]
         return claim
 
 

@@ -1,31 +1,23 @@
-"""Certify limits on a route, segment by segment, and locate the intervals of violation."""
+"""Certify limits on a route, segment by segment."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, Certificate
-from qtraj.design.proof.judge import Limit
+from qtraj.design.proof.certificate import BROKEN, PROVED, Certificate
+from qtraj.design.proof.judge import Findings, Limit, Window
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.proof.route_intervals import Intervals, intervals
 from qtraj.design.proof.route_segments import findings, worst
+from qtraj.design.proof.varying_parts import Divided, excess, judged_parts
 from qtraj.foundation.arrays import is_traced
+from qtraj.path.distances import distances
 from qtraj.path.driving import require_one_direction, segments_of
-from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
-
-INSTANTS = 65
-"""A quantity is evaluated at this number of equally spaced instants in each segment that violates its limit."""
-
-PARTS, DIVISIONS = 16, 13
-"""Number of parts into which each step of the search for a crossing divides the interval, and number of steps."""
-
-SHORT = 1e-9
-"""An interval shorter than this fraction of its segment is ignored as a rounding error, unless it contains the peak.
-Close to a stop, rounding errors dominate the velocity and its direction."""
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
@@ -41,80 +33,90 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     limits.require_batch((), "the route")
     if limits.on_road:
         require_one_direction(route, limits.vehicle)
-    bounds_by_name = {name: float(np.asarray(x)) for name, x in limits.given().items()}
-    segments = segments_of(route)
-    count, starts = len(segments.starts), segments.starts
-    names, bounds = tuple(bounds_by_name), np.array([*bounds_by_name.values()])
+    segments, given = segments_of(route), limits.given()
+    count, starts, names = len(segments.starts), segments.starts, tuple(given)
     if not names:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
     road = limits.road(float) if limits.on_road else None
-    factors = np.array([float(np.asarray(x)) for x in limits.factors(float)])
-    results = findings(segments, [Limit(quantity(n), *x) for n, *x in zip(names, bounds, factors, strict=True)], road)
-    times = results.times + starts[:, None]
-    codes, column = worst(results.codes), np.arange(len(names))
-    side = np.array([quantity(name).side for name in names])
-    candidates = np.where(results.codes == codes[None], side * results.values, -np.inf)
-    row = np.argmax(np.where(np.isnan(candidates), np.inf, candidates), axis=0)
-    whole = Certificate(names, codes, times[row, column], results.values[row, column], bounds)
-    parts = Certificate(names, results.codes, times, results.values, np.broadcast_to(bounds, results.codes.shape))
-    broken, broken_limits = [], []
+    factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
+    constant = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
+    found = [_of_constant(segments, constant, factors, road)] if constant else []
+    if limits.varying:
+        divided = _divided(route, segments, road)
+        found += [_of_varying(divided, segments, name, given[name], factors[name], road) for name in limits.varying]
+    return _certificate(starts, names, found)
+
+
+class _Found(NamedTuple):
+    """Findings on limits: the codes, times [s], values and limits (segments, k), and the intervals of violation."""
+
+    names: tuple[str, ...]
+    arrays: tuple[np.ndarray, ...]
+    broken: list[tuple[str, tuple[float, float]]]
+
+
+def _of_constant(
+    segments: Segments, bounds: dict[str, float], factors: dict[str, float], road: RoadParameters | None
+) -> _Found:
+    """Return the findings on limits that do not change along the way."""
+    names = tuple(bounds)
+    limits = [Limit(quantity(name), np.asarray(bounds[name]), np.asarray(factors[name])) for name in names]
+    codes, times, values = findings(segments, limits, road)
+    broken = []
     for k, name in enumerate(names):
-        rows = np.flatnonzero(results.codes[:, k] == BROKEN)
-        bound = bounds[k] / factors[k]
-        intervals = _intervals(segments, name, bound, road, rows, results.times[rows, k])
-        broken += intervals
-        broken_limits += [k] * len(intervals)
-    return RouteCertificate(whole, parts, starts, broken, broken_limits)
+        rows = np.flatnonzero(codes[:, k] == BROKEN)
+        ends = segments.durations[rows]
+        parts = Intervals(rows, 0.0 * ends, ends, np.full(rows.size, bounds[name] / factors[name]), times[rows, k])
+        broken += [(name, x) for x in intervals(segments, name, parts, road)]
+    own = np.broadcast_to(list(bounds.values()), codes.shape)
+    return _Found(names, (codes, times + segments.starts[:, None], values, own), broken)
 
 
-def _intervals(
-    segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
-) -> list[tuple[float, float]]:
-    """Return the intervals in which a quantity violates its bound, in the segments `rows`.
+def _divided(route: Route, segments: Segments, road: RoadParameters | None) -> Divided:
+    def of_parts(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
+        return findings(segments.part(segment), [limit], road, window)
 
-    `peaks` are times at which the quantity violates its bound, one per segment, measured from the start of the segment.
-    """
-    if not rows.size:
-        return []
-    own = segments.part(rows)
-    h, every = own.durations, np.arange(len(rows))[:, None]
-    s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), peaks[:, None]], axis=1), axis=1)
-    parked: Any = ~own.coefficients[:, 1:].any(axis=(1, 2))
-    above = _exceeds(own.values, every, s, name, bound, road) | (s == peaks[:, None]) | parked[:, None]
-    row, left = np.nonzero(above[:, 1:] != above[:, :-1])
-    low, high, first = s[row, left], s[row, left + 1], above[row, left]
-    u = np.arange(1, PARTS) / PARTS
-    for _ in range(DIVISIONS):
-        width = high - low
-        inner = low[:, None] + width[:, None] * u
-        same = _exceeds(own.values, row[:, None], inner, name, bound, road) == first[:, None]
-        count = np.sum(np.logical_and.accumulate(same, axis=1), axis=1)
-        low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
-    intervals: list[tuple[float, float]] = []
-    for i, start in enumerate(segments.starts[rows]):
-        inner = start + np.where(first, low, high)[row == i]
-        edges = [*([start] if above[i, 0] else []), *inner, *([start + h[i]] if above[i, -1] else [])]
-        peak, shortest = start + peaks[i], SHORT * h[i]
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            if b - a < shortest and not a - shortest <= peak <= b + shortest:
-                continue
-            if intervals and a <= intervals[-1][1]:
-                intervals[-1] = (intervals[-1][0], float(b))
-            else:
-                intervals.append((float(a), float(b)))
-    return intervals
+    return Divided(segments.starts, segments.durations, distances(route), of_parts)
 
 
-def _exceeds(
-    values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None
-) -> np.ndarray:
-    """Check whether a quantity violates its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
+def _of_varying(
+    divided: Divided, segments: Segments, name: str, along: Any, factor: float, road: RoadParameters | None
+) -> _Found:
+    """Return the findings on a limit that changes along the way."""
+    entry, count = quantity(name), len(segments.starts)
+    parts = judged_parts(divided, entry, along, factor)
+    worst_part = parts.worst(entry, count)
+    known = worst_part >= 0
+    defaults = PROVED, segments.starts, np.zeros(count), entry.side * np.inf
+    starts = segments.starts[parts.segment]
+    found = (parts.codes, parts.times + starts, parts.values, parts.bounds)
+    arrays = tuple(np.where(known, x[worst_part], y)[:, None] for x, y in zip(found, defaults, strict=True))
+    rows = np.flatnonzero(parts.codes == BROKEN)
+    h = segments.durations[parts.segment[rows]]
+    start, end = (x[rows] * h for x in parts.window)
+    own = Intervals(parts.segment[rows], start, end, parts.bounds[rows] / factor, parts.times[rows])
+    order = np.argsort(segments.starts[own.segment] + own.start, kind="stable")
+    own = Intervals(*(x[order] for x in own))
+    return _Found((name,), arrays, [(name, x) for x in intervals(segments, name, own, road)])
 
-    The times are measured from the start of the segment, and `values` returns the derivatives.
-    """
-    entry = quantity(name)
-    derivatives = values(np.broadcast_to(rows, s.shape), s, max(entry.order, 1))
-    components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
-    return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))
+
+def _certificate(starts: np.ndarray, names: tuple[str, ...], found: list[_Found]) -> RouteCertificate:
+    """Return the certificate of the limits `names` from the findings on them, in any order."""
+    own = [name for x in found for name in x.names]
+    order = [own.index(name) for name in names]
+    codes, times, values, limits = (
+        np.concatenate(x, axis=1)[:, order] for x in zip(*(x.arrays for x in found), strict=True)
+    )
+    codes = codes.astype(np.int32)
+    side, column = np.array([quantity(name).side for name in names]), np.arange(len(names))
+    varies = (limits != limits[:1]).any(axis=0)
+    size = np.where(varies, excess(side, values, limits), side * values)
+    candidates = np.where(codes == worst(codes)[None], np.maximum(size, -np.finfo(float).max), -np.inf)
+    row = np.argmax(np.where(np.isnan(candidates), np.inf, candidates), axis=0)
+    whole = Certificate(names, worst(codes), *(x[row, column] for x in (times, values, limits)))
+    broken = [(names.index(name), x) for f in found for name, x in f.broken]
+    broken.sort(key=lambda x: x[0])
+    parts = Certificate(names, codes, times, values, limits)
+    return RouteCertificate(whole, parts, starts, [x for _, x in broken], [k for k, _ in broken])

@@ -9,14 +9,14 @@ with a progress (see `composed`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.composed import composed_source, times_along
-from qtraj.design.proof.judge import Findings, Limit, judge
+from qtraj.design.proof.composed import composed_source, fractions_along, times_along
+from qtraj.design.proof.judge import Findings, Limit, Window, judge
 from qtraj.design.proof.sources import PolynomialSource, Source
 from qtraj.design.proof.standing import ZERO, standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
@@ -42,10 +42,13 @@ RANK = np.array([0, 1, 4, 2, 3])
 """The rank of each code, from the best to the worst: proved, sampled, undecided, undefined, broken."""
 
 
-def findings(segments: Segments, limits: Sequence[Limit], road: RoadParameters | None) -> Findings:
+def findings(
+    segments: Segments, limits: Sequence[Limit], road: RoadParameters | None, window: Window | None = None
+) -> Findings:
     """Compute the findings on every segment; the times are measured from the start of the segment.
 
-    Each of `limits` has one bound and one factor, and `road` contains the parameters of the vehicle, or is None.
+    Each of `limits` has one bound and one factor, or one for each segment, and `road` contains the parameters of the
+    vehicle, or is None. With a `window`, the findings are on a part of each segment.
     """
     count, moving = len(segments.durations), segments.coefficients[:, 1:].any(axis=(1, 2))
     stops, composed = standing(segments), segments.composed & moving
@@ -53,22 +56,31 @@ def findings(segments: Segments, limits: Sequence[Limit], road: RoadParameters |
     stopping = stops.any(axis=1) & ~composed
     regular, stopping = moving & ~stopping & ~composed, np.flatnonzero(stopping)
     every = np.arange(len(limits))
-    _judge(result, segments, np.flatnonzero(regular), every, limits, road, _regular)
+    task = _Task(segments, limits, road, window)
+    _judge(result, task, np.flatnonzero(regular), every, _regular)
     kinds = np.array([_kind(limit) for limit in limits])
-    _judge(result, segments, stopping, every[kinds == "path"], limits, road, _regular)
+    _judge(result, task, stopping, every[kinds == "path"], _regular)
     for kind, keep in (("direction", False), ("component", True)):
         source = lambda segments, rows, keep=keep: standing_source(segments, rows, keep)  # noqa: E731
-        _judge(result, segments, stopping, every[kinds == kind], limits, road, source)
+        _judge(result, task, stopping, every[kinds == kind], source)
     for kind in ("path", "direction", "component", "shape"):
         source = lambda segments, rows, kind=kind: composed_source(segments, rows, kind)  # noqa: E731
-        _judge(result, segments, np.flatnonzero(composed), every[kinds == kind], limits, road, source)
+        own = task
+        if kind == "shape" and window is not None and composed.any():
+            own = task._replace(window=Window(*(fractions_along(segments, x) for x in window)))
+        _judge(result, own, np.flatnonzero(composed), every[kinds == kind], source)
     on_curve = np.ix_(composed, kinds == "shape")
     fractions = result.times[on_curve] / segments.durations[composed][:, None]
     result.times[on_curve] = times_along(segments, np.flatnonzero(composed), fractions)
-    undefined = np.ix_(stopping, every[kinds == "shape"])
+    at_stop = stops[stopping]
+    if window is not None:
+        at_stop = at_stop & np.stack([window.start == 0, window.end == 1], axis=1)[stopping]
+    within = at_stop.any(axis=1)
+    undefined = np.ix_(stopping[within], every[kinds == "shape"])
     result.codes[undefined], result.values[undefined] = UNDEFINED, np.nan
-    result.times[undefined] = np.where(stops[stopping, 0], 0.0, segments.durations[stopping])[:, None]
-    result.codes[~moving], result.values[~moving] = _at_rest(limits, road)
+    result.times[undefined] = np.where(at_stop[:, 0], 0.0, segments.durations[stopping])[within, None]
+    _judge(result, task, stopping[~within], every[kinds == "shape"], _regular)
+    result.codes[~moving], result.values[~moving] = _at_rest(limits, road, ~moving)
     return result
 
 
@@ -84,24 +96,28 @@ def _kind(limit: Limit) -> str:
     return "path" if limit.entry.per_time else "shape"
 
 
-def _judge(
-    result: Findings,
-    segments: Segments,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    limits: Sequence[Limit],
-    road: RoadParameters | None,
-    source: Any,
-) -> None:
+class _Task(NamedTuple):
+    """The arguments of `findings`."""
+
+    segments: Segments
+    limits: Sequence[Limit]
+    road: RoadParameters | None
+    window: Window | None
+
+
+def _judge(result: Findings, task: _Task, rows: np.ndarray, columns: np.ndarray, source: Any) -> None:
     """Store the findings on the given rows and columns in `result`."""
     if not columns.size:
         return
+    count, road = len(result.codes), task.road
     for start in range(0, len(rows), BLOCK_SIZE):
         block = rows[start : start + BLOCK_SIZE]
         ones = np.ones(len(block))
-        own = [Limit(x.entry, x.bounds * ones, x.factors * ones) for x in (limits[k] for k in columns)]
+        bounds = {k: np.broadcast_to(task.limits[k].bounds, count)[block] for k in columns}
+        own = [Limit(x.entry, bounds[k], x.factors * ones) for k, x in ((k, task.limits[k]) for k in columns)]
         vehicle = None if road is None else RoadParameters(*(np.asarray(x, float) * ones for x in road))
-        found = judge(source(segments, block), own, vehicle)
+        window = None if task.window is None else Window(*(x[block] for x in task.window))
+        found = judge(source(task.segments, block), own, vehicle, window)
         for array, new in zip(result, found, strict=True):
             array[np.ix_(block, columns)] = new
 
@@ -112,9 +128,12 @@ def _regular(segments: Segments, rows: np.ndarray) -> Source:
     return PolynomialSource(x, y, z, None, segments.durations[rows])
 
 
-def _at_rest(limits: Sequence[Limit], road: RoadParameters | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the status codes and values of a segment without motion: only gravity acts, on a road without slope."""
-    values, bounds = np.zeros(len(limits)), np.array([float(x.bounds) for x in limits])
+def _at_rest(limits: Sequence[Limit], road: RoadParameters | None, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the status codes and values of segments without motion: only gravity acts, on a road without slope."""
+    values, bounds = (
+        np.zeros(len(limits)),
+        np.stack([np.broadcast_to(x.bounds, len(rows))[rows] for x in limits], axis=1),
+    )
     if road is not None:
         zero: Any = np.zeros(())
         one: Any = np.ones(())
@@ -124,7 +143,7 @@ def _at_rest(limits: Sequence[Limit], road: RoadParameters | None) -> tuple[np.n
     margin = side * (bounds - values)
     proved, broken = margin > ZERO * np.abs(values), margin < -ZERO * np.abs(values)
     proved |= (values == 0) & (bounds == 0)
-    return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), values
+    return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), np.broadcast_to(values, margin.shape)
 
 
 def worst(codes: Int[np.ndarray, "segments limits"]) -> Int[np.ndarray, " limits"]:

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from qtraj.design import one_sided
-from qtraj.design.limits import Limits, divisors
+from qtraj.design.divisors import divisors
+from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import namespace
 from qtraj.path.quantity import CORRIDOR, quantity

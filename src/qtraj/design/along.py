@@ -1,0 +1,166 @@
+"""Limits that change along the way, as functions of the distance travelled."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from qtraj.foundation.argument import described
+from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import namespace
+from qtraj.foundation.types import ArrayInput, ScalarLike
+
+Kind = Literal["step", "linear"]
+
+MAX_LISTED = 4
+"""Largest number of values that are listed in texts."""
+
+
+@storable
+class Along(eqx.Module):
+    """The value of a limit as a function of the distance travelled from the start of the path.
+
+    With the `kind` "step", the value `values[i]` holds from `distance[i]` to `distance[i + 1]` [m], and at a distance
+    where the value changes, both values hold. With "linear", the values are interpolated linearly. The last value holds
+    to the end of the path.
+
+    In `Limits`, such a value may replace a number or a side of a pair:
+
+        Limits(speed=Along([0, 120, 300], [13.9, 8.3, 13.9]))
+        Limits(longitudinal_acceleration=(Along([0, 50], [-6, -3]), 2))
+
+    Args:
+        distance: (n,) [m], ascending, from 0.
+        values: (n,), in the unit of the limit; None where there is no limit (only for steps). For a limit with two
+            sides also n pairs (lower, upper).
+        kind: "step" or "linear".
+
+    Raises:
+        ValueError: For distances that do not start at 0 or do not increase, another number of values, a `kind` other
+            than "step" and "linear", and for values that are missing although the kind is "linear".
+    """
+
+    distance: Float[Array, " n"]
+    values: Float[Array, n * sides]
+    kind: str = eqx.field(static=True)
+
+    def __init__(self, distance: ArrayInput, values: Any, kind: Kind = "step"):
+        if kind not in ("step", "linear"):
+            raise ValueError(f"kind must be 'step' or 'linear', but {kind!r} was given")
+        self.distance, self.values, self.kind = _distances(distance), _values(values), kind
+        count = self.distance.shape[0]
+        if self.values.shape not in ((count,), (count, 2)):
+            raise ValueError(
+                f"values must contain one number or one pair (lower, upper) for each of the {count} distances, but its "
+                f"shape is {self.values.shape}"
+            )
+        known = concrete(self.values)
+        if kind == "linear" and known is not None and not np.isfinite(known).all():
+            raise ValueError("a value is missing or not finite, but linear values need one at each distance: use steps")
+
+    def __repr__(self) -> str:
+        d, known = np.asarray(self.distance), concrete(self.values)
+        if known is None or known.ndim > 1 or d.size > MAX_LISTED:
+            return f"Along({d.size} values over {d[-1]:.6g} m)"
+        values = ["None" if np.isnan(x) or np.isinf(x) else f"{x:.6g}" for x in known]
+        kind = "" if self.kind == "step" else ", kind='linear'"
+        return f"Along([{', '.join(f'{x:.6g}' for x in d)}], [{', '.join(values)}]{kind})"
+
+    def sides(self) -> tuple[Along | None, Along | None]:
+        """Return the lower and the upper side of pairs; a side without any value is None."""
+        lower, upper = (
+            Along(self.distance, self.values[:, k], "step" if self.kind == "step" else "linear") for k in (0, 1)
+        )
+        return tuple(None if _is_empty(x) else x for x in (lower, upper))  # type: ignore[return-value]
+
+    def without_missing(self, side: int) -> Along:
+        """Return the same with infinite values instead of missing ones; `side` is −1 for a lower bound, otherwise 1."""
+        xp = namespace(self.values)
+        return self._with(xp.where(xp.isnan(self.values), side * np.inf, self.values))
+
+    def at_least(self, least: float) -> Along:
+        """Return the same with infinite lower bounds replaced by `least`."""
+        xp = namespace(self.values)
+        return self._with(xp.where(self.values == -np.inf, least, self.values))
+
+    def scaled(self, factor: Any) -> Along:
+        """Return the same with the values multiplied by `factor`."""
+        return self._with(self.values * factor)
+
+    def at(self, s: ScalarLike) -> Array:
+        """Return the value at the distance `s` [m]; the later one where the value changes."""
+        xp = namespace(self.values, s)
+        if self.kind == "linear":
+            return xp.interp(s, self.distance, self.values)
+        k = xp.clip(xp.searchsorted(xp.asarray(self.distance), s, side="right") - 1, 0, self.distance.shape[0] - 1)
+        return self.values[k]
+
+    def strictest(self, low: Float[np.ndarray, " m"], high: Float[np.ndarray, " m"], side: int) -> Float[Any, " m"]:
+        """Return the strictest values from `low` to `high` [m]: the smallest, or for `side` −1 the largest."""
+        xp, d = namespace(self.values), np.asarray(self.distance)
+        own = side * xp.asarray(self.values)
+        if self.kind == "linear":
+            inside = (d >= low[:, None]) & (d <= high[:, None])
+            ends = xp.minimum(xp.interp(low, d, own), xp.interp(high, d, own))
+            return side * xp.minimum(ends, _least(own, inside))
+        until = np.append(d[1:], np.inf)
+        first = np.searchsorted(until, low)  # the first step that has not ended before
+        last = np.maximum(np.searchsorted(d, high, side="right") - 1, 0)
+        if xp is jnp:
+            steps = np.arange(d.size)
+            return side * _least(own, (steps >= first[:, None]) & (steps <= last[:, None]))
+        found = np.minimum.reduceat(np.append(own, np.inf), np.stack([first, last + 1], axis=1).ravel())
+        return side * found[::2]
+
+    def _with(self, values: Any) -> Along:
+        return eqx.tree_at(lambda x: x.values, self, values)
+
+
+def _least(values: Float[Any, " n"], wanted: Bool[np.ndarray, "m n"]) -> Float[Any, " m"]:
+    xp = namespace(values)
+    return xp.min(xp.where(wanted, values, np.inf), axis=1)
+
+
+def _is_empty(x: Along) -> bool:
+    known = concrete(x.values)
+    return known is not None and bool(np.isnan(known).all())
+
+
+def _distances(given: ArrayInput) -> Array:
+    try:
+        found = as_float(given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"distance must contain numbers [m], but {described(given)} was given") from error
+    known = concrete(found)
+    if known is None:
+        raise ValueError("distance must have concrete values: create Along outside jit, grad and vmap")
+    if (
+        known.ndim != 1
+        or not known.size
+        or not np.isfinite(known).all()
+        or known[0] != 0
+        or (np.diff(known) <= 0).any()
+    ):
+        raise ValueError(
+            f"distance must contain ascending numbers [m] that start with 0, but {known.tolist()} was given; a value "
+            "of None means that there is no limit up to the next distance"
+        )
+    return found
+
+
+def _values(given: Any) -> Array:
+    def number(x: Any) -> Any:
+        return [number(y) for y in x] if isinstance(x, list | tuple) else np.nan if x is None else x
+
+    try:
+        return as_float(number(given))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            "values must contain one number, pair (lower, upper) or None for each distance, but "
+            f"{described(given)} was given"
+        ) from error

@@ -1,0 +1,86 @@
+"""Locate the intervals of a route in which a quantity violates its limit."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from qtraj.path.frenet import Invariants
+from qtraj.path.quantity import quantity
+from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
+
+INSTANTS = 65
+"""A quantity is evaluated at this number of equally spaced instants in each segment that violates its limit."""
+
+PARTS, DIVISIONS = 16, 13
+"""Number of parts into which each step of the search for a crossing divides the interval, and number of steps."""
+
+SHORT = 1e-9
+"""An interval shorter than this fraction of its segment is ignored as a rounding error, unless it contains the peak.
+Close to a stop, rounding errors dominate the velocity and its direction."""
+
+
+class Intervals(NamedTuple):
+    """Parts of segments, from `start` to `end` [s], in which a quantity violates its bound at the time `peak` [s].
+
+    All times are measured from the start of the segment.
+    """
+
+    segment: Int[np.ndarray, " n"]
+    start: Float[np.ndarray, " n"]
+    end: Float[np.ndarray, " n"]
+    bound: Float[np.ndarray, " n"]
+    peak: Float[np.ndarray, " n"]
+
+
+def intervals(
+    segments: Segments, name: str, parts: Intervals, road: RoadParameters | None
+) -> list[tuple[float, float]]:
+    """Return the intervals (start, end) [s] of a route in which a quantity violates its bound."""
+    if not parts.segment.size:
+        return []
+    own, peaks, bound = segments.part(parts.segment), parts.peak, parts.bound
+    h, every = parts.end - parts.start, np.arange(len(peaks))[:, None]
+    s = parts.start[:, None] + h[:, None] * np.linspace(0.0, 1.0, INSTANTS)
+    s = np.sort(np.concatenate([s, peaks[:, None]], axis=1), axis=1)
+    parked: Any = ~own.coefficients[:, 1:].any(axis=(1, 2))
+    above = _exceeds(own.values, every, s, name, bound[:, None], road) | (s == peaks[:, None]) | parked[:, None]
+    row, left = np.nonzero(above[:, 1:] != above[:, :-1])
+    low, high, first = s[row, left], s[row, left + 1], above[row, left]
+    u = np.arange(1, PARTS) / PARTS
+    for _ in range(DIVISIONS):
+        width = high - low
+        inner = low[:, None] + width[:, None] * u
+        same = _exceeds(own.values, row[:, None], inner, name, bound[row, None], road) == first[:, None]
+        count = np.sum(np.logical_and.accumulate(same, axis=1), axis=1)
+        low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
+    found: list[tuple[float, float]] = []
+    for i, start in enumerate(own.starts):
+        inner = start + np.where(first, low, high)[row == i]
+        first_edge, last_edge = [start + parts.start[i]], [start + parts.end[i]]
+        edges = [*(first_edge if above[i, 0] else []), *inner, *(last_edge if above[i, -1] else [])]
+        peak, shortest = start + peaks[i], SHORT * h[i]
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            if b - a < shortest and not a - shortest <= peak <= b + shortest:
+                continue
+            if found and a <= found[-1][1]:
+                found[-1] = (found[-1][0], max(float(b), found[-1][1]))
+            else:
+                found.append((float(a), float(b)))
+    return found
+
+
+def _exceeds(
+    values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: np.ndarray, road: RoadParameters | None
+) -> np.ndarray:
+    """Check whether a quantity violates its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
+
+    The times are measured from the start of the segment, and `values` returns the derivatives.
+    """
+    entry = quantity(name)
+    derivatives = values(np.broadcast_to(rows, s.shape), s, max(entry.order, 1))
+    components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
+    return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))

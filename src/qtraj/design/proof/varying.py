@@ -1,0 +1,81 @@
+"""Certify limits that change along the way on one path that is not a route."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.judge import Findings, Limit, Window, judge
+from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
+from qtraj.design.proof.varying_parts import Divided, judged_parts
+from qtraj.design.timing.findings import joined
+from qtraj.foundation.arrays import is_traced
+from qtraj.path.distances import distances
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import RoadParameters
+
+
+def certify_varying(
+    path: AbstractHodograph, limits: Limits, certify: Callable[[AbstractHodograph, Limits], Certificate]
+) -> Certificate:
+    """Return the certificate of one path for limits of which some change along the way.
+
+    `certify` returns the certificate for the other limits.
+
+    **Raises:** ValueError for a batch of paths and for traced values.
+    """
+    require_known(path, limits)
+    whole, given = _divided(path, limits), limits.given()
+    factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
+    found = [certify(path, limits.only(list(limits.constant())))] if limits.constant() else []
+    for name in limits.varying:
+        along: Any = given[name]
+        parts = judged_parts(whole, quantity(name), along, factors[name])
+        row = parts.worst(quantity(name), 1)
+        columns = (parts.codes, parts.times, parts.values, parts.bounds)
+        found.append(Certificate((name,), *(x[row] for x in columns)))
+    return joined(found, tuple(given))
+
+
+def require_known(path: AbstractHodograph, limits: Limits) -> None:
+    """Raise a ValueError for a batch of paths or traced values, with limits that change along the way."""
+    if path.duration.ndim or is_traced(path, limits):
+        raise ValueError(
+            f"the limit {limits.varying[0]} changes along the way, which certify supports for one path with concrete "
+            "values: call it outside jit, grad and vmap, once for each path"
+        )
+
+
+def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
+    """Return the path as one segment."""
+    arrays = polynomial_arrays(path)
+    road = limits.road(float) if limits.needs_vehicle else None
+
+    def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
+        count = len(segment)
+        if arrays is None:  # the derivatives are compiled for one path
+            each = [_on_curve(path, limit, road, window, k) for k in range(count)]
+            return Findings(*(np.concatenate(x) for x in zip(*each, strict=True)))
+        source = source_of([np.repeat(np.asarray(x)[None], count, axis=0) for x in arrays])
+        return judge(source, [limit._replace(factors=np.repeat(limit.factors, count))], _each(road, count), window)
+
+    return Divided(np.zeros(1), np.full(1, float(path.duration)), distances(path), findings)
+
+
+def _on_curve(path: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
+    """Return the findings on one part of a path that is not polynomial."""
+    one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
+    own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
+    return judge(curve_source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
+
+
+def _each(road: RoadParameters | None, count: int) -> RoadParameters | None:
+    """Return the parameters of the vehicle for `count` parts of a path."""
+    return None if road is None else RoadParameters(*(np.repeat(np.asarray(x, float), count) for x in road))

@@ -1,0 +1,92 @@
+"""Relate the parameter of a path to the distance travelled, by quadrature on panels."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import as_array
+from qtraj.foundation.namespace import in_numpy
+from qtraj.path.hodograph import AbstractHodograph
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+PANELS, DOUBLINGS = 32, 10
+"""Number of panels of a path that is smooth everywhere, and the largest number of times that panels are halved."""
+
+CONVERGED, UNCERTAINTY = 1e-11, 1e-9
+"""Change of the length below which the panels are small enough, and the bound on the error of a distance; both relative
+to the length of the path."""
+
+BISECTIONS = 60
+
+
+class Distances(NamedTuple):
+    """The distances `at_ends` (n + 1,) [m] of the `ends` of n panels of the parameter of a path."""
+
+    path: AbstractHodograph
+    ends: Float[np.ndarray, " n+1"]
+    at_ends: Float[np.ndarray, " n+1"]
+
+    @property
+    def length(self) -> float:
+        """The length of the path [m]."""
+        return float(self.at_ends[-1])
+
+    @property
+    def uncertainty(self) -> float:
+        """A bound on the error of a distance [m]."""
+        return UNCERTAINTY * self.length
+
+    def at(self, u: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the distances [m] at the parameters `u`."""
+        k = np.clip(np.searchsorted(self.ends, u, side="right") - 1, 0, self.ends.size - 2)
+        return self.at_ends[k] + _lengths(self.path, self.ends[k], u)
+
+    def parameters(self, s: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the smallest parameters at which the distance is `s` [m]; the ends of the path for others."""
+        k = np.clip(np.searchsorted(self.at_ends, s) - 1, 0, self.ends.size - 2)
+        low, high, rest = self.ends[k], self.ends[k + 1], s - self.at_ends[k]
+        start = low
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            before = _lengths(self.path, start, middle) < rest
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        return np.where(s <= 0, self.ends[0], np.where(s >= self.length, self.ends[-1], high))
+
+
+def distances(path: AbstractHodograph) -> Distances:
+    """Return the distances along one path with concrete values; its panels are halved until the length converges."""
+    nodes = path.nodes()
+    ends = np.unique(np.linspace(0.0, float(path.duration), PANELS + 1) if nodes is None else np.asarray(nodes, float))
+    before, steps = np.inf, _lengths(path, ends[:-1], ends[1:])
+    for _ in range(DOUBLINGS):
+        if not abs(steps.sum() - before) > CONVERGED * steps.sum():
+            break
+        before = steps.sum()
+        ends = np.append(np.stack([ends[:-1], 0.5 * (ends[:-1] + ends[1:])], axis=1).ravel(), ends[-1])
+        steps = _lengths(path, ends[:-1], ends[1:])
+    return Distances(path, ends, np.append(0.0, np.cumsum(steps)))
+
+
+def _lengths(path: AbstractHodograph, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the distances travelled between parameters [m]."""
+    half = 0.5 * (high - low)[:, None]
+    return (half * WEIGHTS * paces(path, low[:, None] + half * (NODES + 1))).sum(axis=1)
+
+
+def paces(path: AbstractHodograph, u: Float[np.ndarray, "*m"]) -> Float[np.ndarray, "*m"]:
+    """Return |r'| at the parameters `u` of one path with concrete values."""
+    compute = in_numpy(_paces) if path.supports_numpy else _compiled_paces
+    return np.asarray(compute(path, as_array(u.ravel(), path.duration.dtype))).reshape(u.shape)
+
+
+def _paces(path: AbstractHodograph, u: Any) -> Any:
+    return norm(path.sampled(u, 1)[1])
+
+
+_compiled_paces = eqx.filter_jit(_paces)
