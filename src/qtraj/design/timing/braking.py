@@ -22,6 +22,7 @@ from qtraj.design.timing.part_timing import TimedPart, codes_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import Timing
+from qtraj.design.timing.varying import strictest, strictest_between
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.quantity import quantity
 
@@ -85,7 +86,7 @@ def braked(p: Posed, part: Part, found: tuple[TimedPart, Grid | None], speed: An
     shape = shape_of(p.path, part)
     cells = Cells(grid.segment - part.first, grid.middle, grid.half)
     pieces = _Pieces(cells, *(np.asarray(x) for x in (timed.powers, timed.usage, timed.codes)))
-    start, strongest = float(speed) ** 2, (1 - RESERVE) * -_lowest(limit, p.bounds)
+    start, strongest = float(speed) ** 2, (1 - RESERVE) * -_lowest(limit, strictest(p.bounds))
     if not strongest > 0:
         return None
     met = _meeting(shape, pieces, start, strongest)
@@ -174,8 +175,10 @@ def _usage(p: Posed, shape: Shape, cells: Cells, powers: Any) -> Float[np.ndarra
     a = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
     v = np.stack([a, (c[1] + z * (2 * c[2] + 3 * z * c[3])) / length, (2 * c[2] + 6 * z * c[3]) / length**2])
     one: Any = np.ones(())
+    u = shape.parameters(cells, 2).T
+    bounds = {name: np.repeat(x, CHECKED) if np.ndim(x) else x for name, x in strictest_between(p.bounds, *u).items()}
     with np.errstate(all="ignore"):
-        found = used(parts(r.reshape(3, 3, -1), one, p.bounds, p.vehicle), v.reshape(3, -1))
+        found = used(parts(r.reshape(3, 3, -1), one, bounds, p.vehicle), v.reshape(3, -1))
     rows = ratios(found, listed(p.bounds, p.vehicle is not None))
     return np.max(rows.reshape(len(rows), *a.shape), axis=2)
 

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
+from qtraj.design.timing.varying import Varying, at, strictest, varies
 
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
@@ -32,6 +33,9 @@ HALVINGS, PASSES = 48, 24
 
 BEND = 0.1
 """Weight of the error of the jerk in the estimates of errors."""
+
+NARROW = 0.25
+"""Longest cell in which a limit changes, relative to the length of the path times the accuracy, for one change."""
 
 FINE = 2 * PLACES - 1
 """Number of points in a cell at which |r'| is evaluated for its length."""
@@ -70,14 +74,20 @@ class Cells(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """The derivatives of a path in its segments, and the durations of the segments."""
+    """The derivatives of a path in its segments, and the durations and the starts of the segments."""
 
     derivatives: Derivatives
     spans: Float[np.ndarray, " segments"]
+    starts: Float[np.ndarray, " segments"]
 
     def lengths(self, cells: Cells) -> Float[np.ndarray, " cells"]:
         """Return the lengths of cells in the parameter of the path."""
         return cells.half * self.spans[cells.segment]
+
+    def parameters(self, cells: Cells, count: int) -> Float[np.ndarray, "cells count"]:
+        """Return the parameters of the path at `count` equidistant points in each cell."""
+        segment, place = cells.places(count)
+        return self.starts[segment] + 0.5 * self.spans[segment] * (1 + place)
 
 
 def resolved(shape: Shape) -> Cells:
@@ -130,7 +140,10 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     speed = np.sqrt(np.sum(r[0] ** 2, axis=0))
     simpson = (speed[:, :-2:2] + 4 * speed[:, 1::2] + speed[:, 2::2]) / 6
     distances = simpson * (shape.lengths(cells) / (PLACES - 1))[:, None]
-    found, pace = relaxed(r[..., ::2], distances, task), speed[:, ::2]
+    own = (
+        task._replace(bounds=at(task.bounds, shape.parameters(cells, PLACES).ravel())) if varies(task.bounds) else task
+    )
+    found, pace = relaxed(r[..., ::2], distances, own), speed[:, ::2]
     a = np.divide(found.squares, pace**2, out=np.zeros_like(pace), where=pace > 0)
     fourth = np.abs(a @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
     return Profile(a, pace, found.accelerations, fourth, found.times, found.bounds)
@@ -141,7 +154,7 @@ def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, bool]:
 
     `accuracy` is the largest relative error of the duration.
     """
-    cells, bounds = resolved(shape), False
+    cells, bounds = _with_changes(shape, task, resolved(shape), accuracy), False
     for _ in range(PASSES):
         profile = relaxed_profile(shape, task, cells)
         bounds = profile.bounds
@@ -150,6 +163,24 @@ def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, bool]:
             break
         cells = cells.halved(error > accuracy * time / error.size)
     return _graded(shape, cells), bounds
+
+
+def _with_changes(shape: Shape, task: Task, cells: Cells, accuracy: float) -> Cells:
+    """Halve cells in which a limit changes, because the stricter value holds in the whole cell."""
+    changing = [x for x in task.bounds.values() if isinstance(x, Varying)]
+    places = np.unique(np.concatenate([np.zeros(0), *(x.changes() for x in changing)]))
+    if not places.size:
+        return cells
+    on = changing[0].on
+    longest = accuracy * on.length * NARROW / places.size
+    for _ in range(HALVINGS):
+        ends = on.at(shape.parameters(cells, 2).ravel()).reshape(-1, 2)
+        inside = np.searchsorted(places, ends[:, 1], side="right") > np.searchsorted(places, ends[:, 0])
+        halved = inside & (np.diff(ends, axis=1)[:, 0] > longest)
+        if not halved.any() or cells.half.size + halved.sum() > MOST // 4:
+            break
+        cells = cells.halved(halved)
+    return cells
 
 
 def finest(shape: Shape, task: Task, cells: Cells) -> float:
@@ -208,7 +239,7 @@ def _errors(shape: Shape, task: Task, cells: Cells, p: Profile) -> Float[np.ndar
         a, pace, accelerations = (x[:, 1:-1].mean(axis=1) for x in p[:3])
         value = p.fourth / (32 * a)
         slope = p.fourth * pace / (4 * length * accelerations)
-        bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * float(task.bounds.get("jerk", np.inf)))
+        bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * float(strictest(task.bounds).get("jerk", np.inf)))
         return p.times * (np.nan_to_num(value) + sum(np.minimum(np.nan_to_num(x), 1.0) for x in (slope, bend)))
 
 

@@ -81,6 +81,16 @@ def of_segments(starts: Float[Any, " n+1"], first: int, cells: int, stops: tuple
     return Grid(knots, segment.astype(int) + first, middle, half)
 
 
+def ends(path: AbstractHodograph, grid: Grid) -> tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]:
+    """Return the parameters of a path with concrete values at the starts and at the ends of the cells."""
+    starts = np.asarray(path.starts) if isinstance(path, Route) else np.zeros(1)
+    spans = np.asarray(pieces.durations(starts, np.asarray(path.duration)))
+    low, high = (
+        starts[grid.segment] + 0.5 * spans[grid.segment] * (1 + grid.middle + side * grid.half) for side in (-1, 1)
+    )
+    return low, high
+
+
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
     """Return r', r'' and r''' in world axes at the fraction `place` of each `cell`; one-sided at the ends of a cell.
 

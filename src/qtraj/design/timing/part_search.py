@@ -17,8 +17,8 @@ from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
 from qtraj.design.timing.tables import Tables, tables
 from qtraj.design.timing.timing import Timing
+from qtraj.design.timing.varying import Varying
 from qtraj.foundation.arrays import constants, is_traced
-from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
@@ -33,7 +33,7 @@ class Posed(NamedTuple):
 
     path: AbstractHodograph
     polynomials: Source | None
-    bounds: dict[str, Scalar]
+    bounds: dict[str, Any]
     vehicle: RoadParameters | None
     names: tuple[str, ...]
     lap: bool
@@ -137,14 +137,14 @@ def shape_of(path: AbstractHodograph, part: Part) -> Shape:
             rows = segments.values(i, 0.5 * segments.durations[i] * (1 + place), 3)[1:]
             return np.moveaxis(np.stack(rows), -1, 1)
 
-        return Shape(of_route, segments.durations)
+        return Shape(of_route, segments.durations, segments.starts)
     duration = float(np.asarray(path.duration))
 
     def of_any(_: np.ndarray, place: np.ndarray) -> np.ndarray:
         found = np.asarray(path_derivatives(path, 0.5 * duration * (1 + place.ravel())))
         return found.reshape(3, 3, *place.shape)
 
-    return Shape(of_any, np.array([duration]))
+    return Shape(of_any, np.array([duration]), np.zeros(1))
 
 
 def task_of(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Shape) -> Task:
@@ -153,4 +153,8 @@ def task_of(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Sha
     at_rest = np.array(rest) | np.array(part.stops)
     squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
     most = float(squares[0]), float(squares[1])
-    return Task({name: np.asarray(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)
+    return Task({name: _known(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)
+
+
+def _known(bound: Any) -> Any:
+    return bound if isinstance(bound, Varying) else np.asarray(bound)

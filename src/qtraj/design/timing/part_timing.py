@@ -10,12 +10,13 @@ from jaxtyping import Float, Int
 from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
-from qtraj.design.timing.grid import Grid, of_segments, uniform
+from qtraj.design.timing.grid import Grid, ends, of_segments, uniform
 from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
+from qtraj.design.timing.varying import strictest_between, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.path.route import Route
@@ -44,20 +45,20 @@ class TimedPart(NamedTuple):
     excess: Any = np.zeros(())
 
 
-def timed(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[TimedPart, Grid | None]:
+def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[TimedPart, Grid | None]:
     """Return the fastest timing of a part of the path with a proof of its limits, and its cells, or None for a stop.
 
-    `ends` are the bounds on u̇² at both ends, and `rest` indicates where u̇² is zero.
+    `at_ends` are the bounds on u̇² at both ends, and `rest` indicates where u̇² is zero.
     """
     if not part.moves:
         rows = len(listed(p.names, p.vehicle is not None))
         knots = np.stack([np.asarray(part.start), np.asarray(part.end)])
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
-    if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, ends):  # other cells would be compiled anew
-        x, excess = searched(p, part, _fixed(p, part), ends, rest), np.nan
+    if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends):  # other cells would be compiled anew
+        x, excess = searched(p, part, _fixed(p, part), at_ends, rest), np.nan
     else:
-        x, excess = on_chosen_cells(p, part, ends, rest)
+        x, excess = on_chosen_cells(p, part, at_ends, rest)
     powers, usage, codes, slower = _proved(p, x)
     excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
     return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
@@ -112,6 +113,7 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
         return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
     xp = namespace(unbounded, powers)
-    given = {name: xp.where(unbounded, np.nan, p.bounds[name]) for name in p.names}
+    bounds = strictest_between(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
+    given = {name: xp.where(unbounded, np.nan, bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
     return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes

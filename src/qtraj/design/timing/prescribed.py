@@ -14,6 +14,7 @@ import numpy as np
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDED
+from qtraj.design.timing.varying import Varying, all_values
 from qtraj.path.quantity import quantity
 
 STEPS, LEAST = 16, 1e-12
@@ -22,7 +23,11 @@ STEPS, LEAST = 16, 1e-12
 
 def scaled(bounds: dict[str, Any], factor: float) -> dict[str, Any]:
     """Return the limits with those on accelerations multiplied by `factor`, and that on the jerk by its power 1.5."""
-    return {name: bound * factor ** _exponent(name, bound) for name, bound in bounds.items()}
+    return {name: _times(bound, factor ** _exponent(name, bound)) for name, bound in bounds.items()}
+
+
+def _times(bound: Any, factor: float) -> Any:
+    return bound.scaled(factor) if isinstance(bound, Varying) else bound * factor
 
 
 def ratios(names: tuple[str, ...], bounds: dict[str, Any], factor: float) -> np.ndarray:
@@ -80,5 +85,5 @@ def factor_for(duration: Callable[[float], float], wanted: float, tolerance: flo
 def _exponent(name: str, bound: Any) -> float:
     """Return the exponent of the factor; a limit that does not allow zero does not change."""
     per_time = quantity(name).per_time
-    excludes_zero = name in SIDED and quantity(name).side * float(bound) <= 0
+    excludes_zero = name in SIDED and (quantity(name).side * all_values(bound) <= 0).any()
     return 0.0 if name in ROAD or per_time < 2 or excludes_zero else 0.5 * per_time

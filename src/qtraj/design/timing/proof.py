@@ -25,7 +25,6 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sided import SIDES_OF_RATES
 from qtraj.design.timing.sources import Source
-from qtraj.foundation.types import Scalar
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
@@ -58,14 +57,15 @@ def prove(
     path: Source,
     grid: Grid,
     timing: tuple[Float[Any, "cells 4"], Bool[Any, " 2"]],
-    bounds: Mapping[str, Scalar],
+    bounds: Mapping[str, Any],
     vehicle: RoadParameters | None = None,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
-    `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit
-    that is not in `bounds` gets the status of a > 0. An infinite limit is PROVED if a > 0 is proved, otherwise
-    UNDECIDED. Without a `vehicle`, limits on friction and power are treated as limits that are not in `bounds`.
+    `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit may
+    have one value for each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite limit is PROVED
+    if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are treated as limits that
+    are not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
@@ -104,7 +104,7 @@ def _judged(
     columns = tuple(None if x is None else of_cells(x) for x in position)
     timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
     motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
-    each = {name: np.repeat(x, cells) for name, x in limits.items()}
+    each = {name: np.repeat(x, cells) if x.ndim == 1 else x.ravel() for name, x in limits.items()}
     vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):

@@ -5,6 +5,7 @@ bounds on the acceleration dw/ds/2 along the path. The largest w(s) with both bo
 fastest timing itself for limits on the speed, the lateral and the longitudinal acceleration and the rates of rotation.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,11 +106,11 @@ def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " s
 
     A limit that does not allow zero counts as zero.
     """
-    both = [bounds[name] for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
+    both = [np.asarray(bounds[name]) for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
     most = np.empty((2, *pace.shape))
     for k, (name, sign) in enumerate((("max", 1.0), ("min", -1.0))):
         side = bounds.get(f"longitudinal_acceleration_{name}", sign * np.inf)
-        most[k] = min(map(float, [*both, np.maximum(sign * side, 0.0)]))
+        most[k] = functools.reduce(np.minimum, both, np.maximum(sign * side, 0.0))
     if p.road is None:
         return most
     steady, _, steep = p.road.along

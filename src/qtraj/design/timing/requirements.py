@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.along import Along
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
+from qtraj.design.timing.varying import Varying, all_values
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -42,7 +44,7 @@ def require_one_path(path: AbstractHodograph, limits: Limits) -> None:
         if not isinstance(path, Route):
             advice = "use jax.vmap(lambda path: qtraj.retime(path, limits, knots=512))(paths)"
         raise ValueError(f"retime expects one path, but a batch of shape {shape} was given: {advice}")
-    shapes = {f"the limit {name}": x.shape for name, x in limits.given().items()}
+    shapes = {f"the limit {name}": x.shape for name, x in limits.constant().items()}
     for what, shape in (shapes | {"the vehicle": batch_of(limits.vehicle)}).items():
         if shape:
             raise ValueError(
@@ -84,7 +86,7 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 def require_sides(limits: Limits) -> None:
     """Raise an error for a two-sided limit on a rate that does not allow zero."""
     for name, bound in limits.given().items():
-        known = concrete(bound)
+        known = concrete(all_values(bound))
         if name in SIDES_OF_RATES and known is not None and not (quantity(name).side * known > 0).all():
             raise ValueError(
                 f"the two-sided limit on {quantity(name).base} must allow zero, its value on straight or level parts, "
@@ -94,9 +96,11 @@ def require_sides(limits: Limits) -> None:
 
 def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...], stops: bool) -> None:
     """Raise an error if the vehicle stops, or is too slow at an end, despite a lower bound on the speed."""
-    known = [None if x is None else concrete(x) for x in (bounds.get(SLOWEST), *speeds)]
+    known = [None if x is None else concrete(all_values(x)) for x in (bounds.get(SLOWEST), *speeds)]
     if known[0] is None:
         return
+    if isinstance(bounds[SLOWEST], Along):
+        known[1:] = []
     slow = any(v is not None and (v < known[0]).any() for v in known[1:])
     if (stops or slow) and known[0].any():
         contrary = "the path has stops" if stops else "a speed at an end is lower"
@@ -109,7 +113,8 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
 def faster_than_bound(v: Scalar | None, bounds: dict[str, Scalar]) -> Any:
     """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away."""
     known = None if v is None else concrete(v)
-    slowest = concrete(bounds[SLOWEST]) if SLOWEST in bounds else None
+    constant = SLOWEST in bounds and not isinstance(bounds[SLOWEST], Along)
+    slowest = concrete(bounds[SLOWEST]) if constant else None
     if known is None or slowest is None:
         return v
     least = slowest * (1 + ABOVE)
@@ -173,7 +178,7 @@ def require_representable(bounds: dict[str, Any], highest: Any) -> None:
     """Raise an error if a limit, or the largest |r'|, is so small or so large that its powers are not finite."""
     limits = {f"the limit on {name}": x for name, x in bounds.items() if name not in ROAD and not _infinite(x)}
     for what, value in (*limits.items(), ("the largest speed |r'| of the path", highest)):
-        known = concrete(value)
+        known = concrete(all_values(value))
         if known is None or np.isnan(known).any():  # the search reports NaN
             continue
         size = np.abs(known)
@@ -186,7 +191,7 @@ def require_representable(bounds: dict[str, Any], highest: Any) -> None:
 
 def _infinite(limit: Any) -> bool:
     """Return whether a limit is known to be absent."""
-    known = concrete(limit)
+    known = None if isinstance(limit, Varying) else concrete(limit)
     return known is not None and bool(np.all(known == np.inf))
 
 

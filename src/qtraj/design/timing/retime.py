@@ -38,13 +38,13 @@ from qtraj.design.timing.requirements import (
 )
 from qtraj.design.timing.result_code import REACHED, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
-from qtraj.design.timing.retimed_maxima import Limited, largest_in
+from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN
-from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.design.timing.varying import Varying, on_path, strictest_between, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -165,8 +165,10 @@ def retime(
     speeds = tuple(faster_than_bound(v, bounds) for v in speeds)
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
+    bounds = on_path(bounds, path)
     if not is_traced(path, bounds, road, speeds):
-        bounds, road, speeds = jax.tree.map(np.asarray, (bounds, road, speeds))
+        bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
+        road, speeds = jax.tree.map(np.asarray, (road, speeds))
     posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
@@ -236,7 +238,7 @@ def _braked(p: Posed, part: Part, found: tuple[TimedPart, Any], begins: Begun) -
 def _judged(
     path: AbstractHodograph,
     timed: list[TimedPart],
-    bounds: dict[str, Scalar],
+    bounds: dict[str, Any],
     speeds: tuple[Any, Any],
     vehicle: RoadParameters | None,
     cells: Cells,
@@ -254,11 +256,13 @@ def _judged(
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]
     codes = findings.with_straight(path, knots, codes, names)
-    limits, cell = xp.stack([bounds[name] for name in names]), findings.worst_cell(codes, usage)
+    cell = findings.worst_cell(codes, usage)
+    if varies(bounds):
+        bounds = strictest_between(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
     limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
     times, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
     largest = stop_gradient(largest) if xp is jnp else largest
-    values = xp.stack([value_of(largest[k], name, bounds) for k, name in enumerate(names)])
+    values, limits = values_in(limited, cell, largest, names)
     certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
     squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))

@@ -10,9 +10,10 @@ from jaxtyping import Float, Int
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_cells import Cells, motion_at
+from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.design.timing.varying import chosen
 from qtraj.foundation.arrays import is_traced
-from qtraj.foundation.types import Scalar
 from qtraj.path.vehicle import RoadParameters
 
 PLACES = 17
@@ -28,11 +29,14 @@ INSIDE = 1e-9
 
 
 class Limited(NamedTuple):
-    """A retimed path with its cells, and its limits by name; `vehicle` is None without limits on friction or power."""
+    """A retimed path with its cells, and its limits by name; `vehicle` is None without limits on friction or power.
+
+    A limit may be an array with one value for each moving cell.
+    """
 
     path: RetimedPath
     cells: Cells
-    bounds: dict[str, Scalar]
+    bounds: dict[str, Any]
     vehicle: RoadParameters | None
 
     @property
@@ -45,9 +49,20 @@ class Limited(NamedTuple):
         r, v = motion_at(self.path, self.cells, cell, place)
         one: Any = np.ones(())
         before_stop = self.library.asarray(self.cells.stops[1])[cell] & (place > 0.5)
-        found = used(parts(r, one, self.bounds, self.vehicle, before_stop), v)
+        found = used(parts(r, one, chosen(self.bounds, cell), self.vehicle, before_stop), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
+
+
+def values_in(
+    limited: Limited, cell: Int[Any, " limits"], largest: Float[Any, " limits"], names: tuple[str, ...]
+) -> tuple[Float[Any, " limits"], Float[Any, " limits"]]:
+    """Return the values of quantities with the ratios `largest` to their limits, and the limits, each in a cell."""
+    xp = limited.library
+    moving = np.asarray(limited.cells.columns)
+    rows = [chosen(limited.bounds, xp.clip(xp.searchsorted(moving, k), 0, moving.size - 1)) for k in cell]
+    values = [value_of(largest[k], name, rows[k]) for k, name in enumerate(names)]
+    return xp.stack(values), xp.stack([rows[k][name] for k, name in enumerate(names)])
 
 
 def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "limits moving"]:

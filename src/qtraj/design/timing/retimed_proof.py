@@ -19,11 +19,11 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.joints import jumps
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
-from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell
+from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
+from qtraj.design.timing.varying import on_path, strictest_between, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -90,7 +90,11 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     names, dtype = tuple(limits.given()), path.duration.dtype
     (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
     xp: Any = jnp if traced else np
-    bounds = {name: xp.asarray(value, dtype) for name, value in limits.given().items()}
+    bounds = on_path(limits.given(), path.path)
+    if varies(bounds):
+        knots = np.asarray(path.timing.knots)
+        bounds = strictest_between(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
+    bounds = {name: xp.asarray(value, dtype) for name, value in bounds.items()}
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
@@ -111,14 +115,14 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         return found
     road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
     values = differentiable(names, static, (arrays, road), found.times, found.values)
-    return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.given().values()]))
+    return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.constant().values()]))
 
 
 def _certificate(
     limited: Limited, codes: Int[Any, "limits moving"], names: tuple[str, ...], place: Int[Any, " cells"]
 ) -> Certificate:
     """Return the certificate; `place` is the index of each cell among those with motion, or their number."""
-    (path, cells, bounds, _), xp = limited, limited.library
+    (path, cells, *_), xp = limited, limited.library
     knots = xp.asarray(path.timing.knots)
     own = codes[np.array([NAMES.index(name) for name in names])]
     own = xp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
@@ -128,9 +132,9 @@ def _certificate(
     all_codes = xp.concatenate([own, (PROVED * still).astype(own.dtype)], axis=1)[:, place]
     all_codes = findings.with_straight(path.path, knots, all_codes, names)
     usage = xp.concatenate([largest_per_cell(limited, names), -still], axis=1)[:, place]
-    times, largest = largest_in(limited, findings.worst_cell(all_codes, usage), names)
-    limits = xp.stack([bounds[name] for name in names])
-    values = xp.stack([value_of(largest[k], name, bounds) for k, name in enumerate(names)])
+    cell = findings.worst_cell(all_codes, usage)
+    times, largest = largest_in(limited, cell, names)
+    values, limits = values_in(limited, cell, largest, names)
     return findings.certificate(all_codes, times, values, limits, path.path.polynomials(), names)
 
 

@@ -22,6 +22,7 @@ from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import local
 from qtraj.design.timing.tables import CHECKED, Tables
+from qtraj.design.timing.varying import strictest, strictest_between, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
@@ -45,7 +46,7 @@ class Problem(NamedTuple):
     path: AbstractHodograph
     start: Scalar
     end: Scalar
-    bounds: dict[str, Scalar]
+    bounds: dict[str, Any]
     ends: Float[Any, " 2"]
     vehicle: RoadParameters | None = None
     stops: Any = np.zeros(2, bool)
@@ -130,12 +131,16 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     count = 2 * (cells + 1)
     shape = Shape(problem.path, problem.start, (problem.end - problem.start) / grid.knots[-1])
     r = derivatives(shape, grid, t.cell, t.place)
-    bounds = reduced(problem.bounds, MARGIN)
+    given = problem.bounds
+    if varies(given):
+        given = strictest_between(given, *_intervals(t, shape))
+    bounds = reduced(given, MARGIN)
     found = parts(r, shape.per_cell, bounds, problem.vehicle, t.cell >= cells // 2)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     r1 = r[0, :, :count].reshape(3, 2, cells + 1)
-    fixed = r1, problem.end - problem.start, bounds, problem.ends, problem.vehicle
+    sizes = reduced(strictest(problem.bounds), MARGIN)
+    fixed = r1, problem.end - problem.start, sizes, problem.ends, problem.vehicle
     most = largest(*(stop_gradient(fixed) if xp is jnp else fixed))
     c = imposed.constraints(most)
     ends = np.zeros((2, cells + 1), bool), np.zeros((2, cells + 1), bool)
@@ -152,6 +157,17 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     return Program(
         t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, sides, jerk, on_road), most
     ), between
+
+
+def _intervals(t: Tables, shape: Shape) -> tuple[Any, Any]:
+    """Return the parameters between which the limits at each point are the strictest ones.
+
+    These are the ends of the cell of the point, and for a knot those of both cells that it joins.
+    """
+    u = np.asarray(shape.start + t.grid.knots * shape.per_cell)
+    low = t.cell.copy()
+    low[1 : t.grid.cells] -= 1
+    return u[low], u[t.cell + 1]
 
 
 def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Any, Any, Any]:

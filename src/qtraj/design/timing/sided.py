@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from qtraj.design.one_sided import scale_and_shift, stricter, value_at
+from qtraj.design.timing.varying import all_values
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import quantity
@@ -73,4 +74,4 @@ def value_of(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
 def excludes_zero(bounds: Mapping[str, Scalar]) -> bool:
     """Return whether a limit on an acceleration is known not to allow zero: then the fastest timing must accelerate."""
     sided = [name for name in bounds if name in SIDED and name != SLOWEST]
-    return any(quantity(name).side * float(bounds[name]) < 0 for name in sided)
+    return any((quantity(name).side * all_values(bounds[name]) < 0).any() for name in sided)
