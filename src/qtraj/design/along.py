@@ -98,7 +98,7 @@ class Along(eqx.Module):
         if self.kind == "linear":
             return xp.interp(s, self.distance, self.values)
         k = xp.clip(xp.searchsorted(xp.asarray(self.distance), s, side="right") - 1, 0, self.distance.shape[0] - 1)
-        return self.values[k]
+        return xp.asarray(self.values)[k]
 
     def strictest(self, low: Float[np.ndarray, " m"], high: Float[np.ndarray, " m"], side: int) -> Float[Any, " m"]:
         """Return the strictest values from `low` to `high` [m]: the smallest, or for `side` −1 the largest."""

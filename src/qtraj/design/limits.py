@@ -20,6 +20,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.distances import distance_to
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import LOWER
@@ -259,9 +260,13 @@ class Limits(eqx.Module):
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.
 
-        The limits on the two sides of a signed value have the endings `_min` and `_max`.
+        The limits on the two sides of a signed value have the endings `_min` and `_max`. For a limit that changes along
+        the way, the distance to `t` is computed by quadrature.
         """
-        limits = self.given()
+        limits: dict[str, Any] = self.given()
+        if self.varying:
+            s = distance_to(path, t)
+            limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}
         return {name: quantity(name).side * (limits[name] - value) for name, value in self.values(path, t).items()}
 
 

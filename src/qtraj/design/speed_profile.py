@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra.vector import norm
 from qtraj.design.samples_at_rest import mended, stops_of
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed, require_one
@@ -19,13 +18,12 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar
+from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
-from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
@@ -35,8 +33,6 @@ if TYPE_CHECKING:
 PER_CELL, REACHED, STILL = 4, 0.99, 1e-9
 """Number of samples in each cell of the timing; a limit is reached if the quantity is at least this fraction of it, and
 a speed counts as zero below this fraction of the highest speed."""
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
-"""Nodes and weights of the quadrature for the distance between two samples."""
 ORDER = 3
 """The highest order of a derivative of the path in a limit."""
 
@@ -51,7 +47,7 @@ class SpeedProfile(AbstractResult):
     - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration,
       rates of rotation and friction (of the lateral force alone) are satisfied at constant speed; infinite where none
       of these limits bounds the speed. The other limits reduce the speed further.
-    - `values` (k, n): the limited quantities, in the units of their limits.
+    - `values` (k, n): the limited quantities, in the units of their limits, and `bounds` (k, n), the limits.
 
     For the m cells of the timing:
 
@@ -61,7 +57,7 @@ class SpeedProfile(AbstractResult):
 
     For the whole path:
 
-    - `limits` (k,), in the units of `values`.
+    - `limits` (k,), in the units of `values`; for a limit that changes along the way, its value where it matters most.
     - `shares` (k,): the fraction of the distance on which the quantity reaches at least 99 % of its limit.
       Several limits may be reached at the same point.
     - `durations` (2,) [s] of the original and of the retimed path; the first one is NaN for a shape.
@@ -77,6 +73,7 @@ class SpeedProfile(AbstractResult):
     tangential: Float[Array, " n"]
     speed_bound: Float[Array, " n"]
     values: Float[Array, "k n"]
+    bounds: Float[Array, "k n"]
     cell_distance: Float[Array, " m+1"]
     usage: Float[Array, "k m"]
     active: Int[Array, " m"]
@@ -119,6 +116,7 @@ class SpeedProfile(AbstractResult):
             "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
             "active_limit": Quantity(self.active, "1", "index of the limit that is reached, or -1", ("cell",)),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit", limit),
+            "bound_along": Quantity(self.bounds, "", "the limit along the path, in limit_unit", ("limit", "time")),
             "share": Quantity(self.shares, "1", "fraction of the distance on which the limit is reached", limit),
             "duration": Quantity(self.durations, "s", "duration", ("path",)),
             "stop_time": Quantity(self.stops, "s", "time interval at rest", ("stop", "end")),
@@ -161,12 +159,13 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         )
     require_one(timed)
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
+    bounds = _bounds(timed, limits)
     vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
-    bounds = dict(zip(names, limits, strict=True))
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
-    distance = _distances(timed.path.path, parameter)
-    found = jax.tree.map(np.array, _sampled(timed.path, as_array(parameter, float), names, vehicle, bounds))
+    distance = distances_at(timed.path.path, parameter)
+    own = as_array(parameter, float), as_array(bounds, float)
+    found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle))
     still = found.speed <= STILL * found.speed.max()
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
     values = np.stack([mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
@@ -183,8 +182,9 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         distance=as_float(distance),
         speed=as_float(np.where(still, 0.0, found.speed)),
         tangential=as_float(mended(found.tangential, still, standing, False)),
-        speed_bound=as_float(_bound(found, names, limits)),
+        speed_bound=as_float(_bound(found, names, bounds)),
         values=as_float(values),
+        bounds=as_float(bounds),
         cell_distance=as_float(ends),
         usage=as_float(usage),
         active=as_array(active, jnp.int32),
@@ -221,31 +221,14 @@ def _places(knots: Float[np.ndarray, " m+1"], rest: tuple[bool, bool]) -> Float[
     return np.append((knots[:-1, None] + np.diff(knots)[:, None] * z).ravel(), knots[-1])
 
 
-def _distances(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the distances [m] travelled up to the parameters `u`."""
-    half = np.diff(u)[:, None] / 2
-    at = u[:-1, None] + half * (NODES + 1)
-    compute = in_numpy(_paces) if path.supports_numpy else _compiled_paces
-    paces = np.asarray(compute(path, as_array(at.ravel(), path.duration.dtype))).reshape(at.shape)
-    return np.append(0.0, np.cumsum(np.sum(half * WEIGHTS * paces, axis=1)))
-
-
-def _paces(path: AbstractHodograph, u: Float[Array, " n"]) -> Float[Array, " n"]:
-    return norm(path.sampled(u, 1)[1])
-
-
-_compiled_paces = eqx.filter_jit(_paces)
-
-
 @eqx.filter_jit
 def _sampled(
     path: RetimedPath,
-    u: Float[Array, " n"],
+    at: tuple[Float[Array, " n"], Float[Array, "k n"]],
     names: tuple[str, ...],
     vehicle: RoadParameters | None,
-    bounds: dict[str, Any],
 ) -> _Samples:
-    def sample(u: Scalar) -> _Samples:
+    def sample(u: Scalar, limits: Float[Array, " k"]) -> _Samples:
         t = path.timing.time(u)
         i, own = (_invariants(x, at, vehicle) for x, at in ((path, t), (path.path, u)))
         of_unit = jnp.array([quantity(name).value(own) for name in _bounding(names)], u.dtype)
@@ -254,17 +237,18 @@ def _sampled(
         unit_speed = jnp.sqrt(own.S)
         grip = 0.0 * unit_speed
         if vehicle is not None:
+            bounds: Any = dict(zip(names, limits, strict=True))
             ahead, second = (jnp.stack(x) for x in own.r[1:3])
             grip = coefficients(
                 ahead / unit_speed, tuple(second), unit_speed, jnp.asarray(0.5, u.dtype), vehicle, bounds
             ).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
-    found = jax.vmap(sample)(u)
+    found = jax.vmap(sample, (0, 1))(*at)
     return found._replace(values=found.values.T, unit_values=found.unit_values.T)
 
 
-def _invariants(path: AbstractHodograph, t: Scalar, vehicle: RoadParameters | None) -> Invariants:
+def _invariants(path: Any, t: Scalar, vehicle: RoadParameters | None) -> Invariants:
     return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, ORDER)], vehicle=vehicle)
 
 
@@ -277,7 +261,15 @@ def _is_power(name: str) -> bool:
     return name in UPPER or name == "acceleration"
 
 
-def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
+def _bounds(timed: Retimed, limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
+    """Return the limits at the samples: those of the cell that follows, and at the end those of the last cell."""
+    cells = np.shape(timed.timing.coefficients)[0]
+    given = np.repeat(limits[:, None], cells, axis=1) if timed.bounds is None else np.asarray(timed.bounds)
+    each = np.repeat(given, PER_CELL, axis=1)
+    return np.append(each, given[:, -1:], axis=1)
+
+
+def _bound(found: _Samples, names: tuple[str, ...], limits: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " n"]:
     """Return the lowest constant speed [m/s] at which a limit is reached.
 
     Each quantity is proportional to a power of the speed.

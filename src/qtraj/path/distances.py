@@ -9,9 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_array
+from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.namespace import in_numpy
+from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.arc_length import arc_length
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.route import Route
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
@@ -71,6 +74,18 @@ def distances(path: AbstractHodograph) -> Distances:
         ends = np.append(np.stack([ends[:-1], 0.5 * (ends[:-1] + ends[1:])], axis=1).ravel(), ends[-1])
         steps = _lengths(path, ends[:-1], ends[1:])
     return Distances(path, ends, np.append(0.0, np.cumsum(steps)))
+
+
+def distance_to(path: AbstractHodograph, t: ScalarLike) -> Scalar:
+    """Return the distance travelled from the start to one instant `t` [s], in [m]."""
+    if isinstance(path, Route):
+        return path.arc_length(t)
+    return arc_length(lambda u: norm(path.sampled(u, 1)[1]), as_float(t))
+
+
+def distances_at(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the distances [m] from the first of ascending, dense parameters `u` of one path with concrete values."""
+    return np.append(0.0, np.cumsum(_lengths(path, u[:-1], u[1:])))
 
 
 def _lengths(path: AbstractHodograph, low: np.ndarray, high: np.ndarray) -> np.ndarray:

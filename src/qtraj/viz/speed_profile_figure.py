@@ -86,8 +86,9 @@ def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.nd
     speed, bound = dataset["speed"].values, dataset["speed_bound"].values
     top = HEADROOM * float(np.max(speed[np.isfinite(speed)], initial=0.0))
     top = top if 0 < top < LARGEST else 1.0  # a failed search has no finite speeds
-    if "speed" in names and (limit := float(dataset["bound"][names.index("speed")])) < NEAR * top:
-        top = max(top, 1.06 * limit)
+    if "speed" in names:
+        limits = _limits(dataset, names.index("speed"))
+        top = max([top, *(1.06 * limits[limits < NEAR * top])])
     shown = np.minimum(np.nan_to_num(bound, posinf=2 * top), 2 * top)
     axes.fill_between(way, shown, 2 * top, color=ABOVE, lw=0, zorder=0, label="excluded at constant speed")
     axes.plot(way, np.where(shown < 2 * top, shown, np.nan), color="0.7", lw=0.8, zorder=1)
@@ -99,7 +100,7 @@ def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.nd
             axes.plot(way, _only(speed, active == k), color=_colour(name), lw=2.8 * thin, label=_words(name), zorder=3)
     _mark_stops(axes, dataset, way)
     if "speed_min" in names:
-        axes.axhline(float(dataset["bound"][names.index("speed_min")]), **BOUND)
+        axes.plot(way, _limits(dataset, names.index("speed_min")), **BOUND)
     axes.set_ylim(0, top)
     axes.set_ylabel("speed [m/s]")
     handles, labels = axes.get_legend_handles_labels()
@@ -168,15 +169,15 @@ def _draw_panel(axes: Any, dataset: xarray.Dataset, names: list[str], panel: str
     sided = any(quantity(names[k]).base for k in own)
     thin = 0.5 if dataset.sizes["cell"] > MANY else 1.0
     values = dataset["tangential_acceleration" if along else quantity(names[own[0]]).variable].values
-    limits = [float(dataset["bound"][k]) for k in own]
+    limits = [_limits(dataset, k) for k in own]
     axes.plot(way, values, color=CURVE, lw=thin)
     for k in own:
         reached = dataset["usage"].values[k] >= 0.99
         axes.plot(way, _only(values, reached), color=_colour(names[k]), lw=1.8 * thin)
     lines = [sign * limit for limit in limits for sign in ((1, -1) if along and not sided else (1,))]
     for limit in lines:
-        axes.axhline(limit, **BOUND)
-    shown = [x for x in lines if abs(x) < LARGEST]
+        axes.plot(way, limit, **BOUND)
+    shown = [float(x) for limit in lines for x in (np.min(limit), np.max(limit)) if abs(x) < LARGEST]
     top = 1.2 * max(shown, default=1.0)
     low = 1.2 * min(shown, default=-1.0) if along or sided else 0.0
     if sided:  # without a limit on one side, the values determine the extent
@@ -185,6 +186,13 @@ def _draw_panel(axes: Any, dataset: xarray.Dataset, names: list[str], panel: str
     axes.set_ylim(low, top)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=(1, 2, 2.5, 5, 10)))
     axes.set_ylabel(f"{_words(panel).replace(' ', chr(10))}\n[{symbol(quantity(panel).unit)}]", fontsize=7.5)
+
+
+def _limits(dataset: xarray.Dataset, k: int) -> np.ndarray:
+    """Return the limit with the index k at all samples."""
+    if "bound_along" in dataset:
+        return dataset["bound_along"].values[k]
+    return np.full(dataset["distance"].size, float(dataset["bound"][k]))  # a file of an older version
 
 
 def _panel_of(name: str) -> str:

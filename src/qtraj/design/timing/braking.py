@@ -22,7 +22,7 @@ from qtraj.design.timing.part_timing import TimedPart, codes_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import Timing
-from qtraj.design.timing.varying import strictest, strictest_between
+from qtraj.design.timing.varying import at_places, in_cells, strictest
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.quantity import quantity
 
@@ -175,8 +175,8 @@ def _usage(p: Posed, shape: Shape, cells: Cells, powers: Any) -> Float[np.ndarra
     a = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
     v = np.stack([a, (c[1] + z * (2 * c[2] + 3 * z * c[3])) / length, (2 * c[2] + 6 * z * c[3]) / length**2])
     one: Any = np.ones(())
-    u = shape.parameters(cells, 2).T
-    bounds = {name: np.repeat(x, CHECKED) if np.ndim(x) else x for name, x in strictest_between(p.bounds, *u).items()}
+    k, place = np.repeat(np.arange(len(powers)), CHECKED), np.tile(z, len(powers))
+    bounds = at_places(in_cells(p.bounds, *shape.parameters(cells, 2).T), k, place)
     with np.errstate(all="ignore"):
         found = used(parts(r.reshape(3, 3, -1), one, bounds, p.vehicle), v.reshape(3, -1))
     rows = ratios(found, listed(p.bounds, p.vehicle is not None))

@@ -55,6 +55,7 @@ class Retimed(AbstractOutcome):
       if no duration was prescribed.
     - `braking_time` [s] and `braking_distance` [m]: if `start_speed` is higher than the limits allow, the time and the
       distance from which on every limit is satisfied; otherwise 0.
+    - `bounds` (limits, cells): the limits in each cell of `timing`, if one of them changes along the way.
     """
 
     path: RetimedPath
@@ -70,6 +71,7 @@ class Retimed(AbstractOutcome):
     share: Float[Any, "*batch"]
     braking_time: Float[Any, "*batch"]
     braking_distance: Float[Any, "*batch"]
+    bounds: Float[Any, "*batch limits cells"] | None
 
     def __init__(
         self,
@@ -86,11 +88,13 @@ class Retimed(AbstractOutcome):
         share: ArrayInput = np.nan,
         braking_time: ArrayInput = 0.0,
         braking_distance: ArrayInput = 0.0,
+        bounds: ArrayInput | None = None,
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.gap, self.share = as_float(gap), as_float(share)
         self.braking_time, self.braking_distance = as_float(braking_time), as_float(braking_distance)
+        self.bounds = None if bounds is None else as_float(bounds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
     @property

@@ -16,7 +16,7 @@ from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
-from qtraj.design.timing.varying import strictest_between, varies
+from qtraj.design.timing.varying import in_cells, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.path.route import Route
@@ -113,7 +113,7 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
         return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
     xp = namespace(unbounded, powers)
-    bounds = strictest_between(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
+    bounds = in_cells(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
     given = {name: xp.where(unbounded, np.nan, bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
     return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes

@@ -38,7 +38,8 @@ MAX_WORK = 400_000
 PATIENCE = 8
 """Number of cells with an undecided limit after which the limit is not proved anyway, and other cells get less work."""
 
-PerCell = Float[Any, " n"]
+PerCell = Float[Any, "n *ends"]
+"""A limit in each cell, or its values at both ends of each cell, between which it is linear."""
 
 
 class Proofs(NamedTuple):
@@ -63,9 +64,9 @@ def prove(
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit may
-    have one value for each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite limit is PROVED
-    if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are treated as limits that
-    are not in `bounds`.
+    have the values at both ends of each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
+    limit is PROVED if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are
+    treated as if they were not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
@@ -104,7 +105,7 @@ def _judged(
     columns = tuple(None if x is None else of_cells(x) for x in position)
     timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
     motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
-    each = {name: np.repeat(x, cells) if x.ndim == 1 else x.ravel() for name, x in limits.items()}
+    each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
     vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
@@ -122,17 +123,19 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
     for name, limit in limits.items():
-        wanted, divisor = finite & np.isfinite(limit), quantity(name).divisor
-        found = _within(task, name, limit, wanted)
+        entry = quantity(name)
+        strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
+        wanted, divisor = finite & np.isfinite(strictest), entry.divisor
+        found = _within(task, name, strictest, wanted)
         if divisor not in positive:
             own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
             positive[divisor] = forward & own.proved
-        proved = (positive[divisor] & found.proved) | (forward & (limit == np.inf))
+        proved = (positive[divisor] & found.proved) | (forward & (entry.side * strictest == np.inf))
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
 
-def _within(task: "_Task", name: str, limit: PerCell, wanted: Bool[Any, " n"]) -> Decided:
+def _within(task: "_Task", name: str, limit: Float[Any, " n"], wanted: Bool[Any, " n"]) -> Decided:
     """Decide whether a quantity satisfies its limit."""
     allows_zero = np.ones(limit.shape, bool)
     if name in SIDES_OF_RATES:
@@ -192,11 +195,17 @@ class _Task:
         return self._integers[k]
 
     def _float_limit(self, name: str) -> BoundedPolynomial:
-        per_time = quantity(name).per_time
-        return BoundedPolynomial.constant(self._limits[name] * self._unit**per_time, k=2 * per_time + 1)
+        per_time, limit = quantity(name).per_time, self._limits[name]
+        if limit.ndim == 1:
+            return BoundedPolynomial.constant(limit * self._unit**per_time, k=2 * per_time + 1)
+        line = np.stack([limit[:, 0], limit[:, 1] - limit[:, 0]])
+        return BoundedPolynomial(line * self._unit**per_time, k=2 * per_time + 2)
 
     def _exact_limit(self, name: str, k: int) -> ExactPolynomial:
-        limit = ExactPolynomial.of(self._limits[name][k])
+        start, *end = np.atleast_1d(self._limits[name][k])
+        limit = ExactPolynomial.of(start)
+        if end:
+            limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
         return _times_power(limit, self._unit[k], quantity(name).per_time)
 
 

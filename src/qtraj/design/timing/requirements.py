@@ -12,7 +12,7 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.varying import Varying, all_values
-from qtraj.foundation.arrays import concrete, real_scalar
+from qtraj.foundation.arrays import concrete, is_traced, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import bound_speed, quantity
@@ -51,6 +51,15 @@ def require_one_path(path: AbstractHodograph, limits: Limits) -> None:
                 f"retime expects one set of limits and one vehicle, but {what} has the batch shape {shape}: use "
                 "jax.vmap(lambda limits: qtraj.retime(path, limits, knots=512))(limits)"
             )
+
+
+def require_known_along(path: AbstractHodograph, limits: Limits) -> None:
+    """Raise an error for a traced path or traced limits if a limit changes along the way."""
+    if limits.varying and is_traced(path, limits):
+        raise ValueError(
+            f"the limit {limits.varying[0]} changes along the way, which retime supports only for a path and limits "
+            "with concrete values: call it outside jit, grad and vmap"
+        )
 
 
 def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from qtraj.design.timing.requirements import (
     require_bounded_at_stops,
     require_duration,
     require_knots,
+    require_known_along,
     require_moving,
     require_one_path,
     require_regular,
@@ -44,7 +45,7 @@ from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
-from qtraj.design.timing.varying import Varying, on_path, strictest_between, varies
+from qtraj.design.timing.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -144,6 +145,7 @@ def retime(
         )
     require_limits(limits)
     require_one_path(path, limits)
+    require_known_along(path, limits)
     require_float64(path)
     lap = bool(periodic)
     if lap:
@@ -173,6 +175,7 @@ def retime(
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
+    more["bounds"] = table(bounds, names, found[0].timing.knots)
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
 
@@ -258,11 +261,11 @@ def _judged(
     codes = findings.with_straight(path, knots, codes, names)
     cell = findings.worst_cell(codes, usage)
     if varies(bounds):
-        bounds = strictest_between(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
+        bounds = in_cells(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
     limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
-    times, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
+    times, place, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
     largest = stop_gradient(largest) if xp is jnp else largest
-    values, limits = values_in(limited, cell, largest, names)
+    values, limits = values_in(limited, (cell, place), largest, names)
     certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
     squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))

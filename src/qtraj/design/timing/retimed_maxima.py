@@ -12,7 +12,7 @@ from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.timing.varying import chosen
+from qtraj.design.timing.varying import at_places
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.vehicle import RoadParameters
 
@@ -31,7 +31,7 @@ INSIDE = 1e-9
 class Limited(NamedTuple):
     """A retimed path with its cells, and its limits by name; `vehicle` is None without limits on friction or power.
 
-    A limit may be an array with one value for each moving cell.
+    A limit may be an array with the values at both ends of each moving cell.
     """
 
     path: RetimedPath
@@ -49,18 +49,26 @@ class Limited(NamedTuple):
         r, v = motion_at(self.path, self.cells, cell, place)
         one: Any = np.ones(())
         before_stop = self.library.asarray(self.cells.stops[1])[cell] & (place > 0.5)
-        found = used(parts(r, one, chosen(self.bounds, cell), self.vehicle, before_stop), v)
+        found = used(parts(r, one, at_places(self.bounds, cell, place), self.vehicle, before_stop), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
 
 
 def values_in(
-    limited: Limited, cell: Int[Any, " limits"], largest: Float[Any, " limits"], names: tuple[str, ...]
+    limited: Limited,
+    at: tuple[Int[Any, " limits"], Float[Any, " limits"]],
+    largest: Float[Any, " limits"],
+    names: tuple[str, ...],
 ) -> tuple[Float[Any, " limits"], Float[Any, " limits"]]:
-    """Return the values of quantities with the ratios `largest` to their limits, and the limits, each in a cell."""
+    """Return the values of quantities with the ratios `largest` to their limits, and the limits.
+
+    `at` is for each limit the cell of the timing, and the place in it.
+    """
+    cell, place = at
     xp = limited.library
     moving = np.asarray(limited.cells.columns)
-    rows = [chosen(limited.bounds, xp.clip(xp.searchsorted(moving, k), 0, moving.size - 1)) for k in cell]
+    columns = xp.clip(xp.searchsorted(moving, cell), 0, moving.size - 1)
+    rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, place, strict=True)]
     values = [value_of(largest[k], name, rows[k]) for k, name in enumerate(names)]
     return xp.stack(values), xp.stack([rows[k][name] for k, name in enumerate(names)])
 
@@ -75,8 +83,8 @@ def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "li
 
 def largest_in(
     limited: Limited, cell: Int[Any, " limits"], names: tuple[str, ...]
-) -> tuple[Float[Any, " limits"], Float[Any, " limits"]]:
-    """Return the time of the maximum of each quantity in its `cell` of the timing, and the ratio to its limit.
+) -> tuple[Float[Any, " limits"], Float[Any, " limits"], Float[Any, " limits"]]:
+    """Return the time of the maximum of each quantity in its `cell`, its place in the cell, and the ratio to its limit.
 
     Each of `ZOOMS` steps samples `ZOOM_PLACES` values, and the next step samples closer to the largest value. Close to
     a stop, rounding errors dominate the direction of motion, so the search stays away from the stop.
@@ -105,4 +113,4 @@ def largest_in(
             for step in range(ZOOMS):
                 place, usage = zoom(step, (place, usage))
     knots = xp.asarray(timing.knots)
-    return timing.times_of(knots[cell] + place * (knots[cell + 1] - knots[cell])), usage
+    return timing.times_of(knots[cell] + place * (knots[cell + 1] - knots[cell])), place, usage

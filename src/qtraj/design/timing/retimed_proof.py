@@ -23,7 +23,7 @@ from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.timing.varying import on_path, strictest_between, varies
+from qtraj.design.timing.varying import in_cells, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -93,7 +93,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     bounds = on_path(limits.given(), path.path)
     if varies(bounds):
         knots = np.asarray(path.timing.knots)
-        bounds = strictest_between(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
+        bounds = in_cells(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
     bounds = {name: xp.asarray(value, dtype) for name, value in bounds.items()}
     vehicle = None
     if set(names) & set(ROAD):
@@ -133,8 +133,8 @@ def _certificate(
     all_codes = findings.with_straight(path.path, knots, all_codes, names)
     usage = xp.concatenate([largest_per_cell(limited, names), -still], axis=1)[:, place]
     cell = findings.worst_cell(all_codes, usage)
-    times, largest = largest_in(limited, cell, names)
-    values, limits = values_in(limited, cell, largest, names)
+    times, place, largest = largest_in(limited, cell, names)
+    values, limits = values_in(limited, (cell, place), largest, names)
     return findings.certificate(all_codes, times, values, limits, path.path.polynomials(), names)
 
 

@@ -22,11 +22,12 @@ from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import local
 from qtraj.design.timing.tables import CHECKED, Tables
-from qtraj.design.timing.varying import strictest, strictest_between, varies
+from qtraj.design.timing.varying import at_places, in_cells, strictest, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
 
 MARGIN = 1e-5
@@ -133,7 +134,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     r = derivatives(shape, grid, t.cell, t.place)
     given = problem.bounds
     if varies(given):
-        given = strictest_between(given, *_intervals(t, shape))
+        given = _at_points(given, t, shape)
     bounds = reduced(given, MARGIN)
     found = parts(r, shape.per_cell, bounds, problem.vehicle, t.cell >= cells // 2)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
@@ -159,15 +160,16 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     ), between
 
 
-def _intervals(t: Tables, shape: Shape) -> tuple[Any, Any]:
-    """Return the parameters between which the limits at each point are the strictest ones.
-
-    These are the ends of the cell of the point, and for a knot those of both cells that it joins.
-    """
+def _at_points(bounds: dict[str, Any], t: Tables, shape: Shape) -> dict[str, Any]:
+    """Return the limits at all points; at a knot the stricter one of both cells that it joins."""
     u = np.asarray(shape.start + t.grid.knots * shape.per_cell)
-    low = t.cell.copy()
-    low[1 : t.grid.cells] -= 1
-    return u[low], u[t.cell + 1]
+    lines = in_cells(bounds, u[:-1], u[1:])
+    found = at_places(lines, t.cell, t.place)
+    for name, line in lines.items():
+        if np.ndim(line):
+            side, knots = quantity(name).side, slice(1, t.grid.cells)
+            found[name][knots] = side * np.minimum(side * found[name][knots], side * line[:-1, 1])
+    return found
 
 
 def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Any, Any, Any]:

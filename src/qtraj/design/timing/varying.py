@@ -1,4 +1,8 @@
-"""Limits that change along the way, as functions of the parameter of the path that is timed."""
+"""Limits that change along the way, as functions of the parameter of the path that is timed.
+
+In each cell of a timing, such a limit is replaced by a line that is nowhere less strict: a constant for steps, and for
+linear values nearly the values themselves. Searches impose these lines, and proofs are about them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.along import Along
-from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
+
+SAMPLES, RESERVE = 9, 1.25
+"""Number of points in a cell at which a line is compared with a linear limit, and factor on the largest difference."""
 
 Parameters = Float[np.ndarray, "*n"]
 
@@ -38,11 +44,22 @@ class Varying:
         """Return the limit multiplied by `factor`."""
         return Varying(self.along.scaled(factor), self.on, self.side)
 
-    def between(self, low: Parameters, high: Parameters) -> Parameters:
-        """Return the strictest values between parameters of the path."""
-        first, last = (self.on.at(np.ravel(x)) for x in (low, high))
-        error = self.on.uncertainty
-        return np.asarray(self.along.strictest(first - error, last + error, self.side)).reshape(np.shape(low))
+    def lines(self, low: Parameters, high: Parameters) -> Float[np.ndarray, "n 2"]:
+        """Return the values at both ends of lines between parameters of the path that are nowhere less strict."""
+        first, last, error = self.on.at(low), self.on.at(high), self.on.uncertainty
+        strictest = np.asarray(self.along.strictest(first - error, last + error, self.side))
+        constant = np.stack([strictest, strictest], axis=1)
+        if self.along.kind == "step":
+            return constant
+        z = np.linspace(0.0, 1.0, SAMPLES)
+        u = low[:, None] + (high - low)[:, None] * z
+        exact = self.side * np.asarray(self.along.at(self.on.at(u.ravel()))).reshape(u.shape)
+        line = exact[:, :1] + (exact[:, -1:] - exact[:, :1]) * z
+        d, values = np.asarray(self.along.distance), np.asarray(self.along.values)
+        steepest = np.max(np.abs(np.diff(values) / np.diff(d)), initial=0.0)
+        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + steepest * error
+        bends = np.searchsorted(d, first - error) < np.searchsorted(d, last + error)
+        return np.where(bends[:, None], constant, self.side * (line[:, [0, -1]] - above[:, None]))
 
     def at(self, u: Parameters) -> Parameters:
         """Return the values at parameters of the path; where the value changes, the later one."""
@@ -59,18 +76,10 @@ Bounds = Mapping[str, Any]
 
 
 def on_path(bounds: Bounds, path: AbstractHodograph) -> dict[str, Any]:
-    """Return the limits on a path; each `Along` becomes a `Varying`.
-
-    **Raises:** ValueError for traced values that change along the way, or a traced path with such values.
-    """
+    """Return the limits on a path with concrete values; each `Along` becomes a `Varying`."""
     changing = [name for name, x in bounds.items() if isinstance(x, Along)]
     if not changing:
         return dict(bounds)
-    if is_traced(path, [bounds[name] for name in changing]):
-        raise ValueError(
-            f"the limit {changing[0]} changes along the way, which retime supports only for a path and limits with "
-            "concrete values: call it outside jit, grad and vmap"
-        )
     on = distances(path)
     return {name: Varying(x, on, quantity(name).side) if name in changing else x for name, x in bounds.items()}
 
@@ -80,9 +89,38 @@ def varies(bounds: Bounds) -> bool:
     return any(isinstance(x, Varying) for x in bounds.values())
 
 
-def strictest_between(bounds: Bounds, low: Any, high: Any) -> dict[str, Any]:
-    """Return the limits with the strictest values between parameters of the path in the place of each `Varying`."""
-    return {name: x.between(low, high) if isinstance(x, Varying) else x for name, x in bounds.items()}
+def in_cells(bounds: Bounds, low: Any, high: Any) -> dict[str, Any]:
+    """Return the limits with the lines (cells, 2) between parameters of the path in the place of each `Varying`."""
+    return {
+        name: x.lines(np.asarray(low), np.asarray(high)) if isinstance(x, Varying) else x for name, x in bounds.items()
+    }
+
+
+def at_places(bounds: Bounds, cell: Any, place: Any) -> dict[str, Any]:
+    """Return limits `in_cells` at the fraction `place` of each `cell`."""
+    lines = {name: x[cell] if np.ndim(x) else None for name, x in bounds.items()}
+    return {
+        name: x if (line := lines[name]) is None else line[..., 0] + place * _rise(line) for name, x in bounds.items()
+    }
+
+
+def _rise(line: Any) -> Any:
+    """Return the difference of the ends; a line may be infinite."""
+    return np.where(
+        line[..., 0] == line[..., 1], 0.0, line[..., 1] - np.where(np.isinf(line[..., 0]), 0.0, line[..., 0])
+    )
+
+
+def table(bounds: Bounds, names: tuple[str, ...], knots: Any) -> Float[np.ndarray, "limits cells"] | None:
+    """Return the strictest limits in the cells between the `knots`, or None if no limit changes along the way."""
+    if not varies(bounds):
+        return None
+    ends = np.asarray(knots)
+    found = in_cells(bounds, ends[:-1], ends[1:])
+    rows = [found[name] for name in names]
+    sides = [quantity(name).side for name in names]
+    rows = [side * np.min(side * x, axis=1) if np.ndim(x) else x for x, side in zip(rows, sides, strict=True)]
+    return np.stack([np.broadcast_to(x, ends.size - 1) for x in rows])
 
 
 def at(bounds: Bounds, u: Parameters) -> dict[str, Any]:
@@ -93,11 +131,6 @@ def at(bounds: Bounds, u: Parameters) -> dict[str, Any]:
 def strictest(bounds: Bounds) -> dict[str, Any]:
     """Return the limits with the strictest values on the whole path."""
     return {name: x.strictest if isinstance(x, Varying) else x for name, x in bounds.items()}
-
-
-def chosen(bounds: Bounds, k: Any) -> dict[str, Any]:
-    """Return the limits for some cells; arrays of limits contain one value for each cell."""
-    return {name: x[k] if np.ndim(x) else x for name, x in bounds.items()}
 
 
 def all_values(bound: Any) -> Any:
