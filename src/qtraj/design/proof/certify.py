@@ -14,7 +14,8 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
-from qtraj.design.proof.judge import Findings, Limit, judge
+from qtraj.design.proof.findings import Findings, Limit
+from qtraj.design.proof.judge import judge
 from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate

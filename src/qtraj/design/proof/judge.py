@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.sparse import is_one
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.limit_claims import (
     DIVISOR_ORDER,
     MIN_RELATIVE_DIVISOR,
@@ -30,7 +30,7 @@ from qtraj.design.proof.maxima import find_maxima, local_maxima
 from qtraj.design.proof.sources import Source
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
-from qtraj.path.path_quantity import LOAD, PathQuantity
+from qtraj.path.path_quantity import LOAD
 from qtraj.path.vehicle import RoadParameters
 
 GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
@@ -42,33 +42,6 @@ one. The last grid is for quantities that are only sampled.
 
 SHARP = 1e-3
 """If a squared divisor is somewhere below this fraction of its largest value, narrow peaks are sought at its minima."""
-
-
-class Limit(NamedTuple):
-    """A limit on one quantity: its value and the factor of the quantity (see `PathQuantity.factor`) for each path."""
-
-    entry: PathQuantity
-    bounds: Float[np.ndarray, " n"]
-    factors: Float[np.ndarray, " n"]
-
-
-class Window(NamedTuple):
-    """The part of each path that is judged, from `start` to `end` as fractions of the duration."""
-
-    start: Float[np.ndarray, " n"]
-    end: Float[np.ndarray, " n"]
-
-    def at(self, u: np.ndarray) -> np.ndarray:
-        """Return the fractions of the duration at the fractions `u` of the parts."""
-        return self.start + (self.end - self.start) * u
-
-
-class Findings(NamedTuple):
-    """Status codes, times [s] and values for each path and limit."""
-
-    codes: Int[np.ndarray, "n limits"]
-    times: Float[np.ndarray, "n limits"]
-    values: Float[np.ndarray, "n limits"]
 
 
 def judge(
@@ -106,10 +79,11 @@ class _Task:
         proved, refuted, hints = self._decided(limit, provable)
         at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
         with np.errstate(invalid="ignore"):
-            excess = entry.side * (values - limit.bounds)
+            bounds = limit.at(at)
+            excess = entry.side * (values - bounds)
             sampled = xp.where(excess <= 0, SAMPLED, xp.where(excess > 0, BROKEN, UNDECIDED))
         codes = xp.where(provable, np.where(proved, PROVED, np.where(refuted, BROKEN, UNDECIDED)), sampled)
-        values = xp.where(proved & (excess > 0), limit.bounds, values)
+        values = xp.where(proved & (excess > 0), bounds, values)
         if entry.divisor is not None:
             state, zero_at = self._divisor(entry.divisor)
             codes = xp.where((state == UNDECIDED) & (codes != BROKEN), UNDECIDED, codes)
@@ -124,12 +98,19 @@ class _Task:
 
         def in_floats() -> Any:
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
-            bound = Bound(self._in_floats(limit.bounds, entry.length, entry.per_time), factor)
-            return None if self._bounded is None else self._bounded.within(entry, bound)
+            bound = self._in_floats(limit.bounds, entry.length, entry.per_time)
+            if limit.line is not None:
+                start, end = (self._in_floats(x, entry.length, entry.per_time) for x in limit.line.T)
+                bound = start + (end - start) * self._fractions
+            return None if self._bounded is None else self._bounded.within(entry, Bound(bound, factor))
 
         def in_integers(k: int) -> Any:
             formulas = self._exact_formulas(k)
-            bound = _times_power(ExactPolynomial.of(limit.bounds[k]), self._unit(formulas.span, k), entry.per_time)
+            bound = ExactPolynomial.of(limit.bounds[k])
+            if limit.line is not None:
+                start, end = map(ExactPolynomial.of, limit.line[k])
+                bound = start + (end - start) * ExactPolynomial([0, 1])
+            bound = _times_power(bound, self._unit(formulas.span, k), entry.per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
             return formulas.within(entry, Bound(bound, factor))
 
@@ -174,6 +155,11 @@ class _Task:
                 vehicle = _constants(self._scaled_vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
         constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, x), k=1)  # noqa: E731
         return None if derivatives is None else Formulas(derivatives, constant, vehicle, self.window)
+
+    @property
+    def _fractions(self) -> BoundedPolynomial:
+        """The fraction of the window, as a polynomial for each path."""
+        return BoundedPolynomial(np.repeat([[0.0], [1.0]], self.source.count, axis=1))
 
     def _in_floats(self, x: np.ndarray, length: int, per_time: int) -> BoundedPolynomial:
         source = self.source

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from qtraj.algebra.sparse import is_one, mul
+from qtraj.algebra.sparse import is_one, is_zero, mul
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof.sources import Derivatives
 from qtraj.path.contact import Contact
@@ -35,7 +35,7 @@ UPRIGHT_DIVISORS = ("level", LOAD)
 
 
 class Bound(NamedTuple):
-    """A limit as a constant polynomial, in the units of the derivatives, and the factor of the quantity or None."""
+    """A limit as a polynomial, in the units of the derivatives, and the factor of the quantity or None."""
 
     limit: Any
     factor: Any = None
@@ -78,7 +78,9 @@ class Formulas:
     def __init__(
         self, derivatives: Derivatives, constant: Callable[[float], Any], vehicle: Any = None, window: Any = None
     ):
-        self._window = window
+        if window is not None:
+            derivatives = _restricted(derivatives, window)
+        self._in_time = window is None and not is_one(derivatives.span)
         self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
         self.span, self._squared_span = derivatives.span, 1
         if not is_one(self.span):
@@ -117,11 +119,20 @@ class Formulas:
     def _claim(self, number: Any) -> Claim:
         """Return a claim about polynomials in u."""
         claim = Claim(number)
-        if not is_one(self.span):
+        if self._in_time:
             claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
-        if self._window is not None:
-            claim.polynomials = [p.restricted(*self._window) for p in claim.polynomials]
         return claim
+
+
+def _restricted(d: Derivatives, window: Any) -> Derivatives:
+    """Return the derivatives as polynomials in the fraction of the window."""
+
+    def of_window(p: Any) -> Any:
+        if is_zero(p) or is_one(p):
+            return p
+        return (p if is_one(d.span) else p.substituted(d.span)).restricted(*window)
+
+    return d._replace(rows=[None, *(tuple(map(of_window, row)) for row in d.rows[1:])], pace=of_window(d.pace))
 
 
 def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:

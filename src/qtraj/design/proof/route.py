@@ -6,7 +6,7 @@ import numpy as np
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, PROVED, Certificate
-from qtraj.design.proof.judge import Findings, Limit, Window
+from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_intervals import Intervals, intervals
 from qtraj.design.proof.route_segments import findings, worst

@@ -16,7 +16,8 @@ from jaxtyping import Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.composed import composed_source, fractions_along, times_along
-from qtraj.design.proof.judge import Findings, Limit, Window, judge
+from qtraj.design.proof.findings import Findings, Limit, Window
+from qtraj.design.proof.judge import judge
 from qtraj.design.proof.sources import PolynomialSource, Source
 from qtraj.design.proof.standing import ZERO, standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
@@ -67,7 +68,9 @@ def findings(
         source = lambda segments, rows, kind=kind: composed_source(segments, rows, kind)  # noqa: E731
         own = task
         if kind == "shape" and window is not None and composed.any():
-            own = task._replace(window=Window(*(fractions_along(segments, x) for x in window)))
+            # A linear function of the time is not linear along the curve.
+            constant = [limit._replace(line=None) for limit in limits]
+            own = task._replace(window=Window(*(fractions_along(segments, x) for x in window)), limits=constant)
         _judge(result, own, np.flatnonzero(composed), every[kinds == kind], source)
     on_curve = np.ix_(composed, kinds == "shape")
     fractions = result.times[on_curve] / segments.durations[composed][:, None]
@@ -113,13 +116,18 @@ def _judge(result: Findings, task: _Task, rows: np.ndarray, columns: np.ndarray,
     for start in range(0, len(rows), BLOCK_SIZE):
         block = rows[start : start + BLOCK_SIZE]
         ones = np.ones(len(block))
-        bounds = {k: np.broadcast_to(task.limits[k].bounds, count)[block] for k in columns}
-        own = [Limit(x.entry, bounds[k], x.factors * ones) for k, x in ((k, task.limits[k]) for k in columns)]
+        own = [_of_rows(task.limits[k], count, block) for k in columns]
         vehicle = None if road is None else RoadParameters(*(np.asarray(x, float) * ones for x in road))
         window = None if task.window is None else Window(*(x[block] for x in task.window))
         found = judge(source(task.segments, block), own, vehicle, window)
         for array, new in zip(result, found, strict=True):
             array[np.ix_(block, columns)] = new
+
+
+def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:
+    """Return the limit in some of `count` rows."""
+    bounds, factors = (np.broadcast_to(x, count)[rows] for x in (limit.bounds, limit.factors))
+    return Limit(limit.entry, bounds, factors, None if limit.line is None else limit.line[rows])
 
 
 def _regular(segments: Segments, rows: np.ndarray) -> Source:

@@ -11,7 +11,8 @@ import numpy as np
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.judge import Findings, Limit, Window, judge
+from qtraj.design.proof.findings import Findings, Limit, Window
+from qtraj.design.proof.judge import judge
 from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
 from qtraj.design.proof.varying_parts import Divided, judged_parts
 from qtraj.design.timing.findings import joined

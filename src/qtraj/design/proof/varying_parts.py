@@ -10,14 +10,16 @@ from jaxtyping import Float, Int
 
 from qtraj.design.along import Along
 from qtraj.design.proof.certificate import BROKEN, UNDECIDED
-from qtraj.design.proof.judge import Findings, Limit, Window
+from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_segments import RANK
+from qtraj.design.varying import Varying
 from qtraj.design.windows import windows
 from qtraj.path.distances import Distances
 from qtraj.path.path_quantity import PathQuantity
 
-FINER, ROUNDS = 16, 2
-"""A linear limit that is not proved in a part is checked in `FINER` parts of it; this is repeated `ROUNDS` times."""
+ACCURATE, HALVINGS, MOST = 1e-7, 8, 2**14
+"""Parts of a linear limit are halved, at most `HALVINGS` times, until lines approximate it to this relative accuracy. A
+limit has at most `MOST` parts."""
 
 LEAST = float(np.finfo(float).tiny)
 
@@ -36,7 +38,7 @@ class Divided(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Parts of segments in which one limit is constant, and the findings on them.
+    """Parts of segments in which one limit is constant or linear, its bound where it matters most, and the findings.
 
     The times [s] are measured from the start of the segment.
     """
@@ -66,53 +68,43 @@ def excess(side: int | np.ndarray, values: np.ndarray, bounds: np.ndarray) -> np
 
 def judged_parts(path: Divided, entry: PathQuantity, along: Along, factor: float) -> Parts:
     """Return the findings on one limit in all parts of the path; `factor` is that of the quantity."""
-    task = _Task(path, entry, along, np.asarray(factor))
-    parts = task.judged(*_cut(path, *windows(along, path.distances, entry.side)))
-    if along.kind == "step":
-        return parts
-    for _ in range(ROUNDS):
-        open_ = (parts.codes >= BROKEN) & (parts.window.end > parts.window.start)
-        if not open_.any():
+    limit = Varying(along, path.distances, entry.side)
+    segment, window, bounds = _cut(path, *windows(limit))
+    line = None
+    if along.kind == "linear":
+        segment, window, line = _lines(path, limit, segment, window)
+        bounds = entry.side * np.min(entry.side * line, axis=1)
+    found = path.findings(segment, Limit(entry, bounds, np.asarray(factor), line), window)
+    parts = Parts(segment, window, bounds, *(x[:, 0] for x in found))
+    return parts if line is None else _with_values(path, parts, limit)
+
+
+def _lines(
+    path: Divided, limit: Varying, segment: np.ndarray, window: Window
+) -> tuple[np.ndarray, Window, Float[np.ndarray, "parts 2"]]:
+    """Return smaller parts, in which lines approximate a linear limit, and the lines."""
+    for _ in range(HALVINGS):
+        low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
+        line = limit.lines(low, high)
+        exact = np.stack([limit.at(low), limit.at(high)], axis=1)
+        rough = np.abs(line - exact).max(axis=1) > ACCURATE * np.abs(exact).min(axis=1)
+        if not rough.any() or segment.size + np.count_nonzero(rough) > MOST:
             break
-        parts = task.refined(parts, open_)
-    return task.decided(parts)
+        count = 1 + rough
+        middle = 0.5 * (window.start + window.end)
+        first = np.cumsum(count) - count
+        start, end = (np.repeat(x, count) for x in window)
+        end[first[rough]] = start[first[rough] + 1] = middle[rough]
+        segment, window = np.repeat(segment, count), Window(start, end)
+    low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
+    return segment, window, limit.lines(low, high)
 
 
-class _Task(NamedTuple):
-    """One limit on a path."""
-
-    path: Divided
-    entry: PathQuantity
-    along: Along
-    factor: np.ndarray
-
-    def judged(self, segment: np.ndarray, window: Window, bounds: np.ndarray) -> Parts:
-        """Return the findings on parts of segments."""
-        found = self.path.findings(segment, Limit(self.entry, bounds, self.factor), window)
-        return Parts(segment, window, bounds, *(x[:, 0] for x in found))
-
-    def refined(self, parts: Parts, which: np.ndarray) -> Parts:
-        """Judge some parts again, each divided into smaller ones."""
-        steps, path = np.linspace(0.0, 1.0, FINER + 1), self.path
-        segment = np.repeat(parts.segment[which], FINER)
-        ends = Window(*(x[which] for x in parts.window)).at(steps[:, None]).T
-        window = Window(ends[:, :-1].ravel(), ends[:, 1:].ravel())
-        low, high = (path.distances.at(path.starts[segment] + x * path.durations[segment]) for x in window)
-        error = path.distances.uncertainty
-        finer = self.judged(
-            segment, window, np.asarray(self.along.strictest(low - error, high + error, self.entry.side))
-        )
-        kept = [x[~which] for x in (parts.segment, *parts.window, *parts[2:])]
-        fields = zip(kept, (finer.segment, *finer.window, *finer[2:]), strict=True)
-        own, start, end, *rest = (np.concatenate(x) for x in fields)
-        return Parts(own, Window(start, end), *rest)
-
-    def decided(self, parts: Parts) -> Parts:
-        """Replace BROKEN by UNDECIDED where only the strictest value in a part of a linear limit is violated."""
-        at = self.path.distances.at(self.path.starts[parts.segment] + parts.times)
-        bounds = np.asarray(self.along.at(at))
-        only_strictest = (parts.codes == BROKEN) & ~(self.entry.side * (parts.values - bounds) > 0)
-        return parts._replace(codes=np.where(only_strictest, UNDECIDED, parts.codes), bounds=bounds)
+def _with_values(path: Divided, parts: Parts, limit: Varying) -> Parts:
+    """Return the parts with the values of a linear limit; UNDECIDED where only the line of a part is violated."""
+    bounds = limit.at(path.starts[parts.segment] + parts.times)
+    within = (parts.codes == BROKEN) & ~(limit.side * (parts.values - bounds) > 0)
+    return parts._replace(codes=np.where(within, UNDECIDED, parts.codes), bounds=bounds)
 
 
 def _cut(

@@ -22,7 +22,7 @@ from qtraj.design.timing.part_timing import TimedPart, codes_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import Timing
-from qtraj.design.timing.varying import at_places, in_cells, strictest
+from qtraj.design.varying import at_places, in_cells, strictest
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.quantity import quantity
 

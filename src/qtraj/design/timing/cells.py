@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
-from qtraj.design.timing.varying import Varying, at, strictest, varies
+from qtraj.design.varying import Varying, at, strictest, varies
 
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""

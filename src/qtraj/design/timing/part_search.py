@@ -17,7 +17,7 @@ from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
 from qtraj.design.timing.tables import Tables, tables
 from qtraj.design.timing.timing import Timing
-from qtraj.design.timing.varying import Varying
+from qtraj.design.varying import Varying
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route

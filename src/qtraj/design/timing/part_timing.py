@@ -16,7 +16,7 @@ from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
-from qtraj.design.timing.varying import in_cells, varies
+from qtraj.design.varying import in_cells, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.path.route import Route

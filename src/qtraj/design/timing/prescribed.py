@@ -14,7 +14,7 @@ import numpy as np
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDED
-from qtraj.design.timing.varying import Varying, all_values
+from qtraj.design.varying import Varying, all_values
 from qtraj.path.quantity import quantity
 
 STEPS, LEAST = 16, 1e-12

@@ -11,7 +11,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
-from qtraj.design.timing.varying import Varying, all_values
+from qtraj.design.varying import Varying, all_values
 from qtraj.foundation.arrays import concrete, is_traced, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph

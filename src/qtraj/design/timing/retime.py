@@ -45,7 +45,7 @@ from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
-from qtraj.design.timing.varying import Varying, in_cells, on_path, table, varies
+from qtraj.design.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar

@@ -12,7 +12,7 @@ from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.timing.varying import at_places
+from qtraj.design.varying import at_places
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.vehicle import RoadParameters
 
@@ -64,11 +64,10 @@ def values_in(
 
     `at` is for each limit the cell of the timing, and the place in it.
     """
-    cell, place = at
-    xp = limited.library
-    moving = np.asarray(limited.cells.columns)
-    columns = xp.clip(xp.searchsorted(moving, cell), 0, moving.size - 1)
-    rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, place, strict=True)]
+    xp, rows = limited.library, [limited.bounds] * len(names)
+    if any(np.ndim(x) for x in limited.bounds.values()):
+        columns = np.searchsorted(limited.cells.columns, at[0])
+        rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, at[1], strict=True)]
     values = [value_of(largest[k], name, rows[k]) for k, name in enumerate(names)]
     return xp.stack(values), xp.stack([rows[k][name] for k, name in enumerate(names)])
 

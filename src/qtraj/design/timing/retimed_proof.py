@@ -23,7 +23,7 @@ from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.timing.varying import in_cells, on_path, varies
+from qtraj.design.varying import in_cells, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route

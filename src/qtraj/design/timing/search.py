@@ -22,7 +22,7 @@ from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import local
 from qtraj.design.timing.tables import CHECKED, Tables
-from qtraj.design.timing.varying import at_places, in_cells, strictest, varies
+from qtraj.design.varying import at_places, in_cells, strictest, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from qtraj.design.one_sided import scale_and_shift, stricter, value_at
-from qtraj.design.timing.varying import all_values
+from qtraj.design.varying import all_values
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import quantity

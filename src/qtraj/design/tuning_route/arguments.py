@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.bound import numbers
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
@@ -34,11 +35,11 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     bounds = limits.given()
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
-        known = concrete(bound)
-        if quantity(name).bounds_side and known is not None and not quantity(name).side * float(known) > 0:
+        known = concrete(numbers(bound))
+        if quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
             raise ValueError(
                 f"tune_route needs two-sided limits that allow zero, with a lower bound below and an upper bound above "
-                f"it, but {name} = {float(known):g} was given"
+                f"it, but {name} = {known.tolist()} was given"
             )
     return tuple(bounds)
 

@@ -40,7 +40,7 @@ def _power(name: str) -> float:
 
 
 def relative(
-    names: tuple[str, ...], values: Float[np.ndarray, "limits n"], bounds: Float[np.ndarray, " limits"]
+    names: tuple[str, ...], values: Float[np.ndarray, "limits n"], bounds: Float[np.ndarray, "limits n"]
 ) -> Any:
     """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
 
@@ -53,11 +53,13 @@ def relative(
     return found
 
 
-def units(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "limits 1 n"]:
+def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, "limits _ n"]:
     """Return the factors that convert the constraints of quantities of r(u) to those of the motion."""
     powers = np.array([_power(name) for name in problem.names])
-    scale = problem.squares ** (-0.5 * powers)
-    return (h[None] ** -time_powers(problem.names)[:, None] * scale[:, None])[:, None]
+    squares = problem.squares[:, None, None]
+    if problem.local is not None:
+        squares = problem.local if nodes == problem.local.shape[1] else problem.local[:, :: basis.FINER]
+    return h ** -time_powers(problem.names)[:, None, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
 def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
@@ -125,7 +127,7 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     r = derivatives(s.ends, order_of(problem.names), fine, problem.dense)
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates)
-    return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h), inside])
+    return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h, r.shape[1]), inside])
 
 
 def bounds(problem: RouteProblem, s: Segments) -> Float[Any, "2 n"]:
@@ -163,7 +165,8 @@ def expand(
     `stiffness`.
     """
     away = displacements(s.change, dense=problem.dense) + problem.offset
-    r, unit = derivatives(s.ends, order_of(problem.names), dense=problem.dense), units(problem, s.h)
+    r = derivatives(s.ends, order_of(problem.names), dense=problem.dense)
+    unit = units(problem, s.h, r.shape[1])
     if problem.dense:
         r = in_time(r, problem.rates)
     value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))

@@ -33,6 +33,8 @@ class RouteProblem(NamedTuple):
     `offset`, `fine_offset` (3, nodes, n) [m]: the quintic through the end states minus the original path. `squares`
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
+    `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
+    changes.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
     change of the scaled end states, h the duration and h₀ the original duration. `unit` times this sum is the objective
@@ -69,6 +71,7 @@ class RouteProblem(NamedTuple):
     composed: Any = None
     rates: Any = None
     fine_rates: Any = None
+    local: Any = None
 
     @property
     def dense(self) -> bool:
@@ -90,7 +93,7 @@ class RouteProblem(NamedTuple):
 
 _OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
-    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates"),
+    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
 )
 
 

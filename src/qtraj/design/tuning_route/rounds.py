@@ -15,7 +15,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
-from qtraj.design.tuning_route import geometry, interior
+from qtraj.design.tuning_route import along, geometry, interior
 from qtraj.design.tuning_route.constraints import relative
 from qtraj.design.tuning_route.curves import Curves, largest_of
 from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
@@ -117,18 +117,18 @@ def _raised(found: Found, problem: RouteProblem) -> np.ndarray:
     moving = problem.moving > 0
     open_ = unproved(found.judged, problem.names, moving)
     open_[-2:] = False
-    ratio = _ratios(found.judged, problem.names, np.sqrt(problem.squares))
+    ratio = _ratios(found.judged, problem.names)
     own = np.where(open_ & (ratio > VISIBLE), (RAISED * ratio) ** 2, 1.0)
     # A joint is constrained in one of its segments only, so the neighbours are raised, too.
     wide = np.pad(own, [(0, 0), (1, 1)], constant_values=1.0)
     return np.maximum(own, np.maximum(wide[:, :-2], wide[:, 2:]))
 
 
-def _ratios(judged: Judged, names: tuple[str, ...], bounds: np.ndarray) -> np.ndarray:
+def _ratios(judged: Judged, names: tuple[str, ...]) -> np.ndarray:
     """Return the largest values of the limited quantities relative to their limits, and 1 for the tube."""
     worst = judged.certificate.segments.worst
-    values = np.reshape([np.asarray(worst[name][1]) for name in names], (len(names), -1))
-    found = largest_of(judged.curves, relative(names, values, bounds))
+    values, limits = (np.reshape([np.asarray(worst[name][k]) for name in names], (len(names), -1)) for k in (1, 2))
+    found = largest_of(judged.curves, relative(names, values, np.abs(limits)))
     return np.concatenate([np.nan_to_num(found, nan=1.0), np.ones((2, found.shape[1]))])
 
 
@@ -153,7 +153,6 @@ def _solved(
     `raised` (limits + 2, n) are factors on the squared limits; those above 1 need not be proved.
     """
     names, moving = problem.names, problem.moving > 0
-    bounds = np.sqrt(problem.squares)
     factor = np.ones((len(names) + 2, len(moving))) if raised is None else raised
     program, missed = RouteProgram(problem, price), factor > 1
     mu, k = BARRIER, 0
@@ -174,18 +173,25 @@ def _solved(
         state = interior.solve(program, state, rules, most)
         judged = judge(route, given, limits, tube, problem, state.at.z)
         missed |= _violated(program, state.at) & moving
-        open_ = unproved(judged, names, moving) & ~missed
+        unproved_ = unproved(judged, names, moving)
+        if problem.local is not None:  # the search imposes stricter limits than those along the way
+            missed &= unproved_
+        open_ = unproved_ & ~missed
         exhausted = state.steps >= most and not (state.done or state.stuck or state.hopeless)
         found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at)
         found = found._replace(missed=missed if missed.any() else None)
         given_up = state.steps >= most or state.hopeless or not np.isfinite(judged.distances).all()
         if found.proved or k == ROUNDS or given_up:
             return found
-        above = _ratios(judged, names, bounds)
+        above = _ratios(judged, names)
         above[-2:] = np.nan_to_num((judged.distances / tube[:-1]).T, nan=1.0)
         above = np.clip(above, 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor = factor * np.where(open_, above, 1.0) ** -2
+        if problem.local is not None:  # the distances have changed with the route
+            own = along.local_squares(judged.route, limits, given.curves, problem.seam is not None)
+            problem = problem._replace(local=along.stricter(problem, own))
+            program = RouteProgram(problem, price)
         k += 1
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.tuning_route import circuit, rounds
+from qtraj.design.tuning_route import along, circuit, rounds
 from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
 from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
@@ -71,6 +71,9 @@ def tune_route(
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
 
+    Limits may change along the way (`Along`). While the route changes, so do the distances: the limits of a segment are
+    the strictest ones at the distances that it covers in the last result, and `certify` checks the final route.
+
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
     widths, less 1 m on both sides; or `tube` (n, 2) contains the distances [m] to the right and to the left at each
@@ -120,6 +123,7 @@ def tune_route(
         return _solution(route, limits, names, tube, objective, fixed, closed, max_steps)
 
     if is_traced(route, limits, tube):
+        limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
         result = differentiable(route, limits, tube, names, objective, solve)
     else:
         result = solve(route, limits, tube).result
@@ -145,8 +149,10 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
-    bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
+    bounds = along.typical(limits)
     problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
+    if limits.varying:
+        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
     found = _unchanged(route, given, limits, widths, problem)
     moving = problem.moving > 0
     smooth = not np.any(problem.offset) and not _jumps(route, given)
@@ -154,7 +160,9 @@ def _solution(
     if moving.any() and not undefined and not (objective == "nearest" and smooth and found.proved):
         found = rounds.solved(route, given, limits, widths, problem, max_steps)
     advice = ""
-    if found.missed is not None and found.proved:
+    if found.missed is not None and found.proved and limits.varying:
+        advice = "Widen the tube, or relax the limits where they are violated."
+    elif found.missed is not None and found.proved:
 
         def solves(change: Change) -> bool:
             own = held.copy()

@@ -1,4 +1,4 @@
-"""Limits that change along the way, as functions of the parameter of the path that is timed.
+"""Limits that change along the way, as functions of the parameter of one path.
 
 In each cell of a timing, such a limit is replaced by a line that is nowhere less strict: a constant for steps, and for
 linear values nearly the values themselves. Searches impose these lines, and proofs are about them.
@@ -19,6 +19,9 @@ from qtraj.path.quantity import quantity
 
 SAMPLES, RESERVE = 9, 1.25
 """Number of points in a cell at which a line is compared with a linear limit, and factor on the largest difference."""
+
+AT_ENDS = 4
+"""A linear limit that bends closer to an end of a cell than this multiple of the uncertainty bends at the end."""
 
 Parameters = Float[np.ndarray, "*n"]
 
@@ -57,8 +60,9 @@ class Varying:
         line = exact[:, :1] + (exact[:, -1:] - exact[:, :1]) * z
         d, values = np.asarray(self.along.distance), np.asarray(self.along.values)
         steepest = np.max(np.abs(np.diff(values) / np.diff(d)), initial=0.0)
-        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + steepest * error
-        bends = np.searchsorted(d, first - error) < np.searchsorted(d, last + error)
+        inside = AT_ENDS * error
+        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + 2 * steepest * inside
+        bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
         return np.where(bends[:, None], constant, self.side * (line[:, [0, -1]] - above[:, None]))
 
     def at(self, u: Parameters) -> Parameters:

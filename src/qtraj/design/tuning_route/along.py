@@ -1,0 +1,74 @@
+"""Limits that change along the way, for the search for a route: the strictest value on each segment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.design.along import Along
+from qtraj.design.limits import Limits
+from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.curves import Curves, largest_of
+from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.path.distances import distances
+from qtraj.path.driving import segments_of
+from qtraj.path.quantity import quantity
+from qtraj.path.route import Route
+
+ABSENT = 1e4
+"""Where there is no limit, the search imposes this multiple of the typical value."""
+
+
+def typical(limits: Limits) -> Float[np.ndarray, " limits"]:
+    """Return the limits; the strictest value of each limit that changes along the way."""
+    return np.array([_typical(name, bound) for name, bound in limits.given().items()])
+
+
+def _typical(name: str, bound: Any) -> float:
+    if not isinstance(bound, Along):
+        return float(np.asarray(bound))
+    values, side = np.asarray(bound.values, float), quantity(name).side
+    known = values[np.isfinite(values)]
+    return float(side * np.min(side * known)) if known.size else side * 1.0
+
+
+def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) -> Float[np.ndarray, "limits fine n"]:
+    """Return the squares of the limits at the fine nodes of each curve.
+
+    A step is the strictest one of the curve. The first node belongs to the previous curve, too; on a `closed` route,
+    the last curve is before the first one. Linear limits have their values, except on curves with a progress.
+    """
+    segments, on = segments_of(route), distances(route)
+    s = on.at(np.append(segments.starts, segments.end))
+    u = segments.starts[:, None] + segments.durations[:, None] * basis.FINE_NODES
+    at_nodes = on.at(u.ravel()).reshape(u.shape)[curves.first]
+    found = []
+    for (name, bound), usual in zip(limits.given().items(), typical(limits), strict=True):
+        side, sign = quantity(name).side, _strictness(name)
+        if not isinstance(bound, Along):
+            found.append(np.full(at_nodes.T.shape, usual**2))
+            continue
+        strictest = np.asarray(bound.strictest(s[:-1] - on.uncertainty, s[1:] + on.uncertainty, side))
+        absent = abs(usual) / ABSENT if sign > 0 else ABSENT * abs(usual)
+        own = largest_of(curves, sign * np.where(np.isinf(strictest), absent, strictest)[None] ** 2)[0]
+        rows = np.repeat(own[None], len(basis.FINE_NODES), axis=0)
+        rows[0] = np.maximum(own, np.roll(own, 1) if closed else np.append(own[:1], own[:-1]))
+        if bound.kind == "linear":
+            exact = sign * np.asarray(bound.at(at_nodes.ravel())).reshape(at_nodes.shape).T ** 2
+            rows = np.where(curves.composed, rows, exact)
+        found.append(np.abs(rows))
+    return np.stack(found)
+
+
+def stricter(problem: RouteProblem, local: Float[np.ndarray, "limits fine n"]) -> Float[np.ndarray, "limits fine n"]:
+    """Return the stricter ones of the squared limits of the problem and of others."""
+    signs = np.array([_strictness(name) for name in problem.names])[:, None, None]
+    return np.abs(np.maximum(signs * problem.local, signs * local))
+
+
+def _strictness(name: str) -> float:
+    """Return the factor with which larger squares of limits are stricter: 1 for a lower bound on a magnitude."""
+    entry = quantity(name)
+    return 1.0 if entry.lower and not entry.bounds_side else -1.0
