@@ -22,9 +22,9 @@ TURNING = 10.0
 def odd_limits(limits: Mapping[str, Any], track: Track) -> tuple[str, ...]:
     """Return a text about each limit that is odd for a recording, with the value to write instead.
 
-    Limits with two sides are not compared.
+    Limits with two sides, and limits that change along the way, are not compared.
     """
-    one_sided = ((name, float(value)) for name, value in limits.items() if not isinstance(value, tuple))
+    one_sided = ((name, float(value)) for name, value in limits.items() if isinstance(value, int | float))
     return tuple(text for name, value in one_sided for text in _oddity(name, value, track))
 
 

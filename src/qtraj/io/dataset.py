@@ -14,6 +14,7 @@ import xarray
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
+from qtraj.design.along import Along
 from qtraj.design.fitting.facts import fit_variables
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -23,6 +24,7 @@ from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import LABELS, variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS, outputs_with
+from qtraj.path.distances import distances
 from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
@@ -97,7 +99,11 @@ def path_dataset(
         stacked = np.stack([column[name][1] for column in columns])
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
-        variables[LIMIT_VARIABLES[name]][2][limit_attribute(name)] = float(limit)
+        variable, attribute = LIMIT_VARIABLES[name], limit_attribute(name)
+        if isinstance(limit, Along):
+            variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
+        else:
+            variables[variable][2][attribute] = float(limit)
     variables |= _findings(list(paths), findings or {})
     for name, fact in vehicle_quantities(vehicle).items():
         variables[name] = (fact.axes, np.asarray(fact.values), variable_attributes(fact.unit, fact.meaning))
@@ -126,20 +132,38 @@ def path_dataset(
     return xarray.Dataset(variables, coordinates, whole)
 
 
+def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Along) -> tuple[Any, ...]:
+    """Return the variable of a limit that changes along the way."""
+    rows = []
+    for path in paths.values():
+        s = distances(path).at(progress * float(path.duration))
+        rows.append(np.asarray(limit.at(s), float))
+    about = f"limit on the {quantity(name).meaning}; infinite where there is none"
+    return ("path", "sample"), np.stack(rows), variable_attributes(quantity(name).unit, about)
+
+
 def limit_attribute(name: str) -> str:
-    """Return the name of the attribute of a variable that contains this limit."""
+    """Return the name of the attribute of a variable that contains this limit.
+
+    A limit that changes along the way is in a variable of its own, whose name ends with this name.
+    """
     return "lower_limit" if quantity(name).lower else "limit"
 
 
 def limited_variables(dataset: xarray.Dataset) -> list[str]:
     """Return the variables with a limit."""
     known = dict.fromkeys(name for name in LIMIT_VARIABLES.values() if name in dataset)
-    return [name for name in known if {"limit", "lower_limit"} & dataset[name].attrs.keys()]
+    return [name for name in known if limits_of(dataset[name]) or limits_along(dataset, name)]
 
 
 def limits_of(variable: xarray.DataArray) -> list[float]:
     """Return the lower and the upper limit of a variable, as far as they exist."""
     return [float(variable.attrs[name]) for name in ("lower_limit", "limit") if name in variable.attrs]
+
+
+def limits_along(dataset: xarray.Dataset, name: str) -> list[str]:
+    """Return the names of the variables with limits on a variable that change along the way."""
+    return [own for x in ("lower_limit", "limit") if (own := f"{name}_{x}") in dataset]
 
 
 def bounded_values(name: str, values: Any) -> np.ndarray:
@@ -173,7 +197,11 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         with_limit = [c if c is not None and name in c.names else None for c in by_path]
         rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in with_limit]
         times, values, texts = zip(*rows, strict=True)
+        bounds = [np.nan if c is None else c.worst[name][2] for c in with_limit]
         limit = {"limit": float(next(c.worst[name][2] for c in with_limit if c is not None))}
+        if len({x for x in bounds if x == x}) > 1:  # it changes along the way
+            about_limit = variable_attributes(unit, f"limit there on the {entry.meaning}")
+            variables[f"{extreme}_limit"] = (("path",), np.array(bounds, float), about_limit)
         about = f"of the {entry.meaning} on the whole path"
         variables[extreme] = (
             ("path",),

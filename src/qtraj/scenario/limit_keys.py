@@ -1,10 +1,11 @@
 """Define the scenario keys of the limits, one for each entry of the registry of path quantities."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import create_model
+from pydantic import Discriminator, Tag, create_model
 
+from qtraj.design.along import Along
 from qtraj.design.bound import bound_of
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES
@@ -19,29 +20,70 @@ class LimitedPart(Part):
     A number limits the magnitude of a quantity. A range [lower, upper], {min = lower} or {max = upper} limits its
     signed value: longitudinal_acceleration = [-6, 2] is for braking and accelerating, and speed = {min = 5} is a lower
     limit.
+
+    A limit may change along the way, with distances from the start of the path in metres: speed = [{from = 0, value =
+    13.9}, {from = 120, value = 8.3}] are steps, where a step without a value has no limit. speed = {distance = [0,
+    120], values = [13.9, 8.3], kind = "linear"} is interpolated. The values may be ranges [lower, upper].
     """
 
     def limits(self) -> dict[str, Any]:
-        """Return the limits that are set, by name: numbers, or pairs (lower, upper)."""
+        """Return the limits that are set, by name: numbers, pairs (lower, upper) or `Along`."""
         return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
 
     def _faults(self) -> Iterator[str]:
-        for name, value in self.limits().items():
+        for name, value in self.model_dump().items():
             try:
-                bound_of(value, name)
+                bound_of(_bound(value), name)
             except ValueError as error:
-                yield str(error)
+                text = str(error)
+                yield text if name in text else f"{name}: {text}"
 
 
 def _bound(value: Any) -> Any:
+    form = _form(value)
+    if form == "along":
+        return Along(value.get("distance", ()), value.get("values", ()), value.get("kind", "step"))
+    if form == "steps":
+        if missing := [step for step in value if "from" not in step]:
+            raise ValueError(f"every step needs the key 'from', where it starts [m], but one is {missing[0]}")
+        values = [_sides(step.get("value")) for step in value]
+        if any(isinstance(x, tuple) for x in values):
+            values = [x if isinstance(x, tuple) else (None, None) if x is None else x for x in values]
+        return Along([step["from"] for step in value], values)
+    return _sides(value)
+
+
+def _sides(value: Any) -> Any:
+    """Return a number, or a range as a pair."""
     if isinstance(value, dict):
         return value.get("min"), value.get("max")
     return tuple(value) if isinstance(value, list) else value
 
 
+def _form(value: Any) -> str:
+    """Return which of the forms of a limit a value has."""
+    if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
+        return "steps"
+    if isinstance(value, dict) and value.keys() & {"distance", "values"}:
+        return "along"
+    return "range" if isinstance(value, list | dict) else "number"
+
+
+Value = keys.Number | keys.Range
+Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
+Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
+
+
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
-    kind: Any = keys.Positive | keys.Range if has_sides(entry) else keys.Positive
-    values = f"a positive finite number{' or a range' if has_sides(entry) else ''} [{entry.label}]"
+    number, along = Annotated[keys.Positive, Tag("number")], Steps | Table
+    kind: Any = Annotated[
+        number | Annotated[keys.Range, Tag("range")] | along if has_sides(entry) else number | along,
+        Discriminator(_form),
+    ]
+    values = (
+        f"a positive finite number{', a range' if has_sides(entry) else ''} or steps [{{from = …, value = …}}, …] "
+        f"[{entry.label}]"
+    )
     return kind | None, key(entry.meaning, None, values=values)
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_of
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_along, limits_of
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
@@ -100,6 +100,10 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
     limits = limits_of(variable)
     for limit, words in zip(limits, ("lower limit", "upper limit") if len(limits) > 1 else ("limit",), strict=False):
         axes.axhline(limit, label=f"{words} {limit:.4g}", **BOUND)
+    for own in limits_along(dataset, name):
+        for k in range(dataset.sizes["path"]):
+            bound = dataset[own].isel(path=k).values
+            axes.plot(dataset["time"].isel(path=k).values, bound, label="" if k else "limit along the way", **BOUND)
     # Where the road has no load, the friction demand is infinite.
     drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import bounded_values, limited_variables, limits_of
+from qtraj.io.dataset import bounded_values, limited_variables, limits_along, limits_of
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.extent import beside
 from qtraj.viz.map_colours import map_colours
@@ -135,9 +135,11 @@ def _draw_panel(
     limits = [] if name == "height" else limits_of(path[name])
     for limit in limits:
         axes.axhline(limit, **BOUND, label=f"limit {limit:.4g}")
-    if limits:
-        about = path[name].attrs
-        broken = (values > about.get("limit", np.inf)) | (values < about.get("lower_limit", -np.inf))
+    lower, upper = (_bound(path, name, x, absent) for x, absent in (("lower_limit", -np.inf), ("limit", np.inf)))
+    for bound in (path[own].values for own in limits_along(path, name)):
+        axes.plot(way, bound, **BOUND, label="limit along the way")
+    if np.isfinite(lower).any() or np.isfinite(upper).any():
+        broken = (values > upper) | (values < lower)
         axes.plot(way, np.where(broken, values, np.nan), color=MARK, lw=1.4)
     cut = None if name == "height" else spike([values])
     if cut is not None:
@@ -151,6 +153,14 @@ def _draw_lateral(axes: Any, path: xarray.Dataset, before: xarray.Dataset, way: 
     """Plot the lateral distance of the path after a tuning from the path before, positive to the left."""
     axes.plot(way, match(path["position"].values, before["position"].values).lateral, color=COLOURS["after"], lw=1.0)
     _finish(axes, f"{LATERAL}\n[m]")
+
+
+def _bound(path: xarray.Dataset, name: str, attribute: str, absent: float) -> Any:
+    """Return the limit on a variable, also at each sample; `absent` without a limit."""
+    if name == "height":
+        return absent
+    own = f"{name}_{attribute}"
+    return path[own].values if own in path else float(path[name].attrs.get(attribute, absent))
 
 
 def _values(path: xarray.Dataset, name: str) -> np.ndarray:

@@ -59,7 +59,8 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     squares = problem.squares[:, None, None]
     if problem.local is not None:
         squares = problem.local if nodes == problem.local.shape[1] else problem.local[:, :: basis.FINER]
-    return h ** -time_powers(problem.names)[:, None, None] * squares ** (-0.5 * powers)[:, None, None]
+    times = h[None] ** -time_powers(problem.names)[:, None]
+    return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
 def ratios(names: tuple[str, ...], r: Any) -> list[Any]:

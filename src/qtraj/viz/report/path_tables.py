@@ -76,7 +76,8 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
     names = () if tuned is None else tuned.certificate.names
     for limit_name, name in _limits_by_variable(names):
         for label, path in paths.items():
-            if name in path and limit_attribute(limit_name) in path[name].attrs:
+            attribute = limit_attribute(limit_name)
+            if name in path and (attribute in path[name].attrs or f"{name}_{attribute}" in path):
                 certified = tuned is not None and label == "after" and limit_name in names
                 cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, limit_name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
@@ -121,7 +122,8 @@ def _stored(path: xarray.Dataset, limit_name: str) -> list[str]:
     if finding not in PROOFS:
         return _sampled(path, limit_name)
     value, time = (float(path[f"{extreme}{suffix}"]) for suffix in ("", "_time"))
-    limit = float(path[extreme].attrs["limit"])
+    own = f"{extreme}_limit"
+    limit = float(path[own]) if own in path else float(path[extreme].attrs["limit"])
     margin = quantity(limit_name).side * (limit - value)
     active = finding in ("proved", "sampled") and margin <= ACTIVE_MARGIN * (abs(limit) or 1.0)
     return [number(value), number(limit), "active" if active else number(margin, 3), number(time, 4), finding]
@@ -129,11 +131,13 @@ def _stored(path: xarray.Dataset, limit_name: str) -> list[str]:
 
 def _sampled(path: xarray.Dataset, limit_name: str) -> list[str]:
     name, side = LIMIT_VARIABLES[limit_name], quantity(limit_name).side
-    values, limit = bounded_values(name, path[name].values), float(path[name].attrs[limit_attribute(limit_name)])
+    values, attribute = bounded_values(name, path[name].values), limit_attribute(limit_name)
+    along = path.get(f"{name}_{attribute}")
+    limits = np.full(values.shape, float(path[name].attrs[attribute])) if along is None else along.values
     if not np.isfinite(values).any():
-        return ["–", number(limit), "–", "–", "undefined"]
-    worst = int(np.nanargmax(side * values))
-    value, time = float(values[worst]), float(path["time"].values[worst])
+        return ["–", number(float(limits[0])), "–", "–", "undefined"]
+    worst = int(np.nanargmax(side * (values - limits)))
+    value, time, limit = float(values[worst]), float(path["time"].values[worst]), float(limits[worst])
     margin = side * (limit - value)
     return [number(value), number(limit), number(margin, 3), number(time, 4), "within" if margin >= 0 else "broken"]
 

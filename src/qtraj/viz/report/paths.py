@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import bounded_values, limited_variables, limits_of
+from qtraj.io.dataset import bounded_values, limited_variables, limits_along, limits_of
 from qtraj.path.frame_axes import AXES, NATURAL, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.path.quantity import TITLES as QUANTITY_TITLES
 from qtraj.viz.map_colours import map_colours
@@ -28,7 +28,7 @@ MAX_PATHS = 8
 ONLY, ALONE = "path", "#0072B2"
 """Name and colour of a single path."""
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
-AXIS_DASHES = ("solid", "dash", "dashdot")
+AXIS_DASHES, LIMIT_COLOUR = ("solid", "dash", "dashdot"), "#1A1A1A"
 """Line styles of the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
 CHANGED = {"before", "after"}
@@ -151,6 +151,9 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
         for k, (body, path) in enumerate(zip(bodies, paths, strict=True))
     ]
     limits = [(limit, f"limit {limit:.4g}") for limit in limits_of(paths[0][name])]
+    for own in limits_along(paths[0], name):
+        lines = (np.where(np.isfinite(path[own].values), path[own].values, np.nan) for path in paths)
+        series += [Series("limit", k, values, LIMIT_COLOUR, "dot", reference=True) for k, values in enumerate(lines)]
     return Panel(QUANTITY_TITLES.get(name, name.replace("_", " ")), unit(notes.get("units", "")), series, limits)
 
 
