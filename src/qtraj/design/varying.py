@@ -49,11 +49,17 @@ class Varying:
 
     def lines(self, low: Parameters, high: Parameters) -> Float[np.ndarray, "n 2"]:
         """Return the values at both ends of lines between parameters of the path that are nowhere less strict."""
+        return self.approximated(low, high)[0]
+
+    def approximated(
+        self, low: Parameters, high: Parameters
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+        """Return the `lines`, and by how much each of them is stricter than the limit, at most."""
         first, last, error = self.on.at(low), self.on.at(high), self.on.uncertainty
         strictest = np.asarray(self.along.strictest(first - error, last + error, self.side))
         constant = np.stack([strictest, strictest], axis=1)
         if self.along.kind == "step":
-            return constant
+            return constant, np.zeros(len(constant))
         z = np.linspace(0.0, 1.0, SAMPLES)
         u = low[:, None] + (high - low)[:, None] * z
         exact = self.side * np.asarray(self.along.at(self.on.at(u.ravel()))).reshape(u.shape)
@@ -63,7 +69,9 @@ class Varying:
         inside = AT_ENDS * error
         above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + 2 * steepest * inside
         bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
-        return np.where(bends[:, None], constant, self.side * (line[:, [0, -1]] - above[:, None]))
+        found = np.where(bends[:, None], self.side * constant, line[:, [0, -1]] - above[:, None])
+        rest = exact - (found[:, :1] + (found[:, 1:] - found[:, :1]) * z)
+        return self.side * found, np.max(rest, axis=1, initial=0.0)
 
     def at(self, u: Parameters) -> Parameters:
         """Return the values at parameters of the path; where the value changes, the later one."""

@@ -37,6 +37,8 @@ WAIT, APART = 0.5, 0.07
 """Stops of at least `WAIT` [s] are labelled with their duration.
 
 A label is omitted if it would be nearer to the label of a longer stop than `APART` times the width."""
+MANY_LABELS = 7
+"""Number of labels from which on the legend is smaller, so that it fits into one line."""
 LARGEST = 1e100
 """Larger speeds [m/s] and limits are not drawn, because the axes would overflow."""
 MANY = 1500
@@ -111,10 +113,10 @@ def _draw_speed(axes: Any, dataset: xarray.Dataset, names: list[str], way: np.nd
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
         ncols=8,
-        fontsize=7.5,
+        fontsize=7.5 if len(labels) < MANY_LABELS else 7.0,
         borderaxespad=0.1,
         handlelength=1.2,
-        columnspacing=0.8,
+        columnspacing=0.8 if len(labels) < MANY_LABELS else 0.5,
         handletextpad=0.5,
     )
 

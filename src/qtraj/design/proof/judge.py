@@ -189,20 +189,25 @@ class _Task:
         return vehicle._replace(gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length)
 
     def _largest(self, limit: Limit, hints: np.ndarray | None, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the instant and the largest value of a quantity, or the smallest for a lower bound, in SI units."""
+        """Return the instant and the largest value of a quantity, or the smallest for a lower bound, in SI units.
+
+        For a linear limit, it is the value that exceeds the limit most.
+        """
         entry, source, grid = limit.entry, self.source, self._grid(provable)
+        unit = limit.factors * source.length**entry.length / source.duration**entry.per_time
+
+        def limit_at(u: np.ndarray) -> Any:
+            return 0.0 if limit.line is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit
 
         def function(u: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                return xp.broadcast_to(entry.side * entry.value(self._at(u)), (len(u), source.count))
+                found = entry.side * (entry.value(self._at(u)) - limit_at(u))
+                return xp.broadcast_to(found, (len(u), source.count))
 
         known = [x for x in (None if hints is None else hints[None], self._small(entry.divisor, grid)) if x is not None]
         at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
-            return (
-                at,
-                entry.side * limit.factors * values * source.length**entry.length / source.duration**entry.per_time,
-            )
+            return at, (entry.side * values + (0.0 if limit.line is None else limit.at(at) / unit)) * unit
 
     def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
         """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""

@@ -68,7 +68,8 @@ def _of_constant(
     for k, name in enumerate(names):
         rows = np.flatnonzero(codes[:, k] == BROKEN)
         ends = segments.durations[rows]
-        parts = Intervals(rows, 0.0 * ends, ends, np.full(rows.size, bounds[name] / factors[name]), times[rows, k])
+        bound = np.full((rows.size, 2), bounds[name] / factors[name])
+        parts = Intervals(rows, 0.0 * ends, ends, bound, times[rows, k])
         broken += [(name, x) for x in intervals(segments, name, parts, road)]
     own = np.broadcast_to(list(bounds.values()), codes.shape)
     return _Found(names, (codes, times + segments.starts[:, None], values, own), broken)
@@ -96,7 +97,7 @@ def _of_varying(
     rows = np.flatnonzero(parts.codes == BROKEN)
     h = segments.durations[parts.segment[rows]]
     start, end = (x[rows] * h for x in parts.window)
-    own = Intervals(parts.segment[rows], start, end, parts.bounds[rows] / factor, parts.times[rows])
+    own = Intervals(parts.segment[rows], start, end, parts.line[rows] / factor, parts.times[rows])
     order = np.argsort(segments.starts[own.segment] + own.start, kind="stable")
     own = Intervals(*(x[order] for x in own))
     return _Found((name,), arrays, [(name, x) for x in intervals(segments, name, own, road)])

@@ -26,14 +26,20 @@ Close to a stop, rounding errors dominate the velocity and its direction."""
 class Intervals(NamedTuple):
     """Parts of segments, from `start` to `end` [s], in which a quantity violates its bound at the time `peak` [s].
 
-    All times are measured from the start of the segment.
+    The bound is linear between its values at both ends. All times are measured from the start of the segment.
     """
 
     segment: Int[np.ndarray, " n"]
     start: Float[np.ndarray, " n"]
     end: Float[np.ndarray, " n"]
-    bound: Float[np.ndarray, " n"]
+    bound: Float[np.ndarray, "n 2"]
     peak: Float[np.ndarray, " n"]
+
+    def bound_at(self, part: Int[np.ndarray, "n 1"], s: Float[np.ndarray, "n times"]) -> Float[np.ndarray, "n times"]:
+        """Return the bounds of some parts at times since the starts of their segments."""
+        start, rise = self.bound[part, 0], self.bound[part, 1] - self.bound[part, 0]
+        length = np.maximum(self.end - self.start, np.finfo(float).tiny)[part]
+        return start + rise * (s - self.start[part]) / length
 
 
 def intervals(
@@ -42,19 +48,23 @@ def intervals(
     """Return the intervals (start, end) [s] of a route in which a quantity violates its bound."""
     if not parts.segment.size:
         return []
-    own, peaks, bound = segments.part(parts.segment), parts.peak, parts.bound
+    own, peaks = segments.part(parts.segment), parts.peak
     h, every = parts.end - parts.start, np.arange(len(peaks))[:, None]
     s = parts.start[:, None] + h[:, None] * np.linspace(0.0, 1.0, INSTANTS)
     s = np.sort(np.concatenate([s, peaks[:, None]], axis=1), axis=1)
     parked: Any = ~own.coefficients[:, 1:].any(axis=(1, 2))
-    above = _exceeds(own.values, every, s, name, bound[:, None], road) | (s == peaks[:, None]) | parked[:, None]
+
+    def exceeds(part: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return _exceeds(own.values, part, s, name, parts.bound_at(part, s), road)
+
+    above = exceeds(every, s) | (s == peaks[:, None]) | parked[:, None]
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
     u = np.arange(1, PARTS) / PARTS
     for _ in range(DIVISIONS):
         width = high - low
         inner = low[:, None] + width[:, None] * u
-        same = _exceeds(own.values, row[:, None], inner, name, bound[row, None], road) == first[:, None]
+        same = exceeds(row[:, None], inner) == first[:, None]
         count = np.sum(np.logical_and.accumulate(same, axis=1), axis=1)
         low, high = low + width * count / PARTS, np.where(count == PARTS - 1, high, low + width * (count + 1) / PARTS)
     found: list[tuple[float, float]] = []

@@ -38,14 +38,16 @@ class Divided(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Parts of segments in which one limit is constant or linear, its bound where it matters most, and the findings.
+    """Parts of segments, in which one limit is constant or linear, and the findings on them.
 
-    The times [s] are measured from the start of the segment.
+    `bounds` are those where they matter most, and `line` those at both ends of each part. The times [s] are measured
+    from the start of the segment.
     """
 
     segment: Int[np.ndarray, " parts"]
     window: Window
     bounds: Float[np.ndarray, " parts"]
+    line: Float[np.ndarray, "parts 2"]
     codes: Int[np.ndarray, " parts"]
     times: Float[np.ndarray, " parts"]
     values: Float[np.ndarray, " parts"]
@@ -75,7 +77,8 @@ def judged_parts(path: Divided, entry: PathQuantity, along: Along, factor: float
         segment, window, line = _lines(path, limit, segment, window)
         bounds = entry.side * np.min(entry.side * line, axis=1)
     found = path.findings(segment, Limit(entry, bounds, np.asarray(factor), line), window)
-    parts = Parts(segment, window, bounds, *(x[:, 0] for x in found))
+    ends = np.stack([bounds, bounds], axis=1) if line is None else line
+    parts = Parts(segment, window, bounds, ends, *(x[:, 0] for x in found))
     return parts if line is None else _with_values(path, parts, limit)
 
 
@@ -85,9 +88,8 @@ def _lines(
     """Return smaller parts, in which lines approximate a linear limit, and the lines."""
     for _ in range(HALVINGS):
         low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
-        line = limit.lines(low, high)
-        exact = np.stack([limit.at(low), limit.at(high)], axis=1)
-        rough = np.abs(line - exact).max(axis=1) > ACCURATE * np.abs(exact).min(axis=1)
+        line, rest = limit.approximated(low, high)
+        rough = rest > ACCURATE * np.abs(line).max(axis=1)
         if not rough.any() or segment.size + np.count_nonzero(rough) > MOST:
             break
         count = 1 + rough
