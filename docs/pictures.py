@@ -152,6 +152,15 @@ def braking() -> Figure:
     return qt.speed_profile(timed).plot("Braking with 4 m/s², accelerating with 1.5 m/s²")
 
 
+def zones() -> Figure:
+    """The fastest timing along the same road with limits on the speed that change along the way."""
+    points = [[0, 0, 0], [60, 0, 0], [110, 30, 0], [130, 80, 0], [180, 100, 0], [250, 90, 0], [300, 60, 0]]
+    speed = qt.Along([0.0, 150.0, 250.0], [13.9, 8.3, 13.9])
+    limits = qt.Limits(speed=speed, lateral_acceleration=3.0, longitudinal_acceleration=(-4.0, 1.5))
+    timed = qt.retime(qt.Shape.through(points), limits, start_speed=0.0, end_speed=0.0)
+    return qt.speed_profile(timed).plot("50 km/h, and 30 km/h from 150 m to 250 m")
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "tuning": tuning,
     "conventions": conventions,
@@ -159,6 +168,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "orientation": orientation,
     "turns": turns,
     "braking": braking,
+    "zones": zones,
 }
 """The name of each file, and the function that draws it."""
 

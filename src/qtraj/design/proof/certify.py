@@ -95,6 +95,9 @@ def certify(
     velocity approaches there. A segment without motion satisfies every limit that does not depend on the road. The
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
+    A limit that changes along the way (`Along`) is checked on the parts of the path in which it is constant or linear;
+    this is supported for one path with concrete values.
+
     A `Shape` is checked like a route, with limits on quantities of the shape only: curvature,
     horizontal curvature, sharpness, torsion and slope.
 

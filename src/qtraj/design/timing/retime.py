@@ -77,6 +77,9 @@ def retime(
     `yaw_rate`, `curvature_rate` and the longitudinal, vertical and yaw acceleration may have two sides, as in
     `longitudinal_acceleration=(-6, 2)`.
 
+    Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
+    cells are small.
+
     `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the
     speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end at rest where the
     velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
