@@ -46,7 +46,7 @@ class Along(eqx.Module):
     """
 
     distance: Float[Array, " n"]
-    values: Float[Array, n * sides]
+    values: Float[Array, " n *sides"]
     kind: str = eqx.field(static=True)
 
     def __init__(self, distance: ArrayInput, values: Any, kind: Kind = "step"):

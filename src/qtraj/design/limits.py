@@ -218,7 +218,7 @@ class Limits(eqx.Module):
         The results are NumPy arrays if limits and vehicle have concrete values.
         """
         results = {}
-        for name, limit in self.given().items():
+        for name, limit in self.constant().items():
             known = concrete(limit)
             divisor = divisors([name], self.road(limit.dtype if dtype is None else dtype))[name]
             results[name] = (limit if known is None else np.asarray(known)) / divisor

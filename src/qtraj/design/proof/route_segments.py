@@ -83,7 +83,7 @@ def findings(
     result.codes[undefined], result.values[undefined] = UNDEFINED, np.nan
     result.times[undefined] = np.where(at_stop[:, 0], 0.0, segments.durations[stopping])[within, None]
     _judge(result, task, stopping[~within], every[kinds == "shape"], _regular)
-    result.codes[~moving], result.values[~moving] = _at_rest(limits, road, ~moving)
+    result.codes[~moving], result.values[~moving] = _at_rest(limits, road, np.flatnonzero(~moving), count)
     return result
 
 
@@ -136,12 +136,12 @@ def _regular(segments: Segments, rows: np.ndarray) -> Source:
     return PolynomialSource(x, y, z, None, segments.durations[rows])
 
 
-def _at_rest(limits: Sequence[Limit], road: RoadParameters | None, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _at_rest(
+    limits: Sequence[Limit], road: RoadParameters | None, rows: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the status codes and values of segments without motion: only gravity acts, on a road without slope."""
-    values, bounds = (
-        np.zeros(len(limits)),
-        np.stack([np.broadcast_to(x.bounds, len(rows))[rows] for x in limits], axis=1),
-    )
+    values = np.zeros(len(limits))
+    bounds = np.stack([np.broadcast_to(x.bounds, count)[rows] for x in limits], axis=1)
     if road is not None:
         zero: Any = np.zeros(())
         one: Any = np.ones(())

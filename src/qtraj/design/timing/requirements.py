@@ -1,6 +1,6 @@
 """Check the arguments of `retime`."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from numbers import Real
 from typing import Any
 
@@ -103,7 +103,7 @@ def require_sides(limits: Limits) -> None:
             )
 
 
-def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...], stops: bool) -> None:
+def require_moving(bounds: Mapping[str, Any], speeds: tuple[Scalar | None, ...], stops: bool) -> None:
     """Raise an error if the vehicle stops, or is too slow at an end, despite a lower bound on the speed."""
     known = [None if x is None else concrete(all_values(x)) for x in (bounds.get(SLOWEST), *speeds)]
     if known[0] is None:
@@ -119,7 +119,7 @@ def require_moving(bounds: dict[str, Scalar], speeds: tuple[Scalar | None, ...],
         )
 
 
-def faster_than_bound(v: Scalar | None, bounds: dict[str, Scalar]) -> Any:
+def faster_than_bound(v: Scalar | None, bounds: Mapping[str, Any]) -> Any:
     """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away."""
     known = None if v is None else concrete(v)
     constant = SLOWEST in bounds and not isinstance(bounds[SLOWEST], Along)
