@@ -64,6 +64,7 @@ EXAMPLES = [
     qt.Progress("steps", 1, 2),
     qt.Propagation(TIMES, np.tile(LAMBDA, (21, 1)), 1e-13, np.int32(8), np.int32(0)),
     qt.QuaternionFeedback(1.0, np.eye(3)),
+    qt.Regions([([[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]], 8.3)]),
     qt.RateLaw(1.0),
     qt.RotationMinimizing([0.0, 0.0, 1.0]),
     qt.SCurve(None, 0.2, 0.1),

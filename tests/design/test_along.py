@@ -255,3 +255,96 @@ def test_figures_draw_limits_along_the_way():
 def test_bad_input_is_named(make, text):
     with pytest.raises(ValueError, match=text):
         make()
+
+
+@pytest.mark.parametrize("ramp", [1e-9, 1e-7, 3e-7, 1e-5, 1e-2])
+def test_a_steep_ramp_is_never_missed(ramp):
+    """A ramp as narrow as the uncertainty of distances must not shift the limit on other parts of the path."""
+    line = qt.Route([0.0, 10.0], [[0, 0, 0], [100, 0, 0]], [[10, 0, 0]] * 2, np.zeros((2, 3)))
+    along = qt.Along([0.0, 50.0, 50.0 + ramp, 100.0], [12.0, 12.0, 3.0, 12.0], "linear")
+    certificate = qt.certify(line, qt.Limits(speed=along))
+    assert certificate.status["speed"] == "broken"
+    assert 3.0 <= certificate.worst["speed"][2] <= 10.0
+    timed = qt.retime(line, qt.Limits(speed=along, longitudinal_acceleration=2.0), 0.0, 0.0)
+    assert timed.certificate.holds
+    _, s, speed = sampled(timed.path, "speed")
+    assert speed[np.argmin(abs(s - 50.0 - ramp))] < 3.01
+
+
+def test_a_path_without_motion_and_the_end_of_a_path_have_values():
+    still = qt.Route([0.0, 10.0], *np.zeros((3, 2, 3)))
+    for kind in ("step", "linear"):
+        found = qt.certify(still, qt.Limits(speed=(qt.Along([0.0, 10.0], [5.0, 6.0], kind), 10.0)))
+        assert found.status == {"speed_min": "broken", "speed": "proved"}
+    line = qt.Route([0.0, 10.0], [[0, 0, 0], [100, 0, 0]], [[10, 0, 0]] * 2, np.zeros((2, 3)))
+    assert qt.certify(line, qt.Limits(speed=qt.Along([0.0, 100.0], [12.0, 5.0]))).status["speed"] == "proved"
+
+
+def test_a_lower_speed_limit_holds_only_in_its_zone():
+    limits = qt.Limits(speed=(qt.Along([0.0, 10.0, 20.0], [None, 3.0, None]), 9.0), longitudinal_acceleration=2.0)
+    assert qt.retime(LINE, limits, 0.0, 0.0).certificate.holds
+    with pytest.raises(ValueError, match="must be at least 3"):
+        qt.retime(LINE, qt.Limits(speed=(qt.Along([0.0, 1.0], [3.0, 3.0]), 9.0), longitudinal_acceleration=2.0), 0.0)
+    faster = qt.Limits(speed=(qt.Along([0.0, 50.0], [3.0, 4.0]), 9.0), longitudinal_acceleration=2.0)
+    assert qt.retime(LINE, faster, 3.0, 5.0).certificate.holds
+
+
+@pytest.mark.parametrize("width", [1e-9, 1e-6, 1e-3])
+def test_a_narrow_zone_is_timed(width):
+    limits = qt.Limits(
+        speed=qt.Along([0.0, 50.3, 50.3 + width], [12.0, 3.0, 12.0]), longitudinal_acceleration=(-6.0, 2.0)
+    )
+    timed = qt.retime(LINE, limits, 0.0, 0.0)
+    exact = leg(50.3, 0.0, 3.0, 12.0) + leg(49.7, 3.0, 0.0, 12.0)
+    assert timed.certificate.holds
+    assert float(timed.duration) == pytest.approx(exact, rel=1e-3)
+    assert float(timed.gap) < 1e-3
+
+
+def square(x, y, half):
+    return [(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)]
+
+
+def test_regions_are_steps_along_a_path():
+    """A circle of 30 m through a square: the crossings in closed form."""
+    circle = qt.SpiralHelix([30.0], [0.0, 0.2], [0.0], 10 * np.pi)
+    regions = qt.Regions([(square(30.0, 0.0, 10.0), 4.0), (square(-30.0, 0.0, 5.0), 5.0)], outside=9.0)
+    along = regions.along(circle)
+    first, second = 30 * np.arcsin(10 / 30), 30 * np.arcsin(5 / 30)
+    ends = [0.0, first, 30 * np.pi - second, 30 * np.pi + second, 60 * np.pi - first]
+    np.testing.assert_allclose(along.distance, ends, atol=1e-6)
+    assert along.values.tolist() == [4.0, 9.0, 5.0, 9.0, 4.0]
+    assert qt.certify(circle, qt.Limits(speed=regions)).status["speed"] == "broken"
+    assert qt.certify(circle, qt.Limits(speed=qt.Regions([(square(30.0, 0.0, 10.0), 6.1)]))).holds
+
+
+def test_regions_limit_timings_and_routes():
+    zones = qt.Regions([(square(50.0, 0.0, 10.0), 5.0), (square(62.5, 0.0, 7.5), 3.0)], outside=12.0)
+    limits = qt.Limits(speed=zones, longitudinal_acceleration=(-6.0, 2.0))
+    timed = qt.retime(LINE, limits, 0.0, 0.0)
+    steps = qt.Along([0.0, 40.0, 55.0, 70.0], [12.0, 5.0, 3.0, 12.0])
+    same = qt.retime(LINE, qt.Limits(speed=steps, longitudinal_acceleration=(-6.0, 2.0)), 0.0, 0.0)
+    assert timed.certificate.holds
+    assert float(timed.duration) == pytest.approx(float(same.duration), rel=1e-3)
+    assert qt.certify(timed.path, limits).holds
+    t = np.arange(0.0, 31.0, 2.0)
+    route = qt.Route.from_piecewise(CubicSpline(t, np.stack([8 * t, 30 * np.sin(t / 9), 0.02 * t], axis=1)))
+    tuned = qt.tune_route(route, qt.Limits(speed=qt.Regions([(square(120.0, 25.0, 35.0), 7.0)], outside=9.0)), 1.0)
+    assert tuned.certificate.holds
+    assert float(limits.margins(LINE.route, 50.0)["speed"]) == pytest.approx(5.0 - 1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: qt.Regions([]), "at least one pair"),
+        (lambda: qt.Regions([(square(0, 0, 1), 5.0), 3.0]), "list of pairs"),
+        (lambda: qt.Regions([([(0, 0), (1, 1)], 5.0)]), "three corners"),
+        (lambda: qt.Regions([(square(0, 0, 1), "slow")]), "one number"),
+        (lambda: qt.Limits(speed=(qt.Along([0.0, 9.0], [np.inf, np.inf]), None)), "finite, or None"),
+        (lambda: qt.Limits(speed=(qt.Along([0.0, 50.0], [1.0, 7.0]), qt.Along([0.0, 50.0], [5.0, 10.0]))), "at 50 m"),
+    ],
+)
+def test_bad_regions_are_named(make, text):
+    with pytest.raises(ValueError, match=text):
+        make()

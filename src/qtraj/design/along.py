@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,8 +21,32 @@ MAX_LISTED = 4
 """Largest number of values that are listed in texts."""
 
 
+class Changing(eqx.Module):
+    """A limit that changes along the way: its `values`, of which missing ones are NaN or infinite."""
+
+    values: eqx.AbstractVar[Float[Array, " n *sides"]]
+
+    def without_missing(self, side: int) -> Self:
+        """Return the same with infinite values instead of missing ones; `side` is −1 for a lower bound, otherwise 1."""
+        xp = namespace(self.values)
+        return self._with(xp.where(xp.isnan(self.values), side * np.inf, self.values))
+
+    def at_least(self, least: float) -> Self:
+        """Return the same with infinite lower bounds replaced by `least`."""
+        xp = namespace(self.values)
+        return self._with(xp.where(self.values == -np.inf, least, self.values))
+
+    def sides(self) -> tuple[Self | None, Self | None]:
+        """Return the lower and the upper side of pairs; a side without any value is None."""
+        lower, upper = (self._with(self.values[:, k]) for k in (0, 1))
+        return None if _is_empty(lower) else lower, None if _is_empty(upper) else upper
+
+    def _with(self, values: Any) -> Self:
+        return eqx.tree_at(lambda x: x.values, self, values)
+
+
 @storable
-class Along(eqx.Module):
+class Along(Changing):
     """The value of a limit as a function of the distance travelled from the start of the path.
 
     With the `kind` "step", the value `values[i]` holds from `distance[i]` to `distance[i + 1]` [m], and at a distance
@@ -43,6 +67,11 @@ class Along(eqx.Module):
     Raises:
         ValueError: For distances that do not start at 0 or do not increase, another number of values, a `kind` other
             than "step" and "linear", and for values that are missing although the kind is "linear".
+
+    Example:
+        >>> zones = Along([0.0, 40.0, 60.0], [12.0, 5.0, None])
+        >>> float(zones.at(50.0))
+        5.0
     """
 
     distance: Float[Array, " n"]
@@ -52,7 +81,7 @@ class Along(eqx.Module):
     def __init__(self, distance: ArrayInput, values: Any, kind: Kind = "step"):
         if kind not in ("step", "linear"):
             raise ValueError(f"kind must be 'step' or 'linear', but {kind!r} was given")
-        self.distance, self.values, self.kind = _distances(distance), _values(values), kind
+        self.distance, self.values, self.kind = _distances(distance), numbers_of(values), kind
         count = self.distance.shape[0]
         if self.values.shape not in ((count,), (count, 2)):
             raise ValueError(
@@ -65,28 +94,11 @@ class Along(eqx.Module):
 
     def __repr__(self) -> str:
         d, known = np.asarray(self.distance), concrete(self.values)
-        if known is None or known.ndim > 1 or d.size > MAX_LISTED:
-            return f"Along({d.size} values over {d[-1]:.6g} m)"
-        values = ["None" if np.isnan(x) or np.isinf(x) else f"{x:.6g}" for x in known]
         kind = "" if self.kind == "step" else ", kind='linear'"
+        if known is None or d.size > MAX_LISTED:
+            return f"Along({d.size} values over {d[-1]:.6g} m{kind})"
+        values = [_text(x) for x in known]
         return f"Along([{', '.join(f'{x:.6g}' for x in d)}], [{', '.join(values)}]{kind})"
-
-    def sides(self) -> tuple[Along | None, Along | None]:
-        """Return the lower and the upper side of pairs; a side without any value is None."""
-        lower, upper = (
-            Along(self.distance, self.values[:, k], "step" if self.kind == "step" else "linear") for k in (0, 1)
-        )
-        return tuple(None if _is_empty(x) else x for x in (lower, upper))  # type: ignore[return-value]
-
-    def without_missing(self, side: int) -> Along:
-        """Return the same with infinite values instead of missing ones; `side` is −1 for a lower bound, otherwise 1."""
-        xp = namespace(self.values)
-        return self._with(xp.where(xp.isnan(self.values), side * np.inf, self.values))
-
-    def at_least(self, least: float) -> Along:
-        """Return the same with infinite lower bounds replaced by `least`."""
-        xp = namespace(self.values)
-        return self._with(xp.where(self.values == -np.inf, least, self.values))
 
     def scaled(self, factor: Any) -> Along:
         """Return the same with the values multiplied by `factor`."""
@@ -117,16 +129,20 @@ class Along(eqx.Module):
         found = np.minimum.reduceat(np.append(own, np.inf), np.stack([first, last + 1], axis=1).ravel())
         return side * found[::2]
 
-    def _with(self, values: Any) -> Along:
-        return eqx.tree_at(lambda x: x.values, self, values)
-
 
 def _least(values: Float[Any, " n"], wanted: Bool[np.ndarray, "m n"]) -> Float[Any, " m"]:
     xp = namespace(values)
     return xp.min(xp.where(wanted, values, np.inf), axis=1)
 
 
-def _is_empty(x: Along) -> bool:
+def _text(x: Any) -> str:
+    """Return a value, or a pair of values, as text; a missing value is None."""
+    if np.ndim(x):
+        return f"({', '.join(map(_text, x))})"
+    return f"{x:.6g}" if np.isfinite(x) else "None"
+
+
+def _is_empty(x: Changing) -> bool:
     known = concrete(x.values)
     return known is not None and bool(np.isnan(known).all())
 
@@ -153,7 +169,12 @@ def _distances(given: ArrayInput) -> Array:
     return found
 
 
-def _values(given: Any) -> Array:
+def numbers_of(given: Any) -> Array:
+    """Return the values of a limit that changes as an array; a missing value is NaN.
+
+    **Raises:** ValueError for values that are not numbers, pairs or None.
+    """
+
     def number(x: Any) -> Any:
         return [number(y) for y in x] if isinstance(x, list | tuple) else np.nan if x is None else x
 

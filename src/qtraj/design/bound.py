@@ -1,6 +1,6 @@
 """The value of a limit on one path quantity: a bound on its magnitude, or on two sides of its signed value.
 
-A bound is a number, or an `Along` whose value changes along the way.
+A bound is a number, or an `Along` or `Regions` whose value changes along the way.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -11,7 +11,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from qtraj.design.along import Along
+from qtraj.design.along import Along, Changing
+from qtraj.design.regions import Regions
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -19,11 +20,11 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 from qtraj.path.sides import LOWER, has_sides, upper_side
 
-Limit = ArrayInput | Along | None | tuple[ArrayInput | Along | None, ArrayInput | Along | None]
+Limit = ArrayInput | Changing | None | tuple[ArrayInput | Changing | None, ArrayInput | Changing | None]
 """The value of a limit: a number for the magnitude, or a pair (lower, upper); None means no limit."""
 
-OneBound = Scalar | Along
-"""A bound that is set: a number, or a function of the distance."""
+OneBound = Scalar | Changing
+"""A bound that is set: a number, or one that changes along the way."""
 
 
 @storable
@@ -54,7 +55,7 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
     entry = quantity(name)
     if isinstance(value, Sides):
         value = value.lower, value.upper
-    if isinstance(value, Along) and value.values.ndim > 1:
+    if isinstance(value, Changing) and value.values.ndim > 1:
         value = value.sides()
     if isinstance(value, tuple | list):
         return _two_sided(value, entry)
@@ -65,17 +66,18 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
 
 def numbers(bound: OneBound) -> Any:
     """Return the number, or all numbers, of a bound as an array."""
-    return bound.values if isinstance(bound, Along) else bound
+    return bound.values if isinstance(bound, Changing) else bound
 
 
 def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
     """Raise a ValueError for a bound that is not positive and finite; an `Along` may be infinite in parts."""
-    if not isinstance(bound, Along):
+    if not isinstance(bound, Changing):
         require_positive(bound, what, entry.label)
         return
     known = concrete(bound.values)
     if known is not None and not (known > 0).all():
-        raise ValueError(f"the values of {what} must be positive [{entry.label}], but {known.tolist()} was given")
+        bad = float(known[~(known > 0)][0])
+        raise ValueError(f"the values of {what} must be positive, or None [{entry.label}], but {bad:g} was given")
 
 
 def by_side(name: str, bound: Bound) -> Iterator[tuple[str, OneBound]]:
@@ -105,7 +107,7 @@ def _names(name: str) -> tuple[str, str]:
 
 
 def _text(x: OneBound | None) -> str:
-    known = None if x is None or isinstance(x, Along) else concrete(x)
+    known = None if x is None or isinstance(x, Changing) else concrete(x)
     return repr(x) if known is None else np.array2string(known, formatter={"float_kind": lambda x: f"{x:.6g}"})
 
 
@@ -121,7 +123,7 @@ def _two_sided(given: Any, entry: PathQuantity) -> Bound | None:
         for k, x, side in zip(names, given, (-1, 1), strict=True)
     )
     for k, x in zip(names, (lower, upper), strict=True):
-        if x is None or isinstance(x, Along):
+        if x is None or isinstance(x, Changing):
             continue
         if (known := concrete(x)) is not None and not np.all(np.isfinite(known)):
             raise ValueError(f"the {k} bound of {what} must be finite, or None for no bound, but {given!r} was given")
@@ -138,7 +140,7 @@ def _of_magnitude(lower: OneBound | None, upper: OneBound | None, entry: PathQua
     what = f"the limit {entry.name}"
     if upper is not None:
         _require_positive(upper, f"the upper bound of {what}", entry)
-    if isinstance(lower, Along):  # without a bound it is not below zero anyway
+    if isinstance(lower, Changing):  # without a bound it is not below zero anyway
         lower = lower.at_least(0.0)
     known = None if lower is None else concrete(numbers(lower))
     if known is not None and np.any(known < 0):
@@ -157,10 +159,12 @@ def _signed_instead(entry: PathQuantity) -> str:
 def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str) -> None:
     if lower is None or upper is None:
         return
+    if isinstance(lower, Regions) or isinstance(upper, Regions):  # their values do not belong to the same places
+        return
     low, high, place = *(concrete(x) for x in _compared(lower, upper)), ""
     if low is None or high is None or not np.any(low >= high):
         return
-    if isinstance(lower, Along) or isinstance(upper, Along):
+    if isinstance(lower, Changing) or isinstance(upper, Changing):
         worst = int(np.argmax(low >= high))
         at = _places(lower, upper)[worst]
         low, high, place = (
@@ -175,24 +179,29 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
 
 def _places(*bounds: OneBound) -> np.ndarray:
     """Return all distances at which one of the bounds changes [m]."""
-    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Along)]))
+    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Changing)]))
 
 
 def _compared(lower: OneBound, upper: OneBound) -> tuple[Any, Any]:
     """Return the values of both bounds at all distances where one of them changes."""
-    if not (isinstance(lower, Along) or isinstance(upper, Along)):
+    if not (isinstance(lower, Changing) or isinstance(upper, Changing)):
         return lower, upper
     at = _places(lower, upper)
-    return tuple(x.at(at) if isinstance(x, Along) else x for x in (lower, upper))  # type: ignore[return-value]
+    sides = ((lower, -1), (upper, 1))
+    return tuple(x.strictest(at, at, side) if isinstance(x, Along) else x for x, side in sides)  # type: ignore[return-value]
 
 
 def _bound(value: Any, what: str, entry: PathQuantity, side: int) -> OneBound:
     """Return a number or an `Along` as a bound; missing values become infinite on this `side`."""
-    if not isinstance(value, Along):
+    if not isinstance(value, Changing):
         return _number(value, what, entry)
     if value.values.ndim > 1:
         raise ValueError(f"{what} must have one value for each distance, but {value!r} has pairs: pass it as the limit")
-    return value.without_missing(side)
+    found = value.without_missing(side)
+    known = concrete(found.values)
+    if known is not None and (side * known == -np.inf).any():
+        raise ValueError(f"the values of {what} must be finite, or None for no limit, but {value!r} was given")
+    return found
 
 
 def _number(value: Any, what: str, entry: PathQuantity) -> Scalar:

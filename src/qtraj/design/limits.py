@@ -10,9 +10,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.along import Along
+from qtraj.design.along import Along, Changing
 from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, part_of
 from qtraj.design.divisors import divisors
+from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
@@ -36,7 +37,8 @@ class Limits(eqx.Module):
     A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
     value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
     Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
-    negative, such as the speed, has no ending. Instead of a number, an `Along` changes along the way.
+    negative, such as the speed, has no ending. Instead of a number, `Along` and
+    `Regions` change along the way.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
@@ -167,7 +169,7 @@ class Limits(eqx.Module):
 
     def constant(self) -> dict[str, Float[Array, "*batch"]]:
         """Return the bounds that do not change along the way, by name."""
-        return {name: bound for name, bound in self.given().items() if not isinstance(bound, Along)}
+        return {name: bound for name, bound in self.given().items() if not isinstance(bound, Changing)}
 
     def on_timing(self) -> Limits:
         """Return the limits that `retime` supports; each of them depends on the timing of a path."""
@@ -186,13 +188,23 @@ class Limits(eqx.Module):
             lambda x: [getattr(x, name) for name in kept],
             self,
             list(kept.values()),
-            is_leaf=lambda x: x is None or isinstance(x, Sides | Along | Vehicle),
+            is_leaf=lambda x: x is None or isinstance(x, Sides | Changing | Vehicle),
         )
 
     @property
     def varying(self) -> list[str]:
         """The names of the bounds that change along the way."""
-        return [name for name, bound in self.given().items() if isinstance(bound, Along)]
+        return [name for name, bound in self.given().items() if isinstance(bound, Changing)]
+
+    def on(self, path: AbstractHodograph) -> Limits:
+        """Return the limits on one path: those in `Regions` become limits along the way."""
+        if not any(isinstance(bound, Regions) for bound in self.given().values()):
+            return self
+        bounds: dict[str, Any] = dict(self.given())
+        for name, bound in bounds.items():
+            if isinstance(bound, Regions):
+                bounds[name] = bound.along(path, quantity(name).side)
+        return limits_of(bounds, self.vehicle)
 
     def require_constant(self, what: str, instead: str) -> None:
         """Raise a ValueError if a limit changes along the way, which `what` does not support."""
@@ -263,7 +275,7 @@ class Limits(eqx.Module):
         The limits on the two sides of a signed value have the endings `_min` and `_max`. For a limit that changes along
         the way, the distance to `t` is computed by quadrature.
         """
-        limits: dict[str, Any] = self.given()
+        limits: dict[str, Any] = self.on(path).given()
         if self.varying:
             s = distance_to(path, t)
             limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.along import Along
+from qtraj.design.along import Along, Changing
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
@@ -35,8 +35,13 @@ class Varying:
     @property
     def values(self) -> Float[np.ndarray, " steps"]:
         """All values on the path; infinite where there is no limit."""
-        used = np.asarray(self.along.distance) < self.on.length
-        return np.asarray(self.along.values, float)[used]
+        return np.asarray(self.along.values, float)[: self.starts.size]
+
+    @property
+    def starts(self) -> Float[np.ndarray, " steps"]:
+        """The distances at which the values on the path start [m]; a value that starts at its end is not among them."""
+        d = np.asarray(self.along.distance, float)
+        return d[: max(1, np.searchsorted(d, self.on.length - self.on.uncertainty))]
 
     @property
     def strictest(self) -> Any:
@@ -64,14 +69,23 @@ class Varying:
         u = low[:, None] + (high - low)[:, None] * z
         exact = self.side * np.asarray(self.along.at(self.on.at(u.ravel()))).reshape(u.shape)
         line = exact[:, :1] + (exact[:, -1:] - exact[:, :1]) * z
-        d, values = np.asarray(self.along.distance), np.asarray(self.along.values)
-        steepest = np.max(np.abs(np.diff(values) / np.diff(d)), initial=0.0)
+        d = np.asarray(self.along.distance)
         inside = AT_ENDS * error
-        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + 2 * steepest * inside
+        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + 2 * inside * self._steepest(first, last, inside)
+        shifted = line[:, [0, -1]] - above[:, None]
         bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
-        found = np.where(bends[:, None], self.side * constant, line[:, [0, -1]] - above[:, None])
+        # The sign of a line is constant, because claims may contain its square.
+        worse = (shifted.sum(axis=1) <= 2 * self.side * strictest) | (shifted[:, 0] * shifted[:, 1] <= 0)
+        found = np.where((bends | worse)[:, None], self.side * constant, shifted)
         rest = exact - (found[:, :1] + (found[:, 1:] - found[:, :1]) * z)
         return self.side * found, np.max(rest, axis=1, initial=0.0)
+
+    def _steepest(self, first: np.ndarray, last: np.ndarray, inside: float) -> Float[np.ndarray, " n"]:
+        """Return the largest slope of the linear pieces at both ends and in the middle of intervals of the distance."""
+        d, values = np.asarray(self.along.distance, float), np.asarray(self.along.values, float)
+        slopes = np.append(np.abs(np.diff(values) / np.diff(d)), 0.0)
+        places = np.stack([first - inside, 0.5 * (first + last), last + inside])
+        return slopes[np.maximum(np.searchsorted(d, places, side="right") - 1, 0)].max(axis=0)
 
     def at(self, u: Parameters) -> Parameters:
         """Return the values at parameters of the path; where the value changes, the later one."""
@@ -79,8 +93,7 @@ class Varying:
 
     def changes(self) -> Float[np.ndarray, " m"]:
         """Return the distances [m] at which a step or a linear piece ends, on the path."""
-        d = np.asarray(self.along.distance, float)[1:]
-        return d[d < self.on.length]
+        return self.starts[1:]
 
 
 Bounds = Mapping[str, Any]
@@ -135,11 +148,6 @@ def table(bounds: Bounds, names: tuple[str, ...], knots: Any) -> Float[np.ndarra
     return np.stack([np.broadcast_to(x, ends.size - 1) for x in rows])
 
 
-def at(bounds: Bounds, u: Parameters) -> dict[str, Any]:
-    """Return the limits with the values at parameters of the path in the place of each `Varying`."""
-    return {name: x.at(u) if isinstance(x, Varying) else x for name, x in bounds.items()}
-
-
 def strictest(bounds: Bounds) -> dict[str, Any]:
     """Return the limits with the strictest values on the whole path."""
     return {name: x.strictest if isinstance(x, Varying) else x for name, x in bounds.items()}
@@ -147,5 +155,5 @@ def strictest(bounds: Bounds) -> dict[str, Any]:
 
 def all_values(bound: Any) -> Any:
     """Return the value, or all finite values, of a limit."""
-    values = bound.values if isinstance(bound, Varying | Along) else bound
-    return np.asarray(values)[np.isfinite(values)] if isinstance(bound, Varying | Along) else values
+    values = bound.values if isinstance(bound, Varying | Changing) else bound
+    return np.asarray(values)[np.isfinite(values)] if isinstance(bound, Varying | Changing) else values

@@ -28,9 +28,10 @@ def windows(limit: Varying) -> Windows:
     Parts of the path without a limit have no window, unless the whole path has no limit.
     """
     on, bounds = limit.on, limit.values
-    at = np.append(np.asarray(limit.along.distance, float)[: bounds.size], on.length)
+    at = np.append(limit.starts, on.length)
     if limit.along.kind == "linear":
         ends = on.parameters(at)
+        ends[[0, -1]] = on.ends[[0, -1]]
         return Windows(ends[:-1], ends[1:], bounds)
     low, high, kept = at[:-1], at[1:], np.isfinite(bounds)
     if not kept.any():
@@ -38,4 +39,5 @@ def windows(limit: Varying) -> Windows:
     low, high, bounds = low[kept], high[kept], bounds[kept]
     same = (bounds[1:] == bounds[:-1]) & (low[1:] == high[:-1])
     low, high, bounds = low[np.append(True, ~same)], high[np.append(~same, True)], bounds[np.append(True, ~same)]
-    return Windows(on.parameters(low - on.uncertainty), on.parameters(high + on.uncertainty), bounds)
+    starts, ends = on.parameters(low - on.uncertainty), on.parameters(high + on.uncertainty)
+    return Windows(starts, np.where(high == on.length, on.ends[-1], ends), bounds)

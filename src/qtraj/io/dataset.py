@@ -14,11 +14,12 @@ import xarray
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
-from qtraj.design.along import Along
+from qtraj.design.along import Changing
 from qtraj.design.fitting.facts import fit_variables
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
+from qtraj.design.regions import Regions
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import LABELS, variable_attributes
@@ -100,7 +101,7 @@ def path_dataset(
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
         variable, attribute = LIMIT_VARIABLES[name], limit_attribute(name)
-        if isinstance(limit, Along):
+        if isinstance(limit, Changing):
             variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
         else:
             variables[variable][2][attribute] = float(limit)
@@ -132,12 +133,13 @@ def path_dataset(
     return xarray.Dataset(variables, coordinates, whole)
 
 
-def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Along) -> tuple[Any, ...]:
+def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Changing) -> tuple[Any, ...]:
     """Return the variable of a limit that changes along the way."""
     rows = []
     for path in paths.values():
         s = distances(path).at(progress * float(path.duration))
-        rows.append(np.asarray(limit.at(s), float))
+        own = limit.along(path, quantity(name).side) if isinstance(limit, Regions) else limit
+        rows.append(np.asarray(own.at(s), float))
     about = f"limit on the {quantity(name).meaning}; infinite where there is none"
     return ("path", "sample"), np.stack(rows), variable_attributes(quantity(name).unit, about)
 

@@ -17,6 +17,7 @@ HOMES = (
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
+    "qtraj.design.regions",
     "qtraj.design.timing.outcome",
     "qtraj.design.timing.timing",
     "qtraj.design.tuning.outcome",

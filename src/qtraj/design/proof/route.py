@@ -33,6 +33,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     limits.require_batch((), "the route")
     if limits.on_road:
         require_one_direction(route, limits.vehicle)
+    limits = limits.on(route)
     segments, given = segments_of(route), limits.given()
     count, starts, names = len(segments.starts), segments.starts, tuple(given)
     if not names:

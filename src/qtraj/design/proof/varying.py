@@ -33,6 +33,7 @@ def certify_varying(
     **Raises:** ValueError for a batch of paths and for traced values.
     """
     require_known(path, limits)
+    limits = limits.on(path)
     whole, given = _divided(path, limits), limits.given()
     factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     found = [certify(path, limits.only(list(limits.constant())))] if limits.constant() else []

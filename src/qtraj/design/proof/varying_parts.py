@@ -62,9 +62,13 @@ class Parts(NamedTuple):
 
 
 def excess(side: int | np.ndarray, values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """Return the relative distances of values from bounds, positive where a bound is violated; −inf without a bound."""
+    """Return the distances of values from bounds, relative to the largest bound; positive where a bound is violated.
+
+    The result is −inf without a bound.
+    """
+    size = np.max(np.where(np.isfinite(bounds), np.abs(bounds), 0.0), axis=0, initial=LEAST)
     with np.errstate(invalid="ignore"):
-        found = side * (values - bounds) / np.maximum(np.abs(bounds), LEAST)
+        found = side * (values - bounds) / size
     return np.where(np.isinf(bounds), -np.inf, found)
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
-from qtraj.design.varying import Varying, at, strictest, varies
+from qtraj.design.varying import Varying, at_places, in_cells, strictest, varies
 
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
@@ -140,10 +140,11 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     speed = np.sqrt(np.sum(r[0] ** 2, axis=0))
     simpson = (speed[:, :-2:2] + 4 * speed[:, 1::2] + speed[:, 2::2]) / 6
     distances = simpson * (shape.lengths(cells) / (PLACES - 1))[:, None]
-    own = (
-        task._replace(bounds=at(task.bounds, shape.parameters(cells, PLACES).ravel())) if varies(task.bounds) else task
-    )
-    found, pace = relaxed(r[..., ::2], distances, own), speed[:, ::2]
+    if varies(task.bounds):
+        low, high = shape.parameters(cells, 2).T
+        cell, place = np.repeat(np.arange(low.size), PLACES), np.tile(np.linspace(0.0, 1.0, PLACES), low.size)
+        task = task._replace(bounds=at_places(in_cells(task.bounds, low, high), cell, place))
+    found, pace = relaxed(r[..., ::2], distances, task), speed[:, ::2]
     a = np.divide(found.squares, pace**2, out=np.zeros_like(pace), where=pace > 0)
     fourth = np.abs(a @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
     return Profile(a, pace, found.accelerations, fourth, found.times, found.bounds)

@@ -77,6 +77,12 @@ def of_path(
     return parts, (bool(slow[0, 0]), bool(slow[-1, 1]))
 
 
+def stops_of(parts: list[Part]) -> list[Any]:
+    """Return the parameters at which the velocity is zero."""
+    ends = ((x.start, x.stops[0] or not x.moves, x.end, x.stops[1] or not x.moves) for x in parts)
+    return [u for start, first, end, last in ends for u, stands in ((start, first), (end, last)) if stands]
+
+
 def known_segments(route: Route) -> Segments:
     """Return the segments of a route with concrete values, in NumPy arrays.
 

@@ -23,7 +23,7 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
-from qtraj.design.timing.sided import SIDES_OF_RATES
+from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.sources import Source
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
@@ -125,12 +125,13 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
     for name, limit in limits.items():
         entry = quantity(name)
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
-        wanted, divisor = finite & np.isfinite(strictest), entry.divisor
+        absent = (entry.side * strictest == np.inf) | ((name == SLOWEST) & (strictest <= 0))
+        wanted, divisor = finite & np.isfinite(strictest) & ~absent, entry.divisor
         found = _within(task, name, strictest, wanted)
         if divisor not in positive:
             own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
             positive[divisor] = forward & own.proved
-        proved = (positive[divisor] & found.proved) | (forward & (entry.side * strictest == np.inf))
+        proved = (positive[divisor] & found.proved) | (forward & absent)
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 

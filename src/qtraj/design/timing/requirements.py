@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.along import Along
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
@@ -103,27 +102,42 @@ def require_sides(limits: Limits) -> None:
             )
 
 
-def require_moving(bounds: Mapping[str, Any], speeds: tuple[Scalar | None, ...], stops: bool) -> None:
-    """Raise an error if the vehicle stops, or is too slow at an end, despite a lower bound on the speed."""
-    known = [None if x is None else concrete(all_values(x)) for x in (bounds.get(SLOWEST), *speeds)]
-    if known[0] is None:
-        return
-    if isinstance(bounds[SLOWEST], Along):
-        known[1:] = []
-    slow = any(v is not None and (v < known[0]).any() for v in known[1:])
-    if (stops or slow) and known[0].any():
-        contrary = "the path has stops" if stops else "a speed at an end is lower"
+def require_moving(
+    bounds: Mapping[str, Any], speeds: tuple[Scalar | None, ...], ends: tuple[Any, Any], stops: list[Any]
+) -> None:
+    """Raise an error if the vehicle stops, or is too slow at an end, despite a lower bound on the speed.
+
+    `ends` are the parameters of the path at its ends, and `stops` those at its stops.
+    """
+    at = [(u, 0.0, "the path has a stop there") for u in stops]
+    at += [(u, v, "the given speed is lower") for u, v in zip(ends, speeds, strict=True) if v is not None]
+    for u, v, contrary in at:
+        least, speed = _slowest_at(bounds, u), concrete(v)
+        if least is None or speed is None or not ((speed < least) & (least > 0)).any():
+            continue
+        where = f" at {float(u):.6g} s" if isinstance(bounds[SLOWEST], Varying) else ""
         raise ValueError(
-            f"the speed must be at least {known[0].tolist()} m/s, but {contrary}: omit the lower bound, or pass a path "
-            "without stops, and a start_speed and an end_speed within the limits"
+            f"the speed must be at least {least.tolist()} m/s{where}, but {contrary}: omit the lower bound, or pass a "
+            "path without stops, and a start_speed and an end_speed within the limits"
         )
 
 
-def faster_than_bound(v: Scalar | None, bounds: Mapping[str, Any]) -> Any:
-    """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away."""
+def _slowest_at(bounds: Mapping[str, Any], u: Any) -> np.ndarray | None:
+    """Return the lower bound on the speed at a parameter of the path, or None if it is unknown."""
+    bound = bounds.get(SLOWEST)
+    if isinstance(bound, Varying):
+        at = np.asarray(u, float)[None]
+        return bound.lines(at, at)[0, 0]
+    return None if bound is None else concrete(bound)
+
+
+def faster_than_bound(v: Scalar | None, bounds: Mapping[str, Any], u: Any) -> Any:
+    """Return the speed at an end, slightly increased if it equals the lower bound, from which the search keeps away.
+
+    `u` is the parameter of the path at this end.
+    """
     known = None if v is None else concrete(v)
-    constant = SLOWEST in bounds and not isinstance(bounds[SLOWEST], Along)
-    slowest = concrete(bounds[SLOWEST]) if constant else None
+    slowest = _slowest_at(bounds, u)
     if known is None or slowest is None:
         return v
     least = slowest * (1 + ABOVE)

@@ -20,7 +20,7 @@ from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.part_timing import TimedPart, moving_time, timed
-from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path
+from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path, stops_of
 from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
     faster_than_bound,
@@ -149,6 +149,7 @@ def retime(
     require_limits(limits)
     require_one_path(path, limits)
     require_known_along(path, limits)
+    limits = limits.on(path)
     require_float64(path)
     lap = bool(periodic)
     if lap:
@@ -166,11 +167,11 @@ def retime(
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: given[name] for name in NAMES if name in given}
-    require_moving(bounds, speeds, any(any(part.stops) or not part.moves for part in parts))
-    speeds = tuple(faster_than_bound(v, bounds) for v in speeds)
+    bounds, ends = on_path(bounds, path), (parts[0].start, parts[-1].end)
+    require_moving(bounds, speeds, ends, stops_of(parts))
+    speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
-    bounds = on_path(bounds, path)
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
         road, speeds = jax.tree.map(np.asarray, (road, speeds))

@@ -41,6 +41,8 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
+    if limits.varying and not (batch or is_traced(path, limits)):
+        limits = limits.on(path.path)
     cells = None if path.timing.coefficients.ndim != len(batch) + 2 else _provable(path)
     if cells is None or not given:
         return certify(path, limits)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.along import Along
+from qtraj.design.along import Along, Changing
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.curves import Curves, largest_of
@@ -27,7 +27,7 @@ def typical(limits: Limits) -> Float[np.ndarray, " limits"]:
 
 
 def _typical(name: str, bound: Any) -> float:
-    if not isinstance(bound, Along):
+    if not isinstance(bound, Changing):
         return float(np.asarray(bound))
     values, side = np.asarray(bound.values, float), quantity(name).side
     known = values[np.isfinite(values)]
@@ -40,6 +40,7 @@ def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) ->
     A step is the strictest one of the curve. The first node belongs to the previous curve, too; on a `closed` route,
     the last curve is before the first one. Linear limits have their values, except on curves with a progress.
     """
+    limits = limits.on(route)
     segments, on = segments_of(route), distances(route)
     s = on.at(np.append(segments.starts, segments.end))
     u = segments.starts[:, None] + segments.durations[:, None] * basis.FINE_NODES
