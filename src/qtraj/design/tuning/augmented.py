@@ -149,7 +149,14 @@ def _run(optimiser: Any, limits: Int[Array, " 2"], tasks: Task, z: Float[Array, 
 
         end = jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
         largest = jnp.max(end.best.peaks.value, axis=(-2, -1))
-        return Ends(to_box(tasks, end.best.y), end.best.cost, largest, end.stationary, jnp.maximum(end.steps, 0), jnp.ones_like(largest))
+        return Ends(
+            to_box(tasks, end.best.y),
+            end.best.cost,
+            largest,
+            end.stationary,
+            jnp.maximum(end.steps, 0),
+            jnp.ones_like(largest),
+        )
 
 
 class _Search(NamedTuple):

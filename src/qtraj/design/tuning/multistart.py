@@ -10,11 +10,11 @@ import numpy as np
 
 from qtraj.design.tuning import rescaling
 from qtraj.design.tuning.constraints import ABSENT
-from qtraj.design.tuning.model import build, objective_values
+from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
 from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import DURATION
-from qtraj.design.tuning.search import AbstractSearch, Ends, SearchResult
+from qtraj.design.tuning.search import TIE, AbstractSearch, Ends, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.subproblem import compute_step
@@ -151,7 +151,7 @@ def _rescued(
     feasible = found.largest <= FEASIBLE
     found = found._replace(stationary=found.stationary & ~feasible)
     if not searches.problem.objective.is_smooth:
-        found = found._replace(cost=objective_values(many.problem, found.z))
+        found = found._replace(cost=rescaling.values(many.problem, found.z))
     index = np.flatnonzero(feasible)
     if index.size:
         final = _search(method, many.take(index), found.z[:, index], report, "searches", True)
@@ -164,7 +164,7 @@ def _rescued(
 
 def _merit(ends: Ends) -> np.ndarray:
     """Return the numbers by which results are compared: the cost, or a large number that grows with the violation."""
-    cost = np.where(ends.stationary, ends.cost, ends.cost + 1e-9 * ends.unit)
+    cost = np.where(ends.stationary, ends.cost, ends.cost + TIE * ends.unit)
     met = (ends.largest <= FEASIBLE) & np.isfinite(cost)
     violation = np.nan_to_num(ends.largest, nan=1e3)
     return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))

@@ -14,8 +14,15 @@ Callback = Callable[[int], None]
 """A function that is called with the number of finished searches."""
 
 
+TIE = 1e-9
+"""A result that is not stationary is worse than a stationary one if their costs differ by less than `TIE` units."""
+
+
 class Ends(NamedTuple):
-    """The final points of a batch of searches; `largest` is the largest constraint value, and `unit` that of the cost."""
+    """The final points of a batch of searches.
+
+    `largest` is the largest constraint value, and `unit` the difference of costs that is a large one.
+    """
 
     z: Float[Any, "n batch"]
     cost: Float[Any, " batch"]

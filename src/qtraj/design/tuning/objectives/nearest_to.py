@@ -27,10 +27,10 @@ PANELS, PANEL_NODES = 8, 8
 class NearestTo(AbstractObjective):
     """The mean squared distance [m²] from a given path, ∫₀¹ |r(σ) − r*(σ)|² dσ.
 
-    r(σ) is the position on the tuned path, and r*(σ) that on the given path, where the arc length from the start is the
-    fraction σ of the whole length of each. So the objective depends on the shapes of both paths and on the directions in
-    which they are driven, but not on their timings. The integral is computed with 64 nodes. The given path is
-    represented by a cubic spline through 257 points at equal distances along it.
+    r(σ) and r*(σ) are the positions on the tuned and on the given path at which the arc length from the start is the
+    fraction σ of the length of the respective path. So the objective depends on the shapes of both paths and on the
+    directions in which they are driven, but not on their timings. The integral is computed with 64 nodes. The given
+    path is represented by a cubic spline through 257 points at equal distances along it.
     """
 
     name: ClassVar[str] = "nearest_to"
