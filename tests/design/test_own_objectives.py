@@ -58,6 +58,19 @@ def test_neither_a_constant_nor_a_factor_changes_the_path(method):
                 np.testing.assert_allclose(got, right, rtol=0, atol=RTOL[method] * np.abs(right).max())
 
 
+@pytest.mark.slow
+def test_an_infeasible_problem_has_one_verdict():
+    speeds = {"start.V_phi": (5.0, 9.0), "end.V_phi": (8.0, 12.0), "start.V_rho": (-2.0, 2.0), "end.V_rho": (-2.0, 2.0)}
+    options = {"method": "sqp", "fixed": ["duration"], "bounds": speeds, "starts": 2}
+    reference = tuned(distance, 0.0, 1.0, limit=0.02, **options)
+    assert reference.status == "infeasible"
+    for constant, factor in ((1e8, 1.0), (-1.0, 1e8), (1.0, 1e-8)):
+        best = tuned(distance, constant, factor, limit=0.02, **options)
+        assert best.status == "infeasible"
+        np.testing.assert_allclose(best.path.radius, reference.path.radius, rtol=1e-6)
+        assert best.result == reference.result
+
+
 def kinked(steepness, path):
     below = jax.nn.relu(4.7 - path.duration)
     return (path.duration - 6.0) ** 2 + steepness * below**2
