@@ -18,9 +18,6 @@ END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -1.0, 0.1])
 DURATION = 4.6
 LIMITS = qt.Limits(curvature=0.048)
 
-INTEGRATION = 1e-9
-"""[m] Error of positions at equal fractions of the arc length, from cubic splines and quadrature."""
-
 initial = qt.SpiralHelix.hermite(START, END, DURATION)
 
 
@@ -49,21 +46,6 @@ def by_definition(path, other, count=2000):
 def tuned(path=initial, limits=LIMITS, **options):
     settings = {"motion": "hermite", "duration": DURATION, "fixed": ["duration"], "starts": 1} | options
     return qt.tune(START, END, limits, nearest_to=path, **settings)
-
-
-def test_points_at_equal_fractions_of_the_arc_length():
-    circle = qt.SpiralHelix([10.0], [0.0, 0.4, 0.1], [0.0, 0.0], 5.0)
-    angle = np.linspace(0.0, float(circle.turn), 65)
-    expected = 10 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    np.testing.assert_allclose(equal_arcs(circle, 64), expected, atol=INTEGRATION)
-    np.testing.assert_allclose(equal_arcs(retimed(circle), 64), expected, atol=INTEGRATION)
-
-
-def test_points_of_a_route_that_stops():
-    line = np.linspace(0.0, 10.0, 6)[:, None] * np.array([1.0, 0.0, 0.0])
-    route = qt.Route([0.0, 1.0, 2.0, 4.0, 5.0, 6.0], line[[0, 1, 2, 2, 3, 4]], np.zeros((6, 3)), np.zeros((6, 3)))
-    points = np.asarray(equal_arcs(route, 16))
-    np.testing.assert_allclose(points[:, 0], np.linspace(0.0, 8.0, 17), atol=1e-6)
 
 
 def test_the_objective_is_the_one_defined():
@@ -168,6 +150,7 @@ def test_the_derivative_with_respect_to_the_given_path():
         ({"objective": "fastest"}, "nearest_to belongs to objective='nearest', but the objective is 'fastest'"),
         ({"weights": {"end.V_h": 2.0}}, "weights apply to objective='nearest'"),
         ({"nearest_to": 3.0}, "path must be a path"),
+        ({"nearest_to": jax.tree.map(lambda x: np.nan * x, initial)}, "a path with finite positions"),
         ({"nearest_to": jax.tree.map(lambda x: jnp.stack([x, x]), initial)}, "nearest_to must be one path"),
     ],
 )

@@ -40,13 +40,15 @@ class NearestTo(AbstractObjective):
     def __init__(self, path: AbstractHodograph):
         """Sample the given path.
 
-        **Raises:** ValueError if `path` is not a path, or if it is a batch.
+        **Raises:** ValueError if `path` is not a path, if it is a batch, or if its positions are not finite.
         """
         require_path(path)
         if np.ndim(path.duration):
             raise ValueError("nearest_to must be one path, but a batch was given: use jax.vmap, or tune one by one")
         points = equal_arcs(path, INTERVALS)
         self.points = points if is_traced(points) else np.asarray(points)
+        if not is_traced(points) and not np.isfinite(self.points).all():
+            raise ValueError("nearest_to must be a path with finite positions and a finite length, but it has others")
         self.second = matmul(spline_matrix(INTERVALS), self.points - self.points[:1])
 
     def value(self, problem: Any, z: Any) -> Any:
