@@ -97,9 +97,9 @@ def tune(
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
     by far the fastest, and the default for a named objective. An `optax.GradientTransformation` such as
     `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
-    at most `inner_steps` steps of the optimiser in each outer iteration. The augmented Lagrangian method needs only
-    first derivatives and is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp",
-    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
+    at most `inner_steps` steps of the optimiser in each outer iteration. Its steps need only first derivatives, and it
+    is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations
+    of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
 
     A callable objective must be a pure function. Its value may have any unit: the search takes the scale from the first
     and second derivatives, so a constant or a factor in the objective changes neither the path nor the status, up to
