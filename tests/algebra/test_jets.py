@@ -86,3 +86,14 @@ def test_a_weighted_sum_over_a_new_batch_axis():
     np.testing.assert_allclose(total.value, 1.75 * POINT[1] ** 2)
     np.testing.assert_allclose(total.gradient[1], 3.5 * POINT[1])
     np.testing.assert_allclose(total.hessian[1, 1], 3.5)
+
+
+def test_a_matrix_product_over_a_new_batch_axis():
+    x, matrix = variables(POINT)[1], np.array([[0.25, 0.75], [1.0, -2.0], [0.0, 1.0]])
+    nodes = np.array([[1.0], [2.0]])
+    product = jets.matrix_product(matrix, jets.spread(x) * jets.spread(x) * nodes)
+    sums = (matrix @ nodes)[:, :1]
+    np.testing.assert_allclose(product.value, sums * POINT[1] ** 2)
+    np.testing.assert_allclose(product.gradient[1], sums * 2 * POINT[1])
+    np.testing.assert_allclose(product.hessian[1, 1], np.broadcast_to(2 * sums, product.value.shape))
+    np.testing.assert_allclose(jets.matrix_product(matrix, nodes), matrix @ nodes)

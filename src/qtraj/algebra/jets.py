@@ -201,5 +201,17 @@ def weighted_sum(x: Any, weights: Float[np.ndarray, " k"]) -> Any:
     return _module(x).tensordot(weights, x, ((0,), (0,)))
 
 
+def matrix_product(matrix: Float[np.ndarray, "j k"], x: Any) -> Any:
+    """Return the product of a constant matrix and a jet or an array over its first batch axis."""
+    if isinstance(x, Jet):
+        parts = ((x.value, 0), (x.gradient, 1), (x.hessian, 2))
+        return Jet(*(None if y is None else _over_axis(matrix, y, axis) for y, axis in parts))  # type: ignore[arg-type]
+    return _module(x).tensordot(matrix, x, ((1,), (0,)))
+
+
+def _over_axis(matrix: np.ndarray, x: np.ndarray, axis: int) -> np.ndarray:
+    return np.moveaxis(np.tensordot(matrix, x, ((1,), (axis,))), 0, axis)
+
+
 def _module(x: Any) -> Any:
     return jnp if isinstance(x, jax.Array) else np

@@ -102,6 +102,11 @@ class AugmentedLagrangian(AbstractSearch):
     rounds: int
     inner_steps: int
 
+    @property
+    def total_steps(self) -> int:
+        """The maximum number of steps of one search."""
+        return self.rounds * (self.inner_steps + 1)
+
     def search(
         self,
         searches: Searches,
@@ -144,7 +149,14 @@ def _run(optimiser: Any, limits: Int[Array, " 2"], tasks: Task, z: Float[Array, 
 
         end = jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
         largest = jnp.max(end.best.peaks.value, axis=(-2, -1))
-        return Ends(to_box(tasks, end.best.y), end.best.cost, largest, end.stationary, jnp.maximum(end.steps, 0))
+        return Ends(
+            to_box(tasks, end.best.y),
+            end.best.cost,
+            largest,
+            end.stationary,
+            jnp.maximum(end.steps, 0),
+            jnp.ones_like(largest),
+        )
 
 
 class _Search(NamedTuple):
@@ -186,7 +198,7 @@ class _Search(NamedTuple):
         gradient_norm = jnp.max(jnp.abs(at.gradient))
         multipliers = jnp.maximum(s.constants.multipliers + s.constants.penalty * at.g, 0.0)
         here = Point(y, at.value, gradient_norm, at.cost, s.step, multipliers, times, peaks)
-        better = (s.step == 0) | _better(here, s.best)
+        better = (s.step == 0) | _better(here, s.best, task.problem.noise)
         best: Point = jax.tree.map(lambda a, b: jnp.where(better, a, b), here, s.best)
         solved = (s.steps >= 0) & (best.gradient_norm <= s.tolerance)
         round_ends = (s.steps < 0) | solved | s.stuck | (s.step >= self.inner_steps) | ~jnp.isfinite(at.value)
@@ -227,8 +239,8 @@ class _Search(NamedTuple):
         return y + s.stride * updates.astype(y.dtype), after
 
 
-def _better(here: Point, best: Point) -> Flag:
-    rounding = ROUNDING * (1 + jnp.abs(best.value))
+def _better(here: Point, best: Point, noise: Scalar) -> Flag:
+    rounding = ROUNDING * (1 + jnp.abs(best.value)) + noise
     lower = here.value < best.value - rounding
     return lower | ((here.value <= best.value + rounding) & (here.gradient_norm < best.gradient_norm))
 

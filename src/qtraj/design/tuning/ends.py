@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.foundation.namespace import xp
 from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import AZIMUTH_TOLERANCE
 
@@ -36,6 +37,12 @@ def in_world(state: Cylindrical, components: tuple[Any, Any, Any], orientation: 
     up = xp.broadcast_to(up, cos.shape)
     local = xp.stack([radial * cos - angular * sin, radial * sin + angular * cos, up], axis=-1)
     return _rotated(orientation, local, 1, xp)
+
+
+def local(vectors: Any, placement: Any, are_points: bool = True) -> Any:
+    """Return points or directions (*batch, n, 3) in world axes in the axes of a placement."""
+    origin = placement.origin[..., None, :] if are_points else 0.0
+    return _rotated(placement.orientation[..., None, :], vectors - origin, -1, xp)
 
 
 def vertical(orientation: Any, xp: Any) -> Any:

@@ -92,7 +92,7 @@ def cost_derivatives(searches: Searches, z: Float[np.ndarray, "n batch"]) -> tup
 def costs(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Float[np.ndarray, " batch"]:
     """Return the costs."""
     if not searches.problem.objective.is_smooth:
-        return custom.values(searches.problem, z) / searches.problem.scale
+        return (custom.values(searches.problem, z) - searches.problem.offset) / searches.problem.scale + 1
     return np.broadcast_to(searches.formulas.cost(z), searches.count)
 
 

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from qtraj.design.tuning import rescaling
 from qtraj.design.tuning.constraints import ABSENT
 from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
 from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import DURATION
-from qtraj.design.tuning.search import AbstractSearch, Ends, SearchResult
+from qtraj.design.tuning.search import TIE, AbstractSearch, Ends, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.subproblem import compute_step
@@ -111,6 +112,8 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
         own = dataclasses.replace(searches, weight=np.where(unmet, 0.0, 1.0))
         if not own.problem.objective.is_smooth and unmet.all():
             own = dataclasses.replace(own, problem=own.problem.without_objective())
+        if not own.problem.objective.is_smooth:
+            own = rescaling.measured(own, z)
         model = build(own, z, find_peaks(own, Curves(own, z))[0])
         penalty, multipliers = np.where(unmet, 1.0, 1e4), np.zeros(model.value.shape)
         for _ in range(2):  # the Hessian of the second subproblem contains the multipliers of the first
@@ -122,7 +125,8 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
     parts = (np.take_along_axis(x, order, axis=0) for x in (model.limit, model.time, multipliers))
     missing = [(0, rows - len(order)), (0, 0)]
     limit, time, multiplier = (np.pad(x, missing).T for x in parts)
-    return SearchResult(z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps)
+    scale = own.problem.scale
+    return SearchResult(z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps, scale)
 
 
 def _rescued(
@@ -146,6 +150,8 @@ def _rescued(
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
     feasible = found.largest <= FEASIBLE
     found = found._replace(stationary=found.stationary & ~feasible)
+    if not searches.problem.objective.is_smooth:
+        found = found._replace(cost=rescaling.values(many.problem, found.z))
     index = np.flatnonzero(feasible)
     if index.size:
         final = _search(method, many.take(index), found.z[:, index], report, "searches", True)
@@ -158,7 +164,7 @@ def _rescued(
 
 def _merit(ends: Ends) -> np.ndarray:
     """Return the numbers by which results are compared: the cost, or a large number that grows with the violation."""
-    cost = np.where(ends.stationary, ends.cost, ends.cost + 1e-9 * np.abs(ends.cost))
+    cost = np.where(ends.stationary, ends.cost, ends.cost + TIE * ends.unit)
     met = (ends.largest <= FEASIBLE) & np.isfinite(cost)
     violation = np.nan_to_num(ends.largest, nan=1e3)
     return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))
@@ -178,4 +184,8 @@ def _search(
         if report is not None:
             report(Progress(what, done, searches.count))
 
-    return method.search(searches, z, callback, satisfying)
+    if searches.problem.objective.is_smooth:
+        return method.search(searches, z, callback, satisfying)
+    return rescaling.run(
+        lambda few, points: method.search(few, points, callback, satisfying), searches, z, method.total_steps
+    )

@@ -51,6 +51,7 @@ class Formulas:
     duration: Any
     speed: Any
     scale: Any
+    offset: Any
     weights: Any
     heading_fixed: Any
     vertical: Any
@@ -67,6 +68,11 @@ class Formulas:
     def size(self) -> int:
         """Number of variables."""
         return len(self.names)
+
+    @property
+    def noise(self) -> Any:
+        """The rounding error of the cost due to a constant in a user's objective."""
+        return 10 * np.finfo(float).eps * abs(self.offset / self.scale)
 
     @property
     def zero(self) -> list[Any]:
@@ -108,9 +114,13 @@ class Formulas:
         return radius, angle, _cubic(a.height, b.height - a.height, first[2], last[2])
 
     def cost(self, z: Variables) -> Any:
-        """Return the objective divided by its scale."""
+        """Return the objective divided by its scale; for a user's objective, 1 plus its scaled change from `offset`."""
         # A bound method of a Module is slow.
-        return type(self.objective).value(self.objective, self, z) * (1 / self.scale)
+        value = type(self.objective).value(self.objective, self, z)
+        if self.objective.is_smooth:
+            return value * (1 / self.scale)
+        # Optimisers have tolerances relative to the cost; with the 1, these have a meaning.
+        return (value - self.offset) * (1 / self.scale) + 1.0
 
 
 class Problem(Formulas, eqx.Module):
@@ -128,7 +138,8 @@ class Problem(Formulas, eqx.Module):
     turn: Any  # [rad]
     duration: Any  # T₀ [s]
     speed: Any  # V_ref [m/s]
-    scale: Any  # magnitude of the objective
+    scale: Any  # unit of the objective
+    offset: Any  # a user's objective at the start of a search (see `rescaling`), otherwise 0
     placement: Placement
     vertical: Float[Any, "*batch 3"]  # the world's z axis in the axes of the placement
     weights: Float[Any, "*batch 7"]  # of the squared changes of VELOCITIES and of the duration, in "nearest"
@@ -231,6 +242,7 @@ def pose(
         duration=motion.duration(a, b, angle) if duration is None else xp.broadcast_to(duration, batch),
         speed=speed,
         scale=xp.ones_like(speed),
+        offset=xp.zeros_like(speed),
         placement=placed,
         vertical=ends.vertical(placed.orientation, xp),
         weights=xp.broadcast_to(weights, (*batch, 7)),

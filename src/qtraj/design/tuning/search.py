@@ -14,14 +14,22 @@ Callback = Callable[[int], None]
 """A function that is called with the number of finished searches."""
 
 
+TIE = 1e-9
+"""A result that is not stationary is worse than a stationary one if their costs differ by less than `TIE` units."""
+
+
 class Ends(NamedTuple):
-    """The final points of a batch of searches; `largest` is the largest constraint value."""
+    """The final points of a batch of searches.
+
+    `largest` is the largest constraint value, and `unit` the difference of costs that is a large one.
+    """
 
     z: Float[Any, "n batch"]
     cost: Float[Any, " batch"]
     largest: Float[Any, " batch"]
     stationary: Bool[Any, " batch"]  # ended at a stationary point
     steps: Int[Any, " batch"]
+    unit: Float[Any, " batch"]
 
     def take(self, index: Any) -> "Ends":
         """Return the final points of some searches."""
@@ -37,7 +45,8 @@ class SearchResult(NamedTuple):
     """The best results of problems: NumPy arrays, or JAX arrays inside a trace.
 
     `limit`, `time` and `multiplier` describe the active peaks; unused elements have the multiplier 0. `violation` is
-    the largest constraint value, or zero if all limits are satisfied.
+    the largest constraint value, or zero if all limits are satisfied. The multipliers belong to the objective divided
+    by `scale`.
     """
 
     z: Float[Any, "*batch n"]
@@ -47,10 +56,16 @@ class SearchResult(NamedTuple):
     violation: Float[Any, "*batch"]
     stationary: Bool[Any, "*batch"]
     steps: Int[Any, "*batch"]
+    scale: Float[Any, "*batch"]
 
 
 class AbstractSearch(eqx.Module):
     """A search method, which runs a batch of searches, each from its own start."""
+
+    @property
+    @abc.abstractmethod
+    def total_steps(self) -> int:
+        """The maximum number of steps of one search."""
 
     @abc.abstractmethod
     def search(

@@ -11,17 +11,17 @@ reduces the merit function by less than a tenth of the predicted decrease, a sec
 values after the step. If this fails, too, the trust radius is reduced. Finished searches make room for others.
 """
 
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from qtraj.design.tuning.constraints import ABSENT
 from qtraj.design.tuning.model import Model, build, costs, replaced, side_by_side
 from qtraj.design.tuning.peaks import Peaks, find_peaks, joined, peaks_of, renumbered, without
 from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
 from qtraj.design.tuning.searches import Curves, Searches
+from qtraj.design.tuning.sqp_state import State
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step, corresponding, transferred
 
 INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
@@ -65,6 +65,11 @@ class SequentialQuadratic(AbstractSearch):
 
     max_steps: int
 
+    @property
+    def total_steps(self) -> int:
+        """The maximum number of steps of one search."""
+        return self.max_steps
+
     def search(
         self,
         searches: Searches,
@@ -74,39 +79,7 @@ class SequentialQuadratic(AbstractSearch):
     ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
         end = run(searches, z, self.max_steps, callback, satisfying)
-        return Ends(end.z, end.cost, end.largest, end.stationary, end.steps)
-
-
-@dataclass
-class State:
-    """The state of a batch of searches: the current points, and the parameters of the next step."""
-
-    z: Float[np.ndarray, "n batch"]
-    cost: Float[np.ndarray, " batch"]
-    largest: Float[np.ndarray, " batch"]  # the largest constraint value
-    radius: Float[np.ndarray, " batch"]
-    penalty: Float[np.ndarray, " batch"]
-    size: Float[np.ndarray, " batch"]  # of the last accepted step
-    rejected: Bool[np.ndarray, " batch"]  # the last step was rejected
-    floor: Float[np.ndarray, " batch"]  # the penalty must not be lowered below this value
-    lowered: Bool[np.ndarray, " batch"]  # the penalty was lowered more recently than raised
-    steps: Int[np.ndarray, " batch"]
-    done: Bool[np.ndarray, " batch"]
-    stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
-
-    @property
-    def fields(self) -> list[np.ndarray]:
-        """The arrays of the state."""
-        return [getattr(self, f.name) for f in fields(self)]
-
-    def take(self, index: np.ndarray) -> "State":
-        """Return the states of some searches."""
-        return State(*(x[..., index] for x in self.fields))
-
-    def put(self, index: np.ndarray, other: "State") -> None:
-        """Replace the states of some searches."""
-        for f in fields(self):
-            getattr(self, f.name)[..., index] = getattr(other, f.name)
+        return Ends(end.z, end.cost, end.largest, end.stationary, end.steps, np.ones(searches.count))
 
 
 class _Trial(NamedTuple):
@@ -247,7 +220,9 @@ def _try(searches: Searches, s: State, step: Step) -> _Trial:
     gained = before - after
     rounding = 10 * np.finfo(float).eps * (np.abs(before) + s.penalty)
     converged = (step.predicted_decrease <= rounding) & (step.residual < STATIONARY)
-    enough, good = (gained >= part * step.predicted_decrease - rounding for part in (MIN_RATIO, GOOD_RATIO))
+    # A constant in a user's objective rounds its values but not its derivatives, which then decide.
+    error = rounding + searches.problem.noise
+    enough, good = (gained >= part * step.predicted_decrease - error for part in (MIN_RATIO, GOOD_RATIO))
     accepted = enough & ((step.predicted_decrease > rounding) | converged)
     return _Trial(step, z, cost, largest, peaks, accepted, good, converged)
 

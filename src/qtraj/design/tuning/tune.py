@@ -34,6 +34,7 @@ from qtraj.foundation.progress import Report
 from qtraj.foundation.reporting import reporting
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.placement import Placement
 from qtraj.path.vehicle import RoadParameters
 
@@ -52,6 +53,7 @@ def tune(
     fixed: Sequence[str] = (),
     bounds: Bounds | None = None,
     weights: Mapping[str, float] | None = None,
+    nearest_to: AbstractHodograph | None = None,
     corridor: ArrayInput | None = None,
     starts: int = 8,
     method: Method | None = None,
@@ -79,6 +81,11 @@ def tune(
     `bounds` maps names to (lower, upper) in the units above, where None means the default bound. `weights` maps names
     to weights of the squared changes in "nearest".
 
+    `nearest_to` is a path of any kind, which replaces the initial states in the objective "nearest". The objective then
+    is the mean squared distance [m²] between the points at equal fractions of the arc lengths of both paths. It depends
+    on the shape of `nearest_to` and on its direction, but not on its timing. If no limit determines the timing of the
+    result either, fix the duration: many paths are then equally near, and derivatives of the solution do not exist.
+
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
@@ -90,11 +97,13 @@ def tune(
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
     by far the fastest, and the default for a named objective. An `optax.GradientTransformation` such as
     `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
-    at most `inner_steps` steps of the optimiser in each outer iteration. The augmented Lagrangian method needs only
-    first derivatives and is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp",
-    or of outer iterations of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
+    at most `inner_steps` steps of the optimiser in each outer iteration. Its steps need only first derivatives, and it
+    is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations
+    of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
 
-    A callable objective must be a pure function. The search is compiled for each new function, and any value that the
+    A callable objective must be a pure function. Its value may have any unit: the search takes the scale from the first
+    and second derivatives, so a constant or a factor in the objective changes neither the path nor the status, up to
+    the rounding error of the value. The search is compiled for each new function, and any value that the
     function reads from its scope is constant from then on. If the function is a pytree, such as a
     `jax.tree_util.Partial` or an `equinox.Module`, its arrays are arguments of the compiled search, so new values need
     no recompilation. Each search of a batch stores its own copy of these arrays.
@@ -113,7 +122,7 @@ def tune(
     a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
     `throw`, RuntimeError if the status of any problem is not "converged".
     """
-    objective, motion = get_objective(objective), get_motion(motion)
+    objective, motion = get_objective(objective, nearest_to), get_motion(motion)
     require_choices(start, end, limits, objective, motion, duration is not None)
     method = get_method(method, objective.is_smooth, max_steps, inner_steps)
     bounds = dict(bounds or {})

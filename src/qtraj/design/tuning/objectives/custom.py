@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 
 MIN_BATCH = 8
@@ -46,9 +47,10 @@ class Custom(AbstractObjective):
         return jnp.asarray(self.function(problem.path(z)))
 
     def scale(self, problem: Any) -> Any:
-        """Return the magnitude of the objective for the initial path, or 1 if it is zero."""
-        size = abs(values(problem, np.zeros((problem.size, *problem.speed.shape))))
-        return size + (size == 0)
+        """Return 1, or the value for the initial path if it is not finite; `rescaling` sets the scale of a search."""
+        value = values(problem, np.zeros((problem.size, *problem.speed.shape)))
+        xp = namespace(value)
+        return xp.where(xp.isfinite(value), 1.0, value)
 
     def with_closure(self, problem: Any) -> "Custom":
         """Return an equal objective whose `parameters` include the traced arrays that the function closes over.
