@@ -179,7 +179,7 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
 
 def _places(*bounds: OneBound) -> np.ndarray:
     """Return all distances at which one of the bounds changes [m]."""
-    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Changing)]))
+    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Along)]))
 
 
 def _compared(lower: OneBound, upper: OneBound) -> tuple[Any, Any]:

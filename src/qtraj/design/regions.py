@@ -107,7 +107,7 @@ def _crosses(a: np.ndarray, b: np.ndarray, polygon: Float[np.ndarray, "m 2"]) ->
     """Return whether the lines from `a` to `b` (*shape, 2) touch an edge of the polygon."""
     p, q = polygon, np.roll(polygon, -1, axis=0)
     a, b = a[..., None, :], b[..., None, :]
-    return ((_side(a, b, p) * _side(a, b, q) <= 0) & (_side(p, q, a) * _side(p, q, b) <= 0)).any(axis=-1)
+    return np.any((_side(a, b, p) * _side(a, b, q) <= 0) & (_side(p, q, a) * _side(p, q, b) <= 0), axis=-1)
 
 
 def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import xarray
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
-from qtraj.design.along import Changing
+from qtraj.design.along import Along
 from qtraj.design.fitting.facts import fit_variables
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -101,7 +101,7 @@ def path_dataset(
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
         variable, attribute = LIMIT_VARIABLES[name], limit_attribute(name)
-        if isinstance(limit, Changing):
+        if isinstance(limit, Along | Regions):
             variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
         else:
             variables[variable][2][attribute] = float(limit)
@@ -133,7 +133,7 @@ def path_dataset(
     return xarray.Dataset(variables, coordinates, whole)
 
 
-def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Changing) -> tuple[Any, ...]:
+def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Along | Regions) -> tuple[Any, ...]:
     """Return the variable of a limit that changes along the way."""
     rows = []
     for path in paths.values():
