@@ -99,7 +99,8 @@ def path_dataset(
     for name, (dims, _, about) in columns[0].items():
         stacked = np.stack([column[name][1] for column in columns])
         variables[name] = (("path", *dims), stacked, about)
-    for name, limit in ({} if limits is None else limits.given()).items():
+    given: dict[str, Any] = {} if limits is None else limits.given()  # pyright: ignore[reportAssignmentType]
+    for name, limit in given.items():
         variable, attribute = LIMIT_VARIABLES[name], limit_attribute(name)
         if isinstance(limit, Along | Regions):
             variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
