@@ -24,7 +24,7 @@ INSTANTS = np.array([0.0, 0.1, 1 / 3])
 BATCH = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
-UNITS_IN_MEANING = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin")
+UNITS_IN_MEANING = ("objective", "bound", "bound_along", "worst_value", "segment_worst_value", "peak", "margin")
 UNITS_IN_MEANING += ("smallest_singular_value", "joints", "joint_rates", "joint_accelerations")
 """Numbers whose units depend on the case, such as angles and lengths of joints; the meaning contains them."""
 LONGEST = 240
@@ -94,6 +94,7 @@ def single():
             ("speed", "jerk"),
             *(INSTANTS * k for k in range(1, 7)),
             np.ones((2, n)) / 3,
+            np.ones((2, n)) / 5,
             np.arange(3.0),
             np.ones((2, 2)) / 7,
             np.array([-1, 1]),
