@@ -125,7 +125,7 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
     for name, limit in limits.items():
         entry = quantity(name)
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
-        absent = (entry.side * strictest == np.inf) | ((name == SLOWEST) & (strictest <= 0))
+        absent = np.isinf(strictest) | ((name == SLOWEST) & (strictest <= 0))
         wanted, divisor = finite & np.isfinite(strictest) & ~absent, entry.divisor
         found = _within(task, name, strictest, wanted)
         if divisor not in positive:
