@@ -11,7 +11,7 @@ from tests.race_track import race_track
 import qtraj as qt
 
 RACE = qt.Limits(speed=60.0, lateral_acceleration=15.0, longitudinal_acceleration=8.0)
-MAX_CPU = 10.0
+MAX_CPU = 20.0
 """Seconds of CPU for the lap of 2.3 km: spline, timing, tuning and proofs."""
 
 CURVED = 2e-3
