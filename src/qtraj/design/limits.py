@@ -200,11 +200,8 @@ class Limits(eqx.Module):
         """Return the limits on one path: those in `Regions` become limits along the way."""
         if not any(isinstance(bound, Regions) for bound in self.given().values()):
             return self
-        bounds: dict[str, Any] = dict(self.given())
-        for name, bound in bounds.items():
-            if isinstance(bound, Regions):
-                bounds[name] = bound.along(path, quantity(name).side)
-        return limits_of(bounds, self.vehicle)
+        own = {n: x.along(path, quantity(n).side) for n, x in self.given().items() if isinstance(x, Regions)}
+        return limits_of(self.given() | own, self.vehicle)
 
     def require_constant(self, what: str, instead: str) -> None:
         """Raise a ValueError if a limit changes along the way, which `what` does not support."""
