@@ -11,8 +11,11 @@ from tests.race_track import race_track
 import qtraj as qt
 
 RACE = qt.Limits(speed=60.0, lateral_acceleration=15.0, longitudinal_acceleration=8.0)
-MAX_CPU = 20.0
-"""Seconds of CPU for the lap of 2.3 km: spline, timing, tuning and proofs."""
+MAX_CPU = 10.0
+"""Seconds of CPU for the lap of 2.3 km: spline, timing, tuning and proofs.
+
+They are those of the thread that computes. Idle threads of BLAS wait in a loop, so their time depends on what else runs.
+"""
 
 CURVED = 2e-3
 """[m] The widths are those along normals at the joints; between the joints, the edges of the tube differ a little."""
@@ -39,12 +42,12 @@ def offsets(path, shape):
 
 @pytest.fixture(scope="module")
 def race():
-    start = time.process_time()
+    start = time.thread_time()
     points, widths = race_track()
     shape = qt.Shape.through(points, widths=widths)
     timed = qt.retime(shape, RACE)
     best = qt.tune_route(shape, RACE)
-    return shape, timed, best, time.process_time() - start
+    return shape, timed, best, time.thread_time() - start
 
 
 def test_race_track_is_driven_faster_within_its_widths(race):
