@@ -14,7 +14,7 @@ RACE = qt.Limits(speed=60.0, lateral_acceleration=15.0, longitudinal_acceleratio
 MAX_CPU = 10.0
 """Seconds of CPU for the lap of 2.3 km: spline, timing, tuning and proofs.
 
-They are those of the thread that computes. Idle threads of BLAS wait in a loop, so their time depends on what else runs.
+They are those of the thread that computes. Idle threads of BLAS spin, so their time depends on what else runs.
 """
 
 CURVED = 2e-3

@@ -37,8 +37,7 @@ class Limits(eqx.Module):
     A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
     value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
     Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
-    negative, such as the speed, has no ending. Instead of a number, `Along` and
-    `Regions` change along the way.
+    negative, such as the speed, has no ending. Instead of a number, `Along` and `Regions` change along the way.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
