@@ -84,7 +84,9 @@ def concrete(x: Any) -> np.ndarray | None:
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
     """Return `x[index]`; if `x` and `index` are concrete, NumPy computes it, because JAX is slower for small arrays."""
-    return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
+    if isinstance(x, Tracer) or isinstance(index, Tracer):
+        return x[index]
+    return like(np.asarray(np.asarray(x)[index]), x)
 
 
 def bucket(count: int) -> int:

@@ -20,6 +20,7 @@ from jax.core import Tracer
 from qtraj.foundation.trailing_axes import require_trailing, trailing_shapes
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Tree = TypeVar("Tree")
 
 
 class _Types(dict[type, bool]):
@@ -180,6 +181,20 @@ def on_host(x: Any) -> Any:
         return x
     array = np.asarray(x)
     return array.astype(np.float64) if jnp.issubdtype(array.dtype, jnp.floating) else array
+
+
+def in_float64(tree: Tree) -> Tree:
+    """Return a tree with its concrete float32 arrays as NumPy arrays in float64; tracers are unchanged.
+
+    What searches and proofs compute is then not limited by JAX's 64-bit mode, and the numbers do not change.
+    """
+
+    def converted(x: Any) -> Any:
+        kind = getattr(x, "dtype", np.dtype(float))
+        narrow = kind != np.float64 and jnp.issubdtype(kind, jnp.floating) and not isinstance(x, Tracer)
+        return np.asarray(x, np.float64) if narrow else x
+
+    return jax.tree.map(converted, tree)
 
 
 def to_jax(tree: Any, dtype: Any) -> Any:

@@ -270,10 +270,10 @@ class Certificate(AbstractOutcome):
 
 
 def require_float64(path: AbstractHodograph) -> None:
-    """Raise a ValueError if the precision of the path is lower than float64."""
+    """Raise a ValueError if the precision of a traced path is lower than float64."""
     if path.duration.dtype != jnp.float64:
         raise ValueError(
-            f"certificates need float64, but this path is in {path.duration.dtype}. Call "
+            f"inside jit, grad and vmap a certificate needs float64, but this path is in {path.duration.dtype}. Call "
             "jax.config.update('jax_enable_x64', True) before creating the path."
         )
 

@@ -136,7 +136,7 @@ def parts(
     )
     rate, growth = yaw(i, inv_speed, inv_level)
     half = 0.5 / unit
-    along = dot(ahead, r2) * inv_ahead, half * xp.sqrt(i.S)
+    along = dot(ahead, r2) * inv_ahead, half * i.v
     turning, climbing = (growth, half * rate), (i.W, half * i.V)
     squares = *(_square(*x) for x in (along, turning, climbing)), (i.A, half * i.B, half * half * i.S)
     forms = dict(zip(FORMS, squares, strict=True))
@@ -160,7 +160,7 @@ def parts(
     if vehicle is None:
         return found
     direction = xp.stack(ahead) * inv_ahead[None]
-    on_road = road.coefficients(direction, r2, xp.sqrt(i.S), half, vehicle, bounds)
+    on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
     # Where r' vanishes, r'' may be opposite to the direction of motion, so omit friction and power there.
     return found._replace(road=road.without(on_road, ~moving))
 

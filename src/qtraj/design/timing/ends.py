@@ -9,6 +9,7 @@ from jaxtyping import Float
 from qtraj.design.timing.grid import path_derivatives
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar
+from qtraj.path.frenet import safe_root
 from qtraj.path.hodograph import AbstractHodograph
 
 
@@ -36,7 +37,7 @@ def begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> Be
     xp: Any = jnp if is_traced(path, wanted) else np
     times = xp.asarray(path.duration) * np.linspace(0.0, 1.0, 257)
     with np.errstate(over="ignore"):  # the caller reports an infinite speed
-        speeds = xp.linalg.norm(xp.asarray(path_derivatives(path, times)[0]), axis=0)
+        speeds = safe_root(xp.sum(xp.asarray(path_derivatives(path, times)[0]) ** 2, axis=0))
     pace = xp.where(standing, 0.0, speeds[np.array([0, -1])])
     goal = xp.stack([xp.asarray(v) for v in wanted])
     bounded = (pace > 0) & (goal > 0) & xp.isfinite(goal)

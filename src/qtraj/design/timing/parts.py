@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from qtraj.design.timing.directions import STANDS
 from qtraj.design.timing.regular import first_zero
-from qtraj.foundation.arrays import concrete, is_traced
+from qtraj.foundation.arrays import concrete, constants, is_traced
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
 from qtraj.path.hodograph import AbstractHodograph
@@ -52,9 +52,9 @@ def of_path(
 
     `names` are those of the limits, and `regular` indicates whether it is known that the velocity is never zero.
 
-    **Raises:** ValueError for a traced route, a batch of routes, a route without motion, a route whose velocity is zero
-    within a segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose acceleration
-    jumps.
+    **Raises:** ValueError for a route inside jit or vmap, a batch of routes, a route without motion, a route whose
+    velocity is zero within a segment, or a route whose velocity jumps. With a limit on the jerk, also for a route whose
+    acceleration jumps.
     """
     if not isinstance(path, Route):
         return [Part(np.zeros(()), path.duration, 0, 1)], (False, False)
@@ -84,16 +84,23 @@ def stops_of(parts: list[Part]) -> list[Any]:
 
 
 def known_segments(route: Route) -> Segments:
-    """Return the segments of a route with concrete values, in NumPy arrays.
+    """Return the segments of a route with known values, in NumPy arrays; the route may be differentiated.
 
-    **Raises:** ValueError for a batch of routes or a traced route.
+    **Raises:** ValueError for a batch of routes, for a route inside jit or vmap, and for times of joints that are
+    differentiated: the cells of the timing, whose ends are at the joints, are constants.
     """
-    if route.duration.ndim or is_traced(route):
+    known = constants(route)
+    if route.duration.ndim or is_traced(known):
         raise ValueError(
-            "retime needs a route with concrete values: call it once for each route, without jit, grad or vmap over "
-            "the route. The limits may be traced."
+            "retime needs a route with known values: call it once for each route, outside jit and vmap. The limits may "
+            "be traced, and grad and jvp may be with respect to the states of the route."
         )
-    return segments_of(route)
+    if is_traced(route.starts, route.duration):
+        raise ValueError(
+            "retime has no derivatives with respect to the times of the joints of a route: differentiate with respect "
+            "to their positions, velocities and accelerations."
+        )
+    return segments_of(known)
 
 
 def standing_ends(s: Segments) -> np.ndarray:

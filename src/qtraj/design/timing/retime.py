@@ -47,6 +47,7 @@ from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
@@ -119,9 +120,10 @@ def retime(
     limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
     then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
-    `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest
-    values of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have concrete
-    values, but its limits may be traced.
+    `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest values
+    of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have known values, as
+    under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states of its joints, but
+    not with respect to their times. Its limits may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
@@ -129,12 +131,12 @@ def retime(
 
     **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
     limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
-    wrong `tolerance` or `duration`, a `duration` with traced arguments, float32, a path that has a timing already, a
-    batch, a path other than a route whose velocity is zero at an instant, a route that is traced, is always at rest,
-    has a velocity of zero within a segment, or whose velocity jumps (with a limit on the jerk, also a route whose
-    acceleration jumps), and a route with stops and a limit on power but none on acceleration, friction or jerk; with
-    `periodic`, for a path that does not end as it starts or has stops, and for a speed at an end. RuntimeError with
-    `throw` if the retiming fails.
+    wrong `tolerance` or `duration`, a `duration` with traced arguments, a traced path in float32, a path that has a
+    timing already, a batch, a path other than a route whose velocity is zero at an instant, a route inside `jit` or
+    `vmap` or with differentiated times, a route that is always at rest, has a velocity of zero within a segment, or
+    whose velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a
+    limit on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it
+    starts or has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
     """
     of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
@@ -149,7 +151,7 @@ def retime(
     require_limits(limits)
     require_one_path(path, limits)
     require_known_along(path, limits)
-    limits = limits.on(path)
+    path, limits = in_float64((path, limits.on(path)))
     require_float64(path)
     lap = bool(periodic)
     if lap:
@@ -175,7 +177,7 @@ def retime(
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
         road, speeds = jax.tree.map(np.asarray, (road, speeds))
-    posed = Posed(path, constants(source(path)), bounds, road, names, lap, knots, tolerance)
+    posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}

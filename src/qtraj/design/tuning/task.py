@@ -45,5 +45,7 @@ def one(tree: Any) -> Any:
 
 
 def as_jax(tree: Any) -> Any:
-    """Return the NumPy arrays in `tree` as arrays of JAX."""
+    """Return the NumPy arrays in `tree` as arrays of JAX, unless JAX would round them to float32."""
+    if jnp.result_type(float) != np.float64:
+        return tree
     return jax.tree.map(lambda x: x if isinstance(x, jax.Array) else as_array(x, np.asarray(x).dtype), tree)

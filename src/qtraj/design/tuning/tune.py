@@ -28,7 +28,8 @@ from qtraj.design.tuning.problem import broadcasting, pose
 from qtraj.design.tuning.searches import searches_of
 from qtraj.design.tuning.targets import search_limits
 from qtraj.design.tuning.task import Task, one
-from qtraj.foundation.arrays import as_array, as_float, constants, is_traced
+from qtraj.foundation.arrays import as_float, constants, is_traced, like
+from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.foundation.reporting import reporting
@@ -118,10 +119,13 @@ def tune(
     Outside `jit` and `vmap`, `grad` runs the same compiled search as a call without derivatives. Under all of these
     transformations, infeasible problems get no advice.
 
-    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or in float32. A problem without
-    a solution is not an error: its `status` is "infeasible", and its `result` contains the reason and advice. With
-    `throw`, RuntimeError if the status of any problem is not "converged".
+    **Precision**: float32 states are converted, the search and the proof use float64, and the path is in float64.
+
+    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or for float32 inside `jit`,
+    `grad` or `vmap`. A problem without a solution is not an error: its `status` is "infeasible", and its `result`
+    contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not "converged".
     """
+    start, end, limits, placement = in_float64((start, end, limits, placement))
     objective, motion = get_objective(objective, nearest_to), get_motion(motion)
     require_choices(start, end, limits, objective, motion, duration is not None)
     method = get_method(method, objective.is_smooth, max_steps, inner_steps)
@@ -179,13 +183,13 @@ def tune(
 def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
     """Return both states with a batch dimension, and the user's batch shape, which is () for one problem.
 
-    **Raises:** ValueError if the precision is lower than float64, or if batches are empty or have different sizes.
+    **Raises:** ValueError for traced float32, or if batches are empty or have different sizes.
     """
     for state in (start, end):
         if state.position.dtype != jnp.float64:
             raise ValueError(
-                f"tuning needs float64, but these states are in {state.position.dtype}. Call "
-                "jax.config.update('jax_enable_x64', True) before creating them."
+                f"inside jit, grad and vmap, tuning needs float64, but these states are in {state.position.dtype}. "
+                "Call jax.config.update('jax_enable_x64', True) before creating them."
             )
     shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
     if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
@@ -199,7 +203,7 @@ def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, 
     def expanded(x: Any) -> Any:
         if isinstance(x, Tracer):
             return jnp.broadcast_to(x, (count, 3))
-        return as_array(np.broadcast_to(np.asarray(x), (count, 3)), x.dtype)
+        return like(np.broadcast_to(np.asarray(x), (count, 3)), x)
 
     both = jax.tree.map(expanded, (start, end))
     return *both, batch

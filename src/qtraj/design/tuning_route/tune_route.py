@@ -20,6 +20,7 @@ from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.driving import segments_of
@@ -103,13 +104,14 @@ def tune_route(
     problem of the last search, with limits at its instants and constant margins. They are NaN if that search does not
     converge, or if the limits contradict each other.
 
-    **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a route in float32, an
-    unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces, "fastest"
-    without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed` route that
-    does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape also
-    without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with `throw`
-    if a limit is not proved to be satisfied.
+    **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
+    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces,
+    "fastest" without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed`
+    route that does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape
+    also without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with
+    `throw` if a limit is not proved to be satisfied.
     """
+    route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
         require_limits(limits)
         objective, closed = objective or "fastest", route.closed
