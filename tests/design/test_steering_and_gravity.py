@@ -1,5 +1,7 @@
 """Steering angle and rate, load factor, tilt and bank angle: values, derivatives, proofs and searches."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -306,11 +308,15 @@ def test_limits_that_bind_are_tuned_and_proved(given):
 
 
 def test_advice_is_in_the_units_of_the_user():
-    """Between these states no path has a steering angle this small."""
-    best = qt.tune(START, END, qt.Limits(steering_angle=0.05, vehicle=CAR), motion="uniform", starts=2)
+    """With one turn of 90°, no path between these states bends this much everywhere."""
+    best = qt.tune(START, END, qt.Limits(steering_angle=(0.3, None), vehicle=CAR), motion="uniform", starts=2)
     assert not best.converged
-    assert "steering_angle" in str(best.result)
-    assert " rad" in str(best.result)
+    smallest = best.certificate.worst["steering_angle_min"][1]
+    assert f"the largest minimum found is {smallest:.6g} rad" in str(best.result)
+    lower = float(re.search(r"lower steering_angle_min to ([\d.]+) rad", str(best.result))[1])
+    assert 0.999 * smallest < lower < smallest
+    limits = qt.Limits(steering_angle=(lower, None), vehicle=CAR)
+    assert qt.tune(START, END, limits, motion="uniform", starts=2).converged
 
 
 def test_storage(tmp_path):
