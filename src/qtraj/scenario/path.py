@@ -94,7 +94,8 @@ def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
     The message says that `what`, such as a limit, needs it.
     """
     if needs and vehicle is None:
-        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with the mass")
+        contents = "the mass and the wheelbase" if needs == WHEELBASE else "the mass"
+        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with {contents}")
     if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
         raise ValueError(f"{what} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
     if needs == WHEELBASE and vehicle is not None and vehicle.wheelbase is None:
