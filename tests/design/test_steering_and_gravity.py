@@ -202,6 +202,15 @@ def test_a_vertical_path_has_no_bank_angle():
         assert np.isfinite([number, slope]).all()
 
 
+def test_a_straight_level_road():
+    """The polynomials of the angles vanish identically."""
+    line = qt.Route([0.0, 2.0, 4.0], [[0, 0, 0], [10, 0, 0], [20, 0, 0]], [[5, 0, 0]] * 3, [[0, 0, 0]] * 3)
+    around = dict.fromkeys(SIGNED, (-0.1, 0.1)) | {"tilt": 0.1, "load_factor": (0.9, 1.1)}
+    assert qt.certify(line, qt.Limits(**around, vehicle=CAR)).holds
+    above = dict.fromkeys(("tilt", *SIGNED), (0.1, None)) | {"load_factor": (1.1, None)}
+    assert set(qt.certify(line, qt.Limits(**above, vehicle=CAR)).status.values()) == {"broken"}
+
+
 def test_at_a_standstill():
     """From rest to rest on a curve: only gravity and the acceleration in the direction of motion act at the ends."""
     states = [[0.0, 0, 0], [10.0, 3.0, 0], [20.0, 0, 0]], [[0.0, 0, 0], [5.0, 0, 0], [0.0, 0, 0]], [[1.0, 0, 0]] * 3
