@@ -67,7 +67,10 @@ def random_path(rng, kind):
 
 
 class Exact:
-    """The squared quantities of a path at fractions of its duration, in floats or with 50 digits."""
+    """The squared quantities of a path at fractions of its duration, in floats or with 50 digits.
+
+    For an angle, it is the square of the tangent of the angle, or of half of it (see `PathQuantity.tangent_of`).
+    """
 
     def __init__(self, path):
         if isinstance(path, qt.Route):
@@ -85,7 +88,8 @@ class Exact:
         first, second, third = ([derivative(part, t, k) for k in range(5)] for part in parts)
         if self.turns:
             first, second = turning(first, second[1:])
-        entry, i = QUANTITIES[name], Invariants(list(zip(first, second, third, strict=True)))
+        root = np.sqrt if isinstance(u, np.ndarray) else mpmath.sqrt
+        entry, i = QUANTITIES[name], Invariants(list(zip(first, second, third, strict=True)), root=root)
         return entry.numerator(i) / (1 if entry.denominator is None else entry.denominator(i))
 
     def largest(self, name):
@@ -143,6 +147,18 @@ def vertex(before, middle, after):
     return min(max((before - after) / (2 * bend), -1), 1) if bend < 0 else 0
 
 
+def value_of(name, square):
+    """Return the value of a quantity with this square, or this squared tangent of an angle."""
+    part, value = QUANTITIES[name].tangent_of, mpmath.sqrt(square)
+    return part * mpmath.atan(value) if part else value
+
+
+def square_of(name, value):
+    """Return the inverse of `value_of` for a float."""
+    part, value = QUANTITIES[name].tangent_of, mpmath.mpf(value)
+    return (mpmath.tan(value / part) if part else value) ** 2
+
+
 def chosen(rng, kind):
     """Return the names of the quantities to check on a path."""
     return [x for x in NAMES if not (kind == "quintic" and x in LONG) or rng.integers(RARELY) == 0]
@@ -156,7 +172,7 @@ def problems(rng, kind, count):
         exact, limits = Exact(path), {}
         for name in chosen(rng, kind):
             margin = rng.choice([-1, 1]) * 10 ** rng.uniform(np.log10(SMALLEST), np.log10(LARGEST))
-            limits[name] = float(mpmath.sqrt(exact.largest(name)) * (1 + margin))
+            limits[name] = float(value_of(name, exact.largest(name)) * (1 + margin))
         found.append((path, exact, limits))
     return found
 
@@ -175,7 +191,7 @@ def certificates(found, kind, batch):
 
 def contradicted(exact, name, limit, status, at, rng):
     """Return whether values with 50 digits contradict a status; `at` is the reported instant [s]."""
-    bound = mpmath.mpf(limit) ** 2
+    bound = square_of(name, limit)
     if status == "proved":
         instants = [mpmath.mpf(float(u)) for u in rng.random(INSTANTS)]
         return exact.largest(name) > bound or any(exact.square(name, u) > bound for u in instants)

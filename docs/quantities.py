@@ -6,14 +6,20 @@ Run it from the folder of the project:  .venv/bin/python docs/quantities.py
 import re
 from pathlib import Path
 
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, PathQuantity
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE, PathQuantity
 from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.sides import has_sides, upper_side
 
 PAGE = Path(__file__).parent / "howto" / "limits.md"
 BEGIN = "<!-- begin of the table that docs/quantities.py writes -->"
 END = "<!-- end of the table -->"
-NEEDS = {"": "–", VEHICLE: "a vehicle", INERTIA: "its inertia", PRINCIPAL: "its principal inertia"}
+NEEDS = {
+    "": "–",
+    VEHICLE: "a vehicle",
+    INERTIA: "its inertia",
+    PRINCIPAL: "its principal inertia",
+    WHEELBASE: "its wheelbase",
+}
 HEADER = "| limit | unit | meaning | sides | needs |\n|---|---|---|---|---|"
 
 

@@ -12,8 +12,8 @@ import pytest
 
 import qtraj as qt
 
-LONGEST = 900
-"""Characters of a signature, on nine lines of a terminal."""
+LONGEST = 1100
+"""Characters of a signature, on eleven lines of a terminal."""
 NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
 
 

@@ -27,7 +27,7 @@ def test_a_wrong_status_is_detected(kind):
     with mpmath.workdps(exact_proofs.DIGITS):
         exact = exact_proofs.Exact(exact_proofs.random_path(rng, kind))
         for name in exact_proofs.NAMES:
-            peak = mpmath.sqrt(exact.largest(name))
+            peak = exact_proofs.value_of(name, exact.largest(name))
             for factor, wrong, right in ((1 - 1e-12, "proved", "broken"), (1 + 1e-12, "broken", "proved")):
                 limit = float(peak * factor)
                 assert exact_proofs.contradicted(exact, name, limit, wrong, 0.0, rng), name

@@ -15,10 +15,13 @@ from scipy.optimize import minimize_scalar
 import qtraj as qt
 from qtraj.path.frenet import Invariants
 from qtraj.path.moment_quantities import MOMENTS
+from qtraj.path.path_quantity import WHEELBASE
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import value as value_of
+from qtraj.path.vehicle import GRAVITY, NO_VEHICLE
 
 ALL = {name: 1.0 for name, entry in QUANTITIES.items() if not entry.needs_vehicle}
+STEERING = [name for name, entry in QUANTITIES.items() if entry.needs == WHEELBASE]
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]
 
 
@@ -43,6 +46,7 @@ def test_quantities_match_their_definitions(placement):
     v, a = r[1], r[2]
     speed = np.linalg.norm(v)
     at, upright = qt.trihedral(path, t), qt.trihedral(path, t, qt.Upright())
+    force = a + np.array([0.0, 0.0, GRAVITY])
     expected = {
         "curvature": np.linalg.norm(np.cross(v, a)) / speed**3,
         "torsion": abs(np.cross(v, a) @ r[3]) / np.linalg.norm(np.cross(v, a)) ** 2,
@@ -63,6 +67,9 @@ def test_quantities_match_their_definitions(placement):
         "sharpness": abs(rate_of(bend, path, t)) / np.hypot(v[0], v[1]),
         "vertical_speed": abs(v[2]),
         "vertical_acceleration": abs(a[2]),
+        "load_factor": np.linalg.norm(force) / GRAVITY,
+        "tilt": np.arccos(force[2] / np.linalg.norm(force)),
+        "bank_angle": abs(np.arctan2(*(force @ np.asarray([upright.normal, upright.binormal]).T))),
     }
     assert set(expected) == set(ALL)
     values = jax.jit(lambda path, t: qt.Limits(**ALL).values(path, t))(path, t)
@@ -220,7 +227,10 @@ def degree(entry, turning):
         x, y, z = degrees
         degrees = (max(x - 1, y + turning), max(y - 1, x + turning), max(z - 1, 0))
         derivatives.append(degrees)
-    invariants = Invariants([tuple(map(Degree, vector)) for vector in derivatives])
+    rows = [tuple(map(Degree, vector)) for vector in derivatives]
+    constant = NO_VEHICLE._replace(gravity=Degree(0), wheelbase=Degree(0))
+    # The degree is that of the inequality without roots.
+    invariants = Invariants(rows, vehicle=constant, root=lambda square: square)
     return max(entry.numerator(invariants), entry.denominator(invariants) if entry.denominator else 0)
 
 
@@ -228,7 +238,7 @@ def test_the_page_states_the_degrees_of_the_inequalities():
     page = (Path(__file__).parents[2] / "docs" / "tuning.md").read_text(encoding="utf-8")
     stated = re.findall(r"^\|[^|]*\|(?:[^|]|\\\|)*\| (\d+) / (\d+) \|", page, flags=re.M)
     assert sorted((int(a), int(b)) for a, b in stated) == sorted(
-        (degree(QUANTITIES[name], 0), degree(QUANTITIES[name], 2)) for name in (*ALL, *MOMENTS)
+        (degree(QUANTITIES[name], 0), degree(QUANTITIES[name], 2)) for name in (*ALL, *MOMENTS, *STEERING)
     )
 
 

@@ -12,7 +12,7 @@ from qtraj.batch import executables
 from qtraj.foundation import units
 from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.moment_quantities import MOMENTS
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE
 from qtraj.path.quantity import quantity
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.values import value
@@ -359,9 +359,11 @@ def test_outputs_say_what_they_need():
         *MAGNITUDES.values(),
     }
     assert {name for name, entry in CHANNELS.items() if entry.needs == PRINCIPAL} == set(MOMENTS)
-    assert set(outputs_with(qt.Vehicle(1.0, inertia=[1.0, 2.0, 2.5]))) == set(CHANNELS)
-    assert set(outputs_with(TRUCK)) == set(CHANNELS) - set(MOMENTS)  # its bank rolls the principal axes
-    assert set(outputs_with(qt.Vehicle(1.0))) == set(CHANNELS) - {"moment", *MOMENTS}
+    steering = {name for name, entry in CHANNELS.items() if entry.needs == WHEELBASE}
+    assert steering == {"steering_angle", "steering_rate", "steering_angle_magnitude", "steering_rate_magnitude"}
+    assert set(outputs_with(qt.Vehicle(1.0, inertia=[1.0, 2.0, 2.5], wheelbase=2.0))) == set(CHANNELS)
+    assert set(outputs_with(TRUCK)) == set(CHANNELS) - set(MOMENTS) - steering  # its bank rolls the principal axes
+    assert set(outputs_with(qt.Vehicle(1.0))) == set(CHANNELS) - {"moment", *MOMENTS} - steering
 
 
 def two_vehicles():

@@ -139,6 +139,24 @@ def test_a_key_with_several_forms_counts_once(read, line):
     assert " more)" not in str(error.value)
 
 
+STEERING = "[limits]\nsteering_angle = [-0.3, 0.4]\nload_factor = 1.4\n"
+
+
+def test_limits_on_steering_need_a_wheelbase(read):
+    limits = read(f"{STATES}{STEERING}[vehicle]\nmass = 1.0\nwheelbase = 2.7\n").scenario.all_limits()
+    assert set(limits.given()) == {"steering_angle_min", "steering_angle_max", "load_factor"}
+    assert float(limits.vehicle.wheelbase) == 2.7
+    for vehicle, message in (
+        ("", r"limits\.steering_angle needs a vehicle: .* with the mass and the wheelbase"),
+        ("[vehicle]\nmass = 1.0\n", r"limits\.steering_angle needs .*: set the key 'vehicle\.wheelbase' \[m\]"),
+        ("[vehicle]\nmass = 1.0\nwheelbase = 0\n", "'vehicle.wheelbase' .* positive"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read(STATES + STEERING + vehicle)
+    with pytest.raises(ValueError, match=r"steering_angle must be an angle below 1\.5708 rad, but 25 rad"):
+        read(STATES + "[limits]\nsteering_angle = 25\n")
+
+
 def test_a_faulty_entry_is_named_and_its_key_counts_once(read):
     text = STATES.replace("[12, 0.0, 0.0]", "[12, 'x', 'y']") + "[tune]\nstarts = -1\n"
     with pytest.raises(ValueError, match=r"'start\.position\[1\]' has the value 'x': .* \(and 1 more\)$"):

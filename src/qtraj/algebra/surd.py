@@ -30,7 +30,7 @@ class Surd:
     def __add__(self, other: Any) -> Surd:
         if not isinstance(other, Surd):
             other = Surd((other, 0, 0, 0), self.squares)
-        return Surd([add([x, y]) for x, y in zip(self.terms, other.terms, strict=True)], self.squares)
+        return Surd([add([x, y]) for x, y in zip(self.terms, other.terms, strict=True)], self._squares(other))
 
     __radd__ = __add__
 
@@ -46,14 +46,18 @@ class Surd:
     def __mul__(self, other: Any) -> Surd:
         if not isinstance(other, Surd):
             return Surd([mul(x, other) for x in self.terms], self.squares)
-        S, H = self.squares
+        S, H = squares = self._squares(other)
         (a, b, c, d), (e, f, g, h) = self.terms, other.terms
         # (P + Q√H)(R + T√H) = PR + QTH + (PT + QR)√H, where P, Q, R and T have the form a + b√S.
         first = _sum(_times((a, b), (e, f), S), _scaled(_times((c, d), (g, h), S), H))
         second = _sum(_times((a, b), (g, h), S), _times((c, d), (e, f), S))
-        return Surd((*first, *second), self.squares)
+        return Surd((*first, *second), squares)
 
     __rmul__ = __mul__
+
+    def _squares(self, other: Surd) -> Pair:
+        """Return the squares of both sums: sums without the second root may be combined with any second root."""
+        return other.squares if is_zero(self.terms[2]) and is_zero(self.terms[3]) else self.squares
 
 
 class Claim:

@@ -192,11 +192,11 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
     needing = [name for name in names if CHANNELS[name].needs]
     if vehicle is not None:
         require_vehicle(vehicle, "the argument vehicle of evaluate")
-    if not needing:
-        return None
-    used = require_vehicle(vehicle, f"the output {needing[0]!r}")
     for name in needing:
-        require(used, CHANNELS[name].needs, f"the output {name!r}")
+        require(vehicle, CHANNELS[name].needs, f"the output {name!r}")
+    if vehicle is None or not (needing or any(CHANNELS[name].gravity for name in names)):
+        return None
+    used = vehicle
     given = batch_of(used)
     if not given:
         return used

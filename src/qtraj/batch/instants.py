@@ -32,7 +32,7 @@ from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import rotating_span
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
 
 Times = Float[Array, "rows instants"]
 
@@ -79,12 +79,18 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """Return the values of a path quantity."""
-        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self.invariants)
+        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self._with_vehicle)
 
     @cached_property
     def invariants(self) -> Invariants:
         """The invariants of the path; the vertical is world z."""
         return self.basis.invariants(self.rows)
+
+    @cached_property
+    def _with_vehicle(self) -> Invariants:
+        """The invariants of the path for quantities that may depend on the wheelbase of the vehicle."""
+        self.invariants.vehicle = self._road
+        return self.invariants
 
     @cached_property
     def _driven(self) -> Invariants:
@@ -95,7 +101,7 @@ class Instants:
     @property
     def _road(self) -> Any:
         if self.vehicle is None:
-            return None
+            return NO_VEHICLE
         parameters = self.vehicle.parameters(self.duration.dtype)
         return RoadParameters(
             *(x[:, None] if xp.ndim(x) else x for x in parameters)

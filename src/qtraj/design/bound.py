@@ -52,6 +52,14 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
     """
     if value is None:
         return None
+    found, entry = _bound_of(value, name), quantity(name)
+    if entry.tangent_of and found is not None:
+        for side in found if isinstance(found, Sides) else (found,):
+            _require_angle(side, f"the limit {name}", entry)
+    return found
+
+
+def _bound_of(value: Any, name: str) -> Bound | None:
     entry = quantity(name)
     if isinstance(value, Sides):
         value = value.lower, value.upper
@@ -78,6 +86,22 @@ def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
     if known is not None and not (known > 0).all():
         bad = float(known[~(known > 0)][0])
         raise ValueError(f"the values of {what} must be positive, or None [{entry.label}], but {bad:g} was given")
+
+
+def _require_angle(bound: OneBound | None, what: str, entry: PathQuantity) -> None:
+    """Raise a ValueError for an angle that has no tangent, or that changes linearly, so that its tangent does not."""
+    if bound is None:
+        return
+    if isinstance(bound, Along) and bound.kind == "linear":
+        raise ValueError(
+            f"{what} is an angle, which cannot change linearly along the way: use steps, Along(distance, values)"
+        )
+    known, largest = concrete(numbers(bound)), entry.tangent_of * np.pi / 2
+    if known is not None and (np.isfinite(known) & (np.abs(known) >= largest)).any():
+        bad = np.ravel(known)[np.ravel(np.abs(known) >= largest)][0]
+        raise ValueError(
+            f"{what} must be an angle below {largest:.6g} rad, but {bad:g} rad was given (3 degrees are 0.0524 rad)"
+        )
 
 
 def by_side(name: str, bound: Bound) -> Iterator[tuple[str, OneBound]]:

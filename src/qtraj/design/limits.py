@@ -13,21 +13,21 @@ from jaxtyping import Array, Float
 from qtraj.design.along import Along, Changing
 from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, part_of
 from qtraj.design.divisors import divisors
+from qtraj.design.limit_checks import refuse_unknown, require_needs, require_shapes
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
-from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.distances import distance_to
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.path_quantity import VEHICLE
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.sides import LOWER
 from qtraj.path.values import value
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require, require_vehicle
-from qtraj.path.vehicle_data import batch_of
+from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
 
 
 @storable
@@ -52,6 +52,10 @@ class Limits(eqx.Module):
     - `horizontal_curvature` [1/m] of the projection of the path, positive in left turns; its `curvature_rate`
       [1/(m s)], and its change per horizontal distance, the `sharpness` [1/m²].
     - `vertical_speed` [m/s] and `vertical_acceleration` [m/s²], positive upwards.
+    - `load_factor` |f|/g [-] of the specific force f = r̈ + g·up, its `tilt` [rad] from the vertical, and the
+      `bank_angle` [rad] of a coordinated turn, positive in left turns; g is 9.80665 m/s² without a `vehicle`.
+
+    With a `vehicle` that has a wheelbase: `steering_angle` [rad] and `steering_rate` [rad/s], positive to the left.
 
     With a `vehicle`, on a road that is level in the lateral direction or has the vehicle's bank angle:
 
@@ -73,8 +77,8 @@ class Limits(eqx.Module):
 
     **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
     number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
-    quantity that is never negative, for a limit on a force, power, friction or moment without a vehicle, and for a
-    limit on a moment if the vehicle has no inertia with these principal axes.
+    quantity that is never negative, for an angle that is too large or changes linearly, and for a limit without the
+    vehicle, the inertia with these principal axes or the wheelbase that it needs.
     """
 
     curvature: Bound | None
@@ -96,6 +100,11 @@ class Limits(eqx.Module):
     sharpness: Bound | None
     vertical_speed: Bound | None
     vertical_acceleration: Bound | None
+    load_factor: Bound | None
+    tilt: Bound | None
+    bank_angle: Bound | None
+    steering_angle: Bound | None
+    steering_rate: Bound | None
     longitudinal_force: Bound | None
     lateral_force: Bound | None
     normal_load: Bound | None
@@ -127,6 +136,11 @@ class Limits(eqx.Module):
         sharpness: Limit = None,
         vertical_speed: Limit = None,
         vertical_acceleration: Limit = None,
+        load_factor: Limit = None,
+        tilt: Limit = None,
+        bank_angle: Limit = None,
+        steering_angle: Limit = None,
+        steering_rate: Limit = None,
         longitudinal_force: Limit = None,
         lateral_force: Limit = None,
         normal_load: Limit = None,
@@ -139,20 +153,11 @@ class Limits(eqx.Module):
         **unknown: Any,
     ):
         given = {name: limit for name, limit in locals().items() if name in QUANTITIES}
-        for name in unknown:
-            advice = suggestion(name, list(QUANTITIES), "limits")
-            if name in SIDES:
-                entry = SIDES[name]
-                advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"
-            raise TypeError(f"Limits has no limit {name!r}: {advice}")
+        refuse_unknown(unknown)
         for name, limit in given.items():
             setattr(self, name, bound_of(limit, name))
         self.vehicle = vehicle
-        needing = [name for name in self._bounds() if quantity(name).needs_vehicle]
-        if needing or vehicle is not None:
-            require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
-        for name in needing:
-            require(vehicle, quantity(name).needs, f"the limit {name}")
+        require_needs(self._bounds(), vehicle)
 
     def __repr__(self) -> str:
         return shown(self, **{name: quantity(name).label for name in self._bounds()})
@@ -176,12 +181,12 @@ class Limits(eqx.Module):
 
     def on_shape(self) -> Limits:
         """Return the limits on quantities that depend only on the shape of a path, such as the curvature."""
-        return self.only([name for name in self.given() if (x := quantity(name)).per_time == 0 and not x.needs])
+        return self.only([name for name in self.given() if quantity(name).of_shape])
 
     def only(self, names: Collection[str]) -> Limits:
-        """Return the bounds in `names`, with the vehicle if one of them needs it."""
+        """Return the bounds in `names`, with the vehicle if one of them uses it."""
         kept: dict[str, Any] = {name: part_of(bound, name, names) for name, bound in self._bounds().items()}
-        if not any(quantity(name).needs_vehicle for name, bound in kept.items() if bound is not None):
+        if not any(quantity(name).uses_vehicle for name, bound in kept.items() if bound is not None):
             kept["vehicle"] = None
         return eqx.tree_at(
             lambda x: [getattr(x, name) for name in kept],
@@ -211,17 +216,22 @@ class Limits(eqx.Module):
             )
 
     @property
-    def needs_vehicle(self) -> bool:
-        """Whether one of the limits that are set depends on a vehicle."""
-        return any(quantity(name).needs_vehicle for name in self.given())
+    def uses_vehicle(self) -> bool:
+        """Whether one of the limits that are set uses the parameters or the inertia of a vehicle."""
+        return any(quantity(name).uses_vehicle for name in self.given())
+
+    @property
+    def parametric(self) -> bool:
+        """Whether the formulas of one of the limits that are set use the parameters of a vehicle."""
+        return any(quantity(name).parametric for name in self.given())
 
     @property
     def on_road(self) -> bool:
         """Whether one of the limits that are set bounds a force between the vehicle and the road."""
-        return any(quantity(name).on_road for name in self.given())
+        return any(quantity(name).needs == VEHICLE for name in self.given())
 
     def reduced(self, dtype: Any = None) -> dict[str, Any]:
-        """Return the limits that are set, divided by their `divisors`, as proofs and searches use them.
+        """Return the limits that are set, divided by their `divisors` or as tangents, as searches use them.
 
         The results are NumPy arrays if limits and vehicle have concrete values.
         """
@@ -229,7 +239,7 @@ class Limits(eqx.Module):
         for name, limit in self.constant().items():
             known = concrete(limit)
             divisor = divisors([name], self.road(limit.dtype if dtype is None else dtype))[name]
-            results[name] = (limit if known is None else np.asarray(known)) / divisor
+            results[name] = quantity(name).tangent(limit if known is None else np.asarray(known)) / divisor
         return results
 
     def factors(self, dtype: Any = None) -> tuple[Any, ...]:
@@ -246,15 +256,7 @@ class Limits(eqx.Module):
         """
         if batch:
             self.require_constant("a batch of paths", "check the paths one by one")
-        shapes = {f"the limits have the batch shape {x.shape}": x.shape for x in self.constant().values()}
-        shapes[f"the vehicle has the batch shape {batch_of(self.vehicle)}"] = batch_of(self.vehicle)
-        for text, shape in shapes.items():
-            if shape not in ((), batch):
-                raise ValueError(
-                    f"{text}, but the batch shape of {what} is {batch}: pass limits and a vehicle "
-                    "for each path, or one set of limits and one vehicle for all paths; for one path and many limits, "
-                    "use jax.vmap"
-                )
+        require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:
         """Return the parameters of the vehicle, or default parameters if no vehicle is set."""

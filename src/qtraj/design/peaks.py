@@ -52,7 +52,7 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
     """
     require_path(path)
     entry = quantity(name)
-    used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs else None
+    used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs or entry.gravity else None
     road = None if used is None else used.parameters()
     if path.duration.ndim or batch_of(used):
         shapes = f"batch shapes {path.duration.shape} and {batch_of(vehicle)}"

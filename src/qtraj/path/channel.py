@@ -11,7 +11,7 @@ from typing import Any
 
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, PathQuantity
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE, PathQuantity
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import upper_side
 from qtraj.path.vehicle import Vehicle, has_principal_inertia
@@ -26,6 +26,7 @@ class Channel:
 
     `axes` are the names of the component axes. `formula` computes the output from `batch.instants.Instants`. `needs`
     names the data required in addition to the path and the frame: "" for none, or a constant of `path_quantity`.
+    `gravity` indicates that the gravity of a vehicle is used if there is one.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Channel:
     axes: tuple[str, ...]
     formula: Callable[[Any], Any]
     needs: str = ""
+    gravity: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -47,7 +49,7 @@ class Channel:
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
     formula = formula or (lambda at: at.path_quantity(entry))
-    return Channel(entry.variable, entry.unit, entry.meaning, (), formula, entry.needs)
+    return Channel(entry.variable, entry.unit, entry.meaning, (), formula, entry.needs, entry.gravity)
 
 
 _ENTRIES = (
@@ -131,5 +133,7 @@ def vehicle_outputs(vehicle: Vehicle | None) -> list[str]:
 def provided(vehicle: Vehicle | None) -> set[str]:
     """Return the values of `Channel.needs` that this vehicle satisfies; if it is None, only "" is satisfied."""
     has_inertia = vehicle is not None and vehicle.inertia is not None
+    has_wheelbase = vehicle is not None and vehicle.wheelbase is not None
     satisfied = {VEHICLE: vehicle is not None, INERTIA: has_inertia, PRINCIPAL: has_principal_inertia(vehicle)}
+    satisfied[WHEELBASE] = has_wheelbase
     return {"", *(need for need, holds in satisfied.items() if holds)}

@@ -28,7 +28,7 @@ class Contact:
     """The forces between a vehicle and the road, for invariants of any numeric type.
 
     Each force is computed at its first use. It is a function of the `frenet.Invariants` S, H, B, P, V, W, v = √S and h
-    = √H, the `pace`, and the parameters of the `vehicle`.
+    = √H, the `gravity`, the `pace`, and the parameters of the `vehicle`.
     """
 
     def __init__(self, invariants: Any):
@@ -43,28 +43,28 @@ class Contact:
     def along(self) -> Any:
         """The scaled tangential force X·v/m = r'·f + k·pace²·v³, with the symbols of this module."""
         i = self.invariants
-        return i.B + i.vehicle.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
+        return i.B + i.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
     @cached_property
     def across(self) -> Any:
         """The scaled lateral force Y·v√H/m, positive to the left, with the symbols of this module."""
         i = self.invariants
-        return i.vehicle.cos * (i.P * i.v) - i.vehicle.sin * self._upwards
+        return i.vehicle.cos * (i.P * i.v) - i.vehicle.sin * self.upwards
 
     @cached_property
     def onto(self) -> Any:
         """The scaled normal force Z·v√H/m, positive if the road pushes the vehicle, with the symbols of this module."""
         i = self.invariants
-        return i.vehicle.cos * self._upwards + i.vehicle.sin * (i.P * i.v)
+        return i.vehicle.cos * self.upwards + i.vehicle.sin * (i.P * i.v)
 
     @cached_property
-    def _upwards(self) -> Any:
+    def upwards(self) -> Any:
         """The scaled component of the specific force along b, (f·b)·v√H.
 
         The factor removes the root: b·v√H = S·up − V·r', with S = r'·r' and the climb rate V = r'·up.
         """
         i = self.invariants
-        return i.S * i.W - i.V * i.B + i.vehicle.gravity * i.H
+        return i.S * i.W - i.V * i.B + i.gravity * i.H
 
 
 def friction_numerator(i: Any) -> Any:

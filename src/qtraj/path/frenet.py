@@ -12,6 +12,7 @@ from typing import Any
 from qtraj.foundation.namespace import xp
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import Contact
+from qtraj.path.vehicle import GRAVITY
 
 
 def safe_root(x: Any) -> Any:
@@ -48,6 +49,11 @@ class Invariants:
         self.root = root
         self.pace = pace
         self.references: Any = None  # the squares to which S and N are compared (`regularity`), computed once
+
+    @property
+    def gravity(self) -> Any:
+        """Gravity g [m/s²], of the vehicle if there is one, otherwise standard gravity."""
+        return GRAVITY if self.vehicle is None else self.vehicle.gravity
 
     @cached_property
     def v(self) -> Any:
@@ -128,6 +134,12 @@ class Invariants:
     def W(self) -> Any:
         """The vertical acceleration r''·up, the derivative of the climb rate."""
         return self._vertical(self.r[2])
+
+    @cached_property
+    def Q(self) -> Any:
+        """The squared horizontal acceleration, that is, the squared norm of the horizontal component of r''."""
+        level = self._level(self.r[2])
+        return dot(level, level)
 
     @cached_property
     def X(self) -> Any:

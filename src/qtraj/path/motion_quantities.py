@@ -21,7 +21,7 @@ def _lateral_jerk(i: Any) -> Any:
     return i.P1 * i.H - i.P * i.G
 
 
-def _curvature_rate(i: Any) -> Any:
+def curvature_growth(i: Any) -> Any:
     """Return √H⁵ times the derivative of P/√H³."""
     return i.P1 * i.H - 3 * (i.P * i.G)
 
@@ -101,7 +101,7 @@ MOTION_QUANTITIES = (
         3,
         "rate of the horizontal curvature",
         "positive to the left",
-        (_curvature_rate, lambda i: squared(i.H) * i.h, lambda i: _curvature_rate(i) * inverse_root(i.H) ** 5),
+        (curvature_growth, lambda i: squared(i.H) * i.h, lambda i: curvature_growth(i) * inverse_root(i.H) ** 5),
         lambda i: squared(i.H) * cubed(i.H),
         "level",
     ),
@@ -112,7 +112,7 @@ MOTION_QUANTITIES = (
         3,
         "change of the horizontal curvature per horizontal distance",
         "positive to the left",
-        (_curvature_rate, lambda i: cubed(i.H), lambda i: _curvature_rate(i) * inverse_root(i.H) ** 6),
+        (curvature_growth, lambda i: cubed(i.H), lambda i: curvature_growth(i) * inverse_root(i.H) ** 6),
         lambda i: squared(cubed(i.H)),
         "level",
     ),

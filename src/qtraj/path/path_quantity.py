@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation import units
 from qtraj.foundation.namespace import is_host, xp
+from qtraj.path import angle
 
 Formula = Callable[[Any], Any]
 """A function of `Invariants` of any numeric type."""
@@ -15,8 +16,9 @@ Formula = Callable[[Any], Any]
 LOAD = "load"
 """Name of the divisor of the friction quantities, the load on the road."""
 
-VEHICLE, INERTIA, PRINCIPAL = "vehicle", "inertia", "principal inertia"
-"""What a quantity needs in addition to the path: a vehicle, its inertia, or principal axes of inertia along τ, n, b."""
+VEHICLE, INERTIA, PRINCIPAL, WHEELBASE = "vehicle", "inertia", "principal inertia", "wheelbase"
+"""What a quantity needs in addition to the path: a vehicle, its inertia, principal axes of inertia along τ, n, b, or a
+wheelbase."""
 
 
 class Component(NamedTuple):
@@ -47,9 +49,14 @@ class PathQuantity:
     indicates where the quantity is infinite although the ratio is not. `of` names the frame whose motion the quantity
     describes, if another frame along the path has the same quantity.
 
-    `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use `Invariants.vehicle`. It is
-    PRINCIPAL if the quantity is `factor` times the square root of the ratio; `factor` is a function of the vehicle's
-    parameters, in `factor_unit`. Then `squared`, `value` and `exceeds` refer to the quantity divided by its factor.
+    `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use the forces of `contact`, and
+    WHEELBASE if they use the wheelbase in `Invariants.vehicle`. It is PRINCIPAL if the quantity is `factor` times the
+    square root of the ratio; `factor` is a function of the vehicle's parameters, in `factor_unit`. Then `squared`,
+    `value` and `exceeds` refer to the quantity divided by its factor. `gravity` indicates formulas that contain
+    gravity, which is standard gravity without a vehicle.
+
+    If `tangent_of` is a number k other than 0, the quantity is an angle, and the ratio is tan(angle/k), or its square.
+    Proofs and searches use the ratio and the tangents of limits; `squared` and `value` are those of the angle.
 
     `component` describes the signed value, if the quantity is its magnitude. A side of a limit (see `sides`) has the
     name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound.
@@ -76,6 +83,8 @@ class PathQuantity:
     component: Component | None = None
     base: str = ""
     lower: bool = False
+    gravity: bool = False
+    tangent_of: int = 0
 
     @property
     def side(self) -> int:
@@ -123,9 +132,36 @@ class PathQuantity:
         return bool(self.needs)
 
     @property
+    def uses_vehicle(self) -> bool:
+        """Whether the value depends on a vehicle if there is one."""
+        return bool(self.needs) or self.gravity
+
+    @property
     def on_road(self) -> bool:
-        """Whether the formulas contain the forces between a vehicle and the road."""
-        return self.needs == VEHICLE
+        """Whether the formulas contain gravity or the forces between a vehicle and the road."""
+        return self.needs == VEHICLE or self.gravity
+
+    @property
+    def parametric(self) -> bool:
+        """Whether the formulas use the parameters of a vehicle, or standard gravity without one."""
+        return self.on_road or self.needs == WHEELBASE
+
+    @property
+    def of_shape(self) -> bool:
+        """Whether the quantity depends only on the shape of a path, and perhaps a wheelbase, but not on the timing."""
+        return self.per_time == 0 and not self.gravity and self.needs in ("", WHEELBASE)
+
+    def tangent(self, limit: Any) -> Any:
+        """Return the limit on the ratio, or its root, for a limit on the quantity; a tangent for an angle."""
+        return angle.tangent(limit, self.tangent_of) if self.tangent_of else limit
+
+    def strict_tangent(self, limit: Any) -> Any:
+        """Return `tangent` in NumPy, rounded so that the limit on the ratio implies the limit on the quantity."""
+        return angle.strict_tangent(limit, self.tangent_of, self.side) if self.tangent_of else limit
+
+    def of_tangent(self, ratio: Any) -> Any:
+        """Return the value of the quantity for a value of `tangent`."""
+        return angle.angle_of(ratio, self.tangent_of) if self.tangent_of else ratio
 
     def scale(self, vehicle: Any) -> Any:
         """Return the value of `factor` for the parameters of this vehicle, or 1 if there is no factor."""
@@ -146,6 +182,7 @@ class PathQuantity:
 
     def exceeds(self, i: Any, bound: Any) -> Any:
         """Return whether the quantity, divided by its `factor`, violates `bound`; computed without division."""
+        bound = self.tangent(bound)
         scaled = bound if self.signed else bound**2
         numerator, limit = self.numerator(i), scaled if self.denominator is None else scaled * self.denominator(i)
         if self.infinite is None:

@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.argument import require_type
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
+from qtraj.path.gravity_quantities import GRAVITY_QUANTITIES
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
 from qtraj.path.motion_quantities import MOTION_QUANTITIES
 from qtraj.path.path_quantity import Component, PathQuantity, cubed, quotient, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.sides import LOWER, sides_of, upper_side
+from qtraj.path.steering_quantities import STEERING_QUANTITIES
 
 
 def _rate_square(i: Any) -> Any:
@@ -205,7 +207,15 @@ _ENTRIES = (
 )
 
 QUANTITIES: dict[str, PathQuantity] = {
-    entry.name: entry for entry in (*_ENTRIES, *MOTION_QUANTITIES, *ROAD_QUANTITIES, *MOMENT_QUANTITIES)
+    entry.name: entry
+    for entry in (
+        *_ENTRIES,
+        *MOTION_QUANTITIES,
+        *GRAVITY_QUANTITIES,
+        *STEERING_QUANTITIES,
+        *ROAD_QUANTITIES,
+        *MOMENT_QUANTITIES,
+    )
 }
 """The quantities by their names in `Limits`, in display order."""
 

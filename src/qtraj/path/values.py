@@ -10,11 +10,12 @@ from qtraj.path.frame_components import triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.regularity import rotating_span
 from qtraj.path.standstill import ORDER as STANDSTILL_ORDER, driven_invariants
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle import NO_VEHICLE, RoadParameters
 
 
 def invariants_at(
@@ -45,15 +46,27 @@ def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadPara
     The square of a quantity with a `factor` is divided by the square of the factor.
     """
     entry = quantity(name)
-    i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
+    i = _invariants_of(entry, path, t, vehicle)
     return xp.asarray(entry.squared(i), path.duration.dtype)
 
 
 def value(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
     """Return the path quantity `name` at one instant `t` [s], in its unit; infinite at a pole."""
     entry = quantity(name)
-    i = invariants_at(path, t, max(entry.order, 1), vehicle if entry.on_road else None)
+    i = _invariants_of(entry, path, t, vehicle)
     return xp.asarray(entry.scale(vehicle) * entry.value(i), path.duration.dtype)
+
+
+def _invariants_of(
+    entry: PathQuantity, path: AbstractHodograph, t: ScalarLike, vehicle: RoadParameters | None
+) -> Invariants:
+    """Return the invariants from which a quantity is computed."""
+    order = max(entry.order, 1)
+    if entry.on_road:
+        return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle)
+    found = invariants_at(path, t, order)
+    found.vehicle = vehicle
+    return found
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:

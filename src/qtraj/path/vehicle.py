@@ -16,7 +16,7 @@ from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE
 from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
 
 GRAVITY, AIR_DENSITY = 9.80665, 1.225
@@ -35,7 +35,7 @@ class RoadParameters(NamedTuple):
     drag·v². `cos` and `sin` are the cosine and sine of the bank angle. `inv_long` and `inv_lat` are the inverses of the
     coefficients of friction. `inertia_tangent` and `inertia_binormal` [kg m²] are the moments of inertia about the
     first axis τ and the third axis b of the frame; both are zero without an inertia, and NaN if the axes τ, n and b of
-    the frame are not principal axes.
+    the frame are not principal axes. `wheelbase` is in m, and zero without one.
     """
 
     mass: Any
@@ -48,6 +48,7 @@ class RoadParameters(NamedTuple):
     inv_lat: Any
     inertia_tangent: Any
     inertia_binormal: Any
+    wheelbase: Any = 0.0
 
 
 NO_VEHICLE = RoadParameters(1.0, GRAVITY, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
@@ -74,12 +75,13 @@ class Vehicle(eqx.Module):
       bank.
     - `air_density` ρ [kg/m³].
     - `gravity` g [m/s²], along −z of the world.
+    - `wheelbase` [m]: the distance of the axles, for the steering angle and its rate; None if it is not known.
 
     All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
     by `jax.vmap`, represent one vehicle for each path of a batch.
 
     **Raises:** ValueError for a mass or friction that is not positive, a negative resistance, density or gravity, a
-    bank of a right angle or more, or an invalid inertia.
+    bank of a right angle or more, a wheelbase that is not positive, or an invalid inertia.
     """
 
     mass: Number
@@ -90,6 +92,7 @@ class Vehicle(eqx.Module):
     bank: Number
     air_density: Number
     gravity: Number
+    wheelbase: Number | None
 
     def __init__(
         self,
@@ -101,6 +104,7 @@ class Vehicle(eqx.Module):
         bank: ArrayInput = 0.0,
         air_density: ArrayInput = AIR_DENSITY,
         gravity: ArrayInput = GRAVITY,
+        wheelbase: ArrayInput | None = None,
     ):
         self.mass = _scalar(mass, "mass", "kg")
         require_positive(self.mass, "the mass of a vehicle", "kg")
@@ -118,14 +122,19 @@ class Vehicle(eqx.Module):
             )
         self.air_density = _not_negative(air_density, "air density", "kg/m³")
         self.gravity = _not_negative(gravity, "gravity", "m/s²")
+        self.wheelbase = None if wheelbase is None else _scalar(wheelbase, "wheelbase", "m")
+        if self.wheelbase is not None:
+            require_positive(self.wheelbase, "the wheelbase of a vehicle", "m")
 
     def __repr__(self) -> str:
-        return shown(self, mass="kg", inertia="kg m²", drag_area="m²", bank="rad", air_density="kg/m³", gravity="m/s²")
+        units = {"mass": "kg", "inertia": "kg m²", "drag_area": "m²", "bank": "rad", "air_density": "kg/m³"}
+        return shown(self, **units, gravity="m/s²", wheelbase="m")
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
         """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays."""
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
-        is_concrete = all(concrete(x) is not None for x in (*fields, self.friction, self.inertia) if x is not None)
+        known = (*fields, self.friction, self.inertia, self.wheelbase)
+        is_concrete = all(concrete(x) is not None for x in known if x is not None)
         module: Any = np if is_concrete else jnp
         dtype = self.mass.dtype if dtype is None else dtype
         mass, gravity, area, density, rolling, bank = (module.asarray(x, dtype) for x in fields)
@@ -136,9 +145,9 @@ class Vehicle(eqx.Module):
         if self.inertia is not None:
             inertia = inertia_in_frame(module.asarray(self.inertia, dtype), cos, sin, module)
             about_tangent, about_binormal = principal_moments(inertia, module)
-        return RoadParameters(
-            mass, gravity, drag, rolling, cos, sin, inverse[..., 0], inverse[..., 1], about_tangent, about_binormal
-        )
+        grip, inertia = (inverse[..., 0], inverse[..., 1]), (about_tangent, about_binormal)
+        wheelbase = module.zeros_like(mass) if self.wheelbase is None else module.asarray(self.wheelbase, dtype)
+        return RoadParameters(mass, gravity, drag, rolling, cos, sin, *grip, *inertia, wheelbase)
 
     def inertia_in_frame(self) -> Float[Array, "*batch 3 3"]:
         """Return the inertia tensor in the axes of the frame, in which the bank rolls the vehicle about the first axis.
@@ -172,6 +181,16 @@ def require_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     return vehicle
 
 
+def require_wheelbase(vehicle: Vehicle | None, what: str) -> Vehicle:
+    """Return the vehicle, or raise an error if it has no wheelbase.
+
+    **Raises:** ValueError if there is no vehicle or no wheelbase; the message says that `what` needs it.
+    """
+    if vehicle is None or (isinstance(vehicle, Vehicle) and vehicle.wheelbase is None):
+        raise ValueError(f"{what} needs a wheelbase: pass vehicle=Vehicle(mass=..., wheelbase=...)")
+    return require_vehicle(vehicle, what)
+
+
 def require_principal_inertia(vehicle: Vehicle | None, what: str) -> Vehicle:
     """Return the vehicle, or raise an error if it has no inertia with principal axes along τ, n and b.
 
@@ -198,7 +217,12 @@ def has_principal_inertia(vehicle: Vehicle | None) -> bool:
     return known is None or not np.any(np.isnan(known))
 
 
-REQUIREMENTS = {VEHICLE: require_vehicle, INERTIA: require_inertia, PRINCIPAL: require_principal_inertia}
+REQUIREMENTS = {
+    VEHICLE: require_vehicle,
+    INERTIA: require_inertia,
+    PRINCIPAL: require_principal_inertia,
+    WHEELBASE: require_wheelbase,
+}
 
 
 def require(vehicle: Vehicle | None, needs: str, what: str) -> Vehicle | None:

@@ -21,6 +21,7 @@ _FIELDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "bank": ("rad", "bank angle of the road, positive if the left side is lower", ()),
     "air_density": ("kg m-3", "density of the air", ()),
     "gravity": ("m s-2", "gravity, along -z", ()),
+    "wheelbase": ("m", "wheelbase of the vehicle", ()),
 }
 """Unit, meaning and axes of each parameter of a vehicle."""
 

@@ -18,7 +18,7 @@ from qtraj.io.saved import saved_path
 from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL
+from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
@@ -79,6 +79,9 @@ class VehiclePart(Part):
     )
     air_density: keys.NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
     gravity: keys.NotNegative = key("gravitational acceleration, downwards", GRAVITY, unit="m/s²")
+    wheelbase: keys.Positive | None = key(
+        "distance of the axles, for limits on the steering angle and its rate", None, unit="m"
+    )
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle of this table."""
@@ -91,9 +94,12 @@ def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
     The message says that `what`, such as a limit, needs it.
     """
     if needs and vehicle is None:
-        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with the mass")
+        contents = "the mass and the wheelbase" if needs == WHEELBASE else "the mass"
+        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with {contents}")
     if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
         raise ValueError(f"{what} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
+    if needs == WHEELBASE and vehicle is not None and vehicle.wheelbase is None:
+        raise ValueError(f"{what} needs the vehicle's wheelbase: set the key 'vehicle.wheelbase' [m]")
     require(vehicle, needs, what)
 
 

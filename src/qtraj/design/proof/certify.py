@@ -98,8 +98,8 @@ def certify(
     A limit that changes along the way (`Along`) is checked on the parts of the path in which it is constant or linear;
     this is supported for one path with concrete values.
 
-    A `Shape` is checked like a route, with limits on quantities of the shape only: curvature,
-    horizontal curvature, sharpness, torsion and slope.
+    A `Shape` is checked like a route, with limits on quantities of the shape only: curvature, horizontal curvature,
+    steering angle, sharpness, torsion and slope.
 
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
@@ -139,7 +139,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     limits.require_batch(batch, "the paths" if batch else "the path")
     bounds = _in_batch(limits.constant().values(), batch)
-    road = _in_batch(limits.road(float) if limits.needs_vehicle else (), batch)
+    road = _in_batch(limits.road(float) if limits.uses_vehicle else (), batch)
     factors = _in_batch(limits.factors(float), batch)
     # Outside jit and vmap, the values of differentiated arrays are known, so the proof is not traced.
     constant, *numbers = constants((arrays, bounds, factors, road))

@@ -81,6 +81,8 @@ class _Task:
         with np.errstate(invalid="ignore"):
             bounds = limit.at(at)
             excess = entry.side * (values - bounds)
+            if entry.tangent_of:  # the tangent of the limit is rounded to the strict side
+                refuted = refuted & ~(excess <= 0)
             sampled = xp.where(excess <= 0, SAMPLED, xp.where(excess > 0, BROKEN, UNDECIDED))
         codes = xp.where(provable, np.where(proved, PROVED, np.where(refuted, BROKEN, UNDECIDED)), sampled)
         values = xp.where(proved & (excess > 0), bounds, values)
@@ -94,11 +96,11 @@ class _Task:
 
     def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
         """Decide whether the quantity satisfies its limit."""
-        entry, factors = limit.entry, limit.factors
+        entry, factors, bounds = limit.entry, limit.factors, limit.entry.strict_tangent(limit.bounds)
 
         def in_floats() -> Any:
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
-            bound = self._in_floats(limit.bounds, entry.length, entry.per_time)
+            bound = self._in_floats(bounds, entry.length, entry.per_time)
             if limit.line is not None:
                 start, end = (self._in_floats(x, entry.length, entry.per_time) for x in limit.line.T)
                 bound = start + (end - start) * self._fractions
@@ -106,7 +108,7 @@ class _Task:
 
         def in_integers(k: int) -> Any:
             formulas = self._exact_formulas(k)
-            bound = ExactPolynomial.of(limit.bounds[k])
+            bound = ExactPolynomial.of(bounds[k])
             if limit.line is not None:
                 start, end = map(ExactPolynomial.of, limit.line[k])
                 bound = start + (end - start) * ExactPolynomial([0, 1])
@@ -186,7 +188,9 @@ class _Task:
         """The parameters of the vehicle in the units of `source`."""
         vehicle: Any = self.vehicle
         h, length = self.source.duration, self.source.length
-        return vehicle._replace(gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length)
+        return vehicle._replace(
+            gravity=vehicle.gravity * h * h / length, drag=vehicle.drag * length, wheelbase=vehicle.wheelbase / length
+        )
 
     def _largest(self, limit: Limit, hints: np.ndarray | None, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the instant and the largest value of a quantity, or the smallest for a lower bound, in SI units.

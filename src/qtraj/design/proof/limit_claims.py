@@ -62,10 +62,25 @@ class RoadInvariants:
         squares = i.S, i.H
         for name in ("S", "H", "B", "P", "V", "W"):
             setattr(self, name, Surd((getattr(i, name), 0, 0, 0), squares))
+        self._rational = i
         self.v, self.h = Surd((0, 1, 0, 0), squares), Surd((0, 0, 1, 0), squares)
         self.pace = i.pace if is_one(i.pace) else Surd((i.pace, 0, 0, 0), squares)
         self.vehicle = i.vehicle
         self.contact = Contact(self)
+
+    @property
+    def gravity(self) -> Any:
+        """Gravity, in the units of the derivatives."""
+        return self.vehicle.gravity
+
+    @cached_property
+    def Q(self) -> Surd:  # noqa: N802
+        """The squared horizontal acceleration."""
+        return Surd((self._rational.Q, 0, 0, 0), (self._rational.S, self._rational.H))
+
+    def root(self, square: Surd) -> Surd:
+        """Return the root of a square without roots."""
+        return Surd((0, 0, 1, 0), (self._rational.S, square.terms[0]))
 
 
 class Formulas:

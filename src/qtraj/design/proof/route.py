@@ -40,7 +40,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road = limits.road(float) if limits.on_road else None
+    road = limits.road(float) if limits.parametric else None
     factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     constant = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
     found = [_of_constant(segments, constant, factors, road)] if constant else []

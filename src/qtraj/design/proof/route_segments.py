@@ -34,7 +34,7 @@ COMPONENTS = (
     "longitudinal_acceleration",
     *(name for name, entry in QUANTITIES.items() if entry.on_road),
 )
-"""Components of the acceleration along and across the velocity, and the quantities that depend on the road."""
+"""Components of the acceleration along and across the velocity, and quantities that depend on road or gravity."""
 
 BLOCK_SIZE = 256
 """Number of segments that are judged together; their data fits into the processor's cache."""

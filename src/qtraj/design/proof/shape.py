@@ -17,6 +17,6 @@ def certify_shape(shape: Shape, limits: Limits) -> RouteCertificate:
         raise ValueError(
             f"a shape has no times, so limits on {', '.join(others)} cannot be checked on it. Compute its fastest "
             "timing with qtraj.retime(shape, limits), or remove these limits; curvature, horizontal_curvature, "
-            "sharpness, torsion and slope need no times."
+            "steering_angle, sharpness, torsion and slope need no times."
         )
     return certify_route(shape.route, allowed)

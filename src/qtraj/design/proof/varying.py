@@ -58,7 +58,7 @@ def require_known(path: AbstractHodograph, limits: Limits) -> None:
 def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
     """Return the path as one segment."""
     arrays = polynomial_arrays(path)
-    road = limits.road(float) if limits.needs_vehicle else None
+    road = limits.road(float) if limits.uses_vehicle else None
 
     def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
         count = len(segment)

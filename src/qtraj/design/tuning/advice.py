@@ -21,7 +21,7 @@ from qtraj.design.tuning.peaks import largest_values
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
-from qtraj.design.tuning.targets import factors, given, target, value_at
+from qtraj.design.tuning.targets import factors, given, target, user_value_at, value_at
 from qtraj.design.tuning.task import as_jax, one
 from qtraj.foundation.progress import Report
 from qtraj.foundation.units import with_unit
@@ -83,12 +83,14 @@ class SearchOptions(NamedTuple):
     def user_limits(self, searches: Searches) -> dict[str, float]:
         """Return the limits of one problem in the user's units, by name."""
         divisors = factors(searches.limits, self.vehicle)
-        return {name: float(x[0]) * divisors[name] for name, x in given(searches.limits).items()}
+        return {
+            name: float(quantity(name).of_tangent(x[0])) * divisors[name] for name, x in given(searches.limits).items()
+        }
 
     def with_limits(self, searches: Searches, limits: dict[str, float]) -> Searches:
         """Return one problem with other limits in the user's units."""
         divisors = factors(limits, self.vehicle)
-        reduced = {name: np.asarray([x / divisors[name]]) for name, x in limits.items()}
+        reduced = {name: quantity(name).tangent(np.asarray([x / divisors[name]])) for name, x in limits.items()}
         return dataclasses.replace(searches, limits={name: target(name, reduced) for name in reduced})
 
     def can_be_met(self, searches: Searches) -> bool:
@@ -133,7 +135,7 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
 def _describe(name: str, min_ratio: float, limits: dict[str, float], starts: int) -> str:
     """Describe the result of a search with one limit alone; `min_ratio` is the smallest peak divided by the limit."""
     if min_ratio > 1 + FEASIBLE:
-        closest = with_unit(float(value_at(min_ratio, name, limits)), quantity(name).unit)
+        closest = with_unit(float(user_value_at(min_ratio, name, limits)), quantity(name).unit)
         extreme = "largest minimum" if quantity(name).lower else "smallest maximum"
         searched = "1 start" if starts == 1 else f"{starts} starts"
         return (
@@ -148,7 +150,7 @@ def _raise_limits(
 ) -> list[str]:
     """Describe the values to which the violated limits must be raised; return an empty list if no values were found."""
     for margin in MARGINS:
-        raised = {name: float(f"{value_at(margin * worst[name], name, limits):.6g}") for name in violated}
+        raised = {name: float(f"{user_value_at(margin * worst[name], name, limits):.6g}") for name in violated}
         if options.can_be_met(options.with_limits(searches, limits | raised)):
             return [" and ".join(f"{_change(k)} to {with_unit(x, quantity(k).unit)}" for k, x in raised.items())]
     return []

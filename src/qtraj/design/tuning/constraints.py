@@ -99,7 +99,7 @@ def invariants(at: Place, by: Units) -> Invariants:
     road, up = by.road, None
     if road is not None:
         gravity = exp(by.log_duration * 2.0) * (road.gravity * inverse)
-        road = road._replace(gravity=gravity, drag=road.drag * by.length)
+        road = road._replace(gravity=gravity, drag=road.drag * by.length, wheelbase=road.wheelbase * inverse)
     if by.up is not None:
         angle = at.angle[0]
         up = rotated_z(by.up, cos(angle), -sin(angle))

@@ -59,6 +59,12 @@ def given(limits: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def user_value_at(ratio: Any, name: str, limits: Mapping[str, Any]) -> Any:
+    """Return `value_at` for limits of the user, in which angles are not tangents."""
+    tangents = {key: x if key == CORRIDOR.name else quantity(key).tangent(x) for key, x in limits.items()}
+    return quantity(name).of_tangent(value_at(ratio, name, tangents))
+
+
 def value_at(ratio: Any, name: str, limits: Mapping[str, Any]) -> Any:
     """Return the value of a quantity whose constraint value is ln(`ratio`)."""
     entry = quantity(name)

@@ -137,7 +137,7 @@ def tune(
     duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
 
     start, end, batch = _as_batch(start, end)
-    road = RoadParameters(*map(as_float, limits.road())) if limits.on_road else None
+    road = RoadParameters(*map(as_float, limits.road())) if limits.parametric else None
     axis, bounds_of = Placement() if placement is None else placement, _as_floats(bounds)
     _require_batch((duration, turn, axis, bounds_of, road, limits.given(), corridor), batch)
     limits.require_batch(batch, "the states")

@@ -11,6 +11,7 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
+from qtraj.path.path_quantity import WHEELBASE
 from qtraj.path.quantity import bound_speed, quantity
 from qtraj.path.route import Route
 
@@ -58,6 +59,13 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
             "longitudinal_acceleration instead, and check the vehicle's limits with certify."
+        )
+    steering = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.needs == WHEELBASE)
+    if steering:
+        raise ValueError(
+            f"tune_route does not support limits on {', '.join(steering)}. With the wheelbase L, limit "
+            "horizontal_curvature to tan(angle)/L and curvature_rate to rate/L instead, and check the vehicle's limits "
+            "with certify."
         )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")

@@ -1,0 +1,41 @@
+"""Check the names of limits, their vehicle, and the batch shapes of both."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from qtraj.foundation.suggestion import suggestion
+from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.vehicle import Vehicle, require, require_vehicle
+from qtraj.path.vehicle_data import batch_of
+
+
+def require_shapes(limits: Mapping[str, Any], vehicle: Vehicle | None, batch: tuple[int, ...], what: str) -> None:
+    """Raise a ValueError if limits or vehicle have a batch shape other than () and `batch`, the shape of `what`."""
+    shapes = {f"the limits have the batch shape {x.shape}": x.shape for x in limits.values()}
+    shapes[f"the vehicle has the batch shape {batch_of(vehicle)}"] = batch_of(vehicle)
+    for text, shape in shapes.items():
+        if shape not in ((), batch):
+            raise ValueError(
+                f"{text}, but the batch shape of {what} is {batch}: pass limits and a vehicle "
+                "for each path, or one set of limits and one vehicle for all paths; for one path and many limits, "
+                "use jax.vmap"
+            )
+
+
+def refuse_unknown(names: Iterable[str]) -> None:
+    """Raise a TypeError for the first of `names`, which are no limits."""
+    for name in names:
+        advice = suggestion(name, list(QUANTITIES), "limits")
+        if name in SIDES:
+            entry = SIDES[name]
+            advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"
+        raise TypeError(f"Limits has no limit {name!r}: {advice}")
+
+
+def require_needs(names: Iterable[str], vehicle: Vehicle | None) -> None:
+    """Raise a ValueError if a limit with one of these names needs something that the vehicle does not have."""
+    needing = [name for name in names if quantity(name).needs_vehicle]
+    if vehicle is not None:
+        require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
+    for name in needing:
+        require(vehicle, quantity(name).needs, f"the limit {name}")
