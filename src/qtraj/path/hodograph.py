@@ -17,6 +17,7 @@ from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
@@ -178,7 +179,7 @@ class Curve(AbstractHodograph):
             raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
         wrapped: Any = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
         self.function = wrapped
-        self.duration = real_scalar(duration, "the duration of a curve")
+        self.duration = real_scalar(seconds(duration), "the duration of a curve")
         require_positive(self.duration, "the duration of a curve", "s")
         _require_vector(self.function, self.duration)
 
