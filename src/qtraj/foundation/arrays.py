@@ -218,8 +218,8 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
         wrong = np.broadcast_to(low, early.shape)[early] if early.any() else np.broadcast_to(high, late.shape)[late]
         raise ValueError(
             f"times must be within the {what}, which lasts from 0 to {float(last.max()):.9g} s, but "
-            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate, or track.elapsed for the times of "
-            "a recording, which has its own clock"
+            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate, or track.elapsed for the times "
+            "of a recording, which has its own clock"
         )
 
 
