@@ -145,3 +145,28 @@ def test_batched_and_traced_modules_can_be_shown():
     seen = []
     jax.jit(lambda k: seen.append(repr(qt.RateLaw(k))) or k)(0.1)
     assert seen == ["RateLaw(k=weak_f64[])"]
+
+
+HTML = [x for x in EXAMPLES if isinstance(x, qt.AbstractProgram | qt.control.AbstractLaw | AbstractResult)] + [
+    x for x in EXAMPLES if isinstance(x, qt.Limits | qt.Sensor | qt.Gyros | qt.Vehicle | qt.PoseLaw | qt.PoseProgram)
+]
+
+
+@pytest.mark.parametrize("example", HTML, ids=lambda x: type(x).__name__)
+def test_notebooks_show_a_table(example):
+    html = example._repr_html_()
+    assert f"<strong>{type(example).__name__}</strong>" in html
+    assert "<table>" in html
+    assert "<function" not in html.replace("&lt;", "<")
+
+
+def test_the_table_of_a_module_has_a_row_for_each_field():
+    html = qt.Limits(curvature=0.1, speed=(1.0, 5.0))._repr_html_()
+    assert "<tr><td>curvature</td><td>0.1 1/m</td></tr>" in html
+    assert html.count("<tr>") == 2
+
+
+def test_traced_modules_have_html():
+    seen = []
+    jax.jit(lambda k: seen.append(qt.RateLaw(k)._repr_html_()) or k)(0.1)
+    assert "RateLaw" in seen[0]

@@ -249,3 +249,34 @@ def test_limits_on_timing_and_on_shape():
     assert eqx.tree_equal(limits.on_timing().vehicle, bus)
     assert set(limits.on_shape().given()) == {"curvature", "slope"}
     assert limits.on_shape().vehicle is None
+
+
+class Counted(qt.AbstractHodograph):
+    """A path that counts the evaluations of its derivatives."""
+
+    duration: jax.Array
+    calls: list = eqx.field(static=True)
+
+    def derivatives(self, t, order):
+        self.calls.append(order)
+        return helix().derivatives(t, order)
+
+
+@pytest.mark.parametrize("traced", [False, True])
+def test_margins_evaluate_the_path_once(traced):
+    path = Counted(jnp.asarray(2.0), [])
+    limits = qt.Limits(curvature=0.1, torsion=0.1, speed=8.0, acceleration=3.0, jerk=2.0, yaw_rate=0.5)
+    margins = (jax.jit if traced else (lambda f: f))(lambda t: limits.margins(path, t))(1.0)
+    assert path.calls == [3]
+    single = {name: limits.only([name]).margins(helix(), 1.0)[name] for name in limits.given()}
+    for name, margin in single.items():
+        np.testing.assert_allclose(margins[name], margin, rtol=1e-12)
+
+
+def test_margins_of_a_route_of_numpy_arrays_may_be_mapped():
+    route = qt.Route([0.0, 1.0, 3.0], np.eye(3), np.ones((3, 3)), np.zeros((3, 3)))
+    limits = qt.Limits(curvature=0.5, speed=3.0)
+    times = np.linspace(0.1, 2.9, 5)
+    mapped = jax.vmap(lambda t: limits.margins(route, t))(times)
+    for name, margins in mapped.items():
+        np.testing.assert_allclose(margins, [limits.margins(route, t)[name] for t in times], rtol=1e-12)

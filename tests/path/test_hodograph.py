@@ -187,3 +187,57 @@ def test_bad_input_is_an_error_with_a_reason(make, fragment):
 def test_coarse_float32_positions_warn():
     with pytest.warns(UserWarning, match=r"has a resolution of only 0\.5 m"):
         qt.BoundaryState(jnp.asarray([623425.5, 4848821.0, 153.0], jnp.float32), jnp.zeros(3, jnp.float32))
+
+
+HELIX = qt.SpiralHelix([20.0], [0.0, 0.3], [0.0, 0.5], 10.0)
+LINES = jax.vmap(lambda r: qt.SpiralHelix(jnp.stack([r]), [0.0, 0.3], [0.0, 0.5], 10.0))(jnp.array([10.0, 20.0, 30.0]))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        HELIX,
+        qt.Curve(lambda t: jnp.stack([t, t**3, jnp.sin(t)]), 3.0),
+        qt.Route([0.0, 1.0, 3.0], np.eye(3), np.ones((3, 3)), np.zeros((3, 3))),
+        qt.RetimedPath(HELIX, qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0])),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_the_jerk_is_the_derivative_of_the_acceleration(path):
+    h = 1e-4
+    difference = (path.acceleration(1.5 + h) - path.acceleration(1.5 - h)) / (2 * h)
+    np.testing.assert_allclose(path.jerk(1.5), difference, rtol=1e-6, atol=1e-7)
+
+
+def test_paths_of_a_batch():
+    assert len(LINES) == 3
+    assert float(LINES[1].radius[0]) == 20.0
+    assert float(LINES[-1].radius[0]) == 30.0
+    assert [float(path.radius[0]) for path in LINES] == [10.0, 20.0, 30.0]
+    assert len(LINES[1:]) == 2
+    np.testing.assert_allclose(LINES[0].position(2.0), qt.evaluate(LINES, [2.0]).position[0, 0], rtol=1e-14)
+    with pytest.raises(IndexError, match="there are 3 paths in the batch"):
+        LINES[3]
+
+
+def test_a_path_of_a_batch_inside_a_trace():
+    radius = jax.jit(lambda paths: paths[2].radius[0] + len(paths))(LINES)
+    assert float(radius) == 33.0
+
+
+@pytest.mark.parametrize("use", [lambda p: p[0], len, list], ids=["element", "length", "iteration"])
+def test_a_single_path_is_not_a_batch(use):
+    with pytest.raises(TypeError, match="a single SpiralHelix is not a batch"):
+        use(HELIX)
+    assert HELIX
+
+
+@pytest.mark.parametrize("result", [list, tuple])
+def test_the_function_of_a_curve_may_return_a_list(result):
+    listed, stacked = (
+        qt.Curve(f, 2.0) for f in (lambda t: result([t, t * t, 0]), lambda t: jnp.stack([t, t * t, 0 * t]))
+    )
+    np.testing.assert_array_equal(listed.derivatives(1.5, 3), stacked.derivatives(1.5, 3))
+    np.testing.assert_array_equal(qt.evaluate(listed, [0.0, 1.0]).velocity, qt.evaluate(stacked, [0.0, 1.0]).velocity)
+    with pytest.raises(ValueError, match=r"shape \(2,\)"):
+        qt.Curve(lambda t: result([t, t]), 2.0)

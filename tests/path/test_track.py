@@ -4,8 +4,11 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
+from qtraj.batch.evaluate import evaluate
+from qtraj.design.fitting.fit_route import fit_route
 from qtraj.foundation import document
 from qtraj.io.track.track_file import read_track
 from qtraj.path.bends import bends
@@ -187,3 +190,67 @@ def test_a_track_is_stored_exactly(tmp_path, suffix):
     np.testing.assert_array_equal(back.positions, track.positions)
     np.testing.assert_array_equal(back.velocities, track.velocities)
     assert back.attitudes is None
+
+
+START = np.datetime64("2026-05-06T09:00:00.25")
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_durations_as_times_are_seconds(unit):
+    times = pd.to_timedelta([0, 1, 2, 3, 4], unit="s").as_unit(unit)
+    track = Track(times, np.zeros((5, 3)))
+    assert float(track.duration) == 4.0
+    assert track.epoch is None
+
+
+def absolute_recording():
+    steps = (100 * np.arange(11)).astype("m8[ms]")
+    return Track(START + steps, recording()[1])
+
+
+def test_absolute_times_count_from_the_first():
+    track = absolute_recording()
+    assert np.datetime64(track.epoch) == START
+    np.testing.assert_allclose(track.times, 0.1 * np.arange(11), atol=ROUND_OFF)
+    assert track.to_xarray().attrs["epoch"] == "2026-05-06T09:00:00.250"
+
+
+def test_a_window_of_absolute_times_keeps_the_clock():
+    track = absolute_recording()
+    window = track.window(START + np.timedelta64(200, "ms"), START + np.timedelta64(800, "ms"))
+    np.testing.assert_array_equal(window.times, track.window(0.2, 0.8).times)
+    assert (window.epoch, window.times.shape) == (track.epoch, (7,))
+    with pytest.raises(ValueError, match="absolute time"):
+        Track(*recording()).window(START, START + np.timedelta64(1, "s"))
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json"])
+def test_the_epoch_is_stored(tmp_path, suffix):
+    track = absolute_recording()
+    file = tmp_path / f"track.{suffix}"
+    document.save(track, file)
+    assert document.load(file).epoch == track.epoch
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json"])
+def test_a_track_without_an_epoch_is_stored_as_before(tmp_path, suffix):
+    file = tmp_path / f"track.{suffix}"
+    document.save(Track(*recording()), file)
+    assert "epoch" not in file.read_text()
+    assert document.load(file).epoch is None
+
+
+def test_an_epoch_of_times_in_seconds():
+    assert Track(*recording(), epoch="2026-05-06T09:00:00.25").epoch == "2026-05-06T09:00:00.250"
+    with pytest.raises(ValueError, match="one absolute time"):
+        Track(*recording(), epoch="noon")
+    with pytest.raises(ValueError, match="omit epoch"):
+        Track(START + np.arange(11), recording()[1], epoch=START)
+
+
+def test_times_on_the_clock_of_a_recording_name_the_remedy():
+    track = Track(*recording())
+    path = fit_route(track).path
+    with pytest.raises(ValueError, match=r"10[01] s was given.*track\.elapsed"):
+        evaluate(path, track.times)
+    assert evaluate(path, track.elapsed).position.shape == (11, 3)

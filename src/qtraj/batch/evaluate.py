@@ -16,7 +16,7 @@ from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.argument import described
-from qtraj.foundation.arrays import as_float, is_traced, require_inside
+from qtraj.foundation.arrays import as_seconds, is_traced, require_inside
 from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram
@@ -50,10 +50,11 @@ def evaluate(
 ) -> Any:
     """Evaluate one path, or a batch of paths created in `jax.vmap`, at `times` [s].
 
-    `times` are (n,), or (b, n) with one row for each of b paths. The result is a `Table` of arrays (n, …) for one path,
-    and (b, n, …) for b paths. With `components="first"` the component axes come first. In both cases each component is
-    contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays in `Table`: vectors,
-    attitudes, and all path quantities.
+    `times` are (n,), or (b, n) with one row for each of b paths, from 0 at the start of the path. Durations, such as
+    `timedelta64`, are converted to seconds; for a recording, pass `track.elapsed`. The result is a `Table` of arrays
+    (n, …) for one path, and (b, n, …) for b paths. With `components="first"` the component axes come first. In both
+    cases each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays
+    in `Table`: vectors, attitudes, and all path quantities.
 
     `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving.along(route)`, `ThrustAligned()` or
     `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any other
@@ -109,7 +110,7 @@ def evaluate(
     vehicle = _vehicle(task.names, vehicle, rows)
     if any(CHANNELS[name].needs == VEHICLE for name in task.names):
         require_one_direction(paths, vehicle)
-    instants = as_float(times)
+    instants = as_seconds(times)
     if instants.ndim == 0 or (instants.ndim > 1 and instants.shape[:-1] != rows):
         expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"
         raise ValueError(f"times must have shape {expected}, but an array of shape {instants.shape} was given")

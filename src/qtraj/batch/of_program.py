@@ -10,7 +10,7 @@ import numpy as np
 from qtraj.algebra import rotation
 from qtraj.algebra.cosines import to_dcm
 from qtraj.batch.table import Table
-from qtraj.foundation.arrays import as_float, require_inside
+from qtraj.foundation.arrays import as_seconds, require_inside
 from qtraj.foundation.namespace import needs_jax, xp
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -48,7 +48,7 @@ def program_table(
             f"the output {others[0]!r} belongs to a path, but a program was given; its outputs are "
             f"{', '.join(OUTPUTS)} and dcm. Evaluate program.path for outputs of the path."
         )
-    instants = as_float(times)
+    instants = as_seconds(times)
     if instants.ndim != 1 or not instants.size:
         raise ValueError(f"times must have shape (n,) with n ≥ 1 for a program, but shape {instants.shape} was given")
     if not extrapolate:

@@ -1,19 +1,23 @@
 """Define the result of a batched evaluation: labelled arrays over instants."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.batch.data_frame import data_frame
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.extras import require_package
+from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import AbstractResult, batch_prefix, times_text
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.rate_axes import BODY, in_axes
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
 
@@ -57,6 +61,23 @@ class Table(AbstractResult):
             return self.values.get(name)
         raise AttributeError(f"a table has no attribute {name!r}")
 
+    def __getitem__(self, name: str) -> Array:
+        """Return an output by its name, such as `table["curvature"]`, or the times: `table["time"]`.
+
+        **Raises:** KeyError with the names of the outputs, for another name.
+        """
+        if name == "time":
+            return self.time
+        if name not in self.values:
+            raise KeyError(f"the table has no output {name!r}; its outputs are {', '.join(self.values)}")
+        return self.values[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name == "time" or name in self.values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *CHANNELS]
 
@@ -70,6 +91,25 @@ class Table(AbstractResult):
         that the table does not contain.
         """
         return draw("table_plot", self, names)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Convert the table to a pandas DataFrame, with one row for each instant.
+
+        The columns are `time` [s] and the outputs; vectors and attitudes have one column for each component, such as
+        `position_x` [m], `quaternion_w` or `dcm_tangent_x`. For a batch, the column `path` has the number of the path,
+        from 0, and the rows of one path follow those of another.
+
+        **Raises:** ModuleNotFoundError if pandas is missing; ValueError inside a trace.
+
+        Example:
+            >>> import qtraj as qt
+            >>> path = qt.SpiralHelix([20.0], [0.0, 0.3], [0.0, 0.5], 10.0)
+            >>> list(qt.evaluate(path, [0.0, 5.0], ("position", "curvature")).to_dataframe().columns)
+            ['time', 'position_x', 'position_y', 'position_z', 'curvature']
+        """
+        require_concrete(self)
+        require_package("pandas", "a data frame", extra=None)
+        return data_frame(self.record(), "path" if self.batched else None)
 
     def record(self) -> Record:
         """Return the arrays over `path` (for a batch) and `time`, or `sample` if each path has its own instants."""

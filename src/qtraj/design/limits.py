@@ -19,14 +19,14 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
-from qtraj.foundation.shown import shown
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.distances import distance_to
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.sides import LOWER
-from qtraj.path.values import value
+from qtraj.path.values import values
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
 
 
@@ -162,6 +162,8 @@ class Limits(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, **{name: quantity(name).label for name in self._bounds()})
 
+    _repr_html_ = shown_html
+
     def _bounds(self) -> dict[str, Bound]:
         """Return the fields that are set, except the vehicle."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
@@ -264,8 +266,7 @@ class Limits(eqx.Module):
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
-        road = self.road(path.duration.dtype)
-        return {name: value(path, t, name, road) for name in self.given()}
+        return values(path, t, [*self.given()], self.road(path.duration.dtype))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.

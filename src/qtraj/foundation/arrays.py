@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from qtraj.foundation.namespace import is_host
+from qtraj.foundation.seconds import seconds, since_first
 from qtraj.foundation.types import ArrayInput, ScalarLike
 
 COARSE_METRES = 1e-3
@@ -41,6 +42,16 @@ def as_float(x: ArrayInput) -> Array:
     if not jnp.issubdtype(x.dtype, jnp.integer) and x.dtype != bool:
         raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
     return x.astype(jnp.result_type(float))
+
+
+def as_seconds(times: ArrayInput, from_first: bool = False) -> Array:
+    """Return times [s] as `as_float` does; durations of NumPy, pandas and Python are converted to seconds.
+
+    With `from_first`, absolute times count from the first of them.
+
+    **Raises:** ValueError for absolute times without `from_first`, and for missing times.
+    """
+    return as_float(since_first(times) if from_first else seconds(times))
 
 
 def as_array(x: ArrayInput, dtype: Any) -> Array:
@@ -129,7 +140,7 @@ def one_instant(t: ScalarLike) -> Array:
 
     **Raises:** ValueError if `t` is an array of instants.
     """
-    t = as_float(t)
+    t = as_seconds(t)
     if t.ndim != 0:
         raise ValueError(
             f"one instant t was expected, but an array of shape {t.shape} was given: "
@@ -209,7 +220,8 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
         wrong = np.broadcast_to(low, early.shape)[early] if early.any() else np.broadcast_to(high, late.shape)[late]
         raise ValueError(
             f"times must be within the {what}, which lasts from 0 to {float(last.max()):.9g} s, but "
-            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate"
+            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate, or track.elapsed for the times "
+            "of a recording, which has its own clock"
         )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, as_seconds
 from qtraj.foundation.record import Quantity, Record, require_concrete, to_dataset
 from qtraj.foundation.types import ArrayInput
 
@@ -52,7 +52,7 @@ def label(
     also if no array is passed, or inside a trace. ModuleNotFoundError with the extra to install, if xarray is missing.
     """
     require_concrete((times, arrays))
-    instants = as_float(times)
+    instants = as_seconds(times)
     if instants.ndim != 1 or not arrays:
         raise ValueError(
             f"expected times (n,) and at least one array with a value for each time, but times of shape "

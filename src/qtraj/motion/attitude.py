@@ -12,6 +12,7 @@ from qtraj.foundation.argument import require_type
 from qtraj.foundation.namespace import as_floats
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
+from qtraj.foundation.shown import shown_html
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.rate_axes import BODY, INERTIAL, require_axes
 
@@ -94,6 +95,8 @@ class AbstractProgram(eqx.Module):
         Simulations call it once before the integration. The default is the program itself.
         """
         return self
+
+    _repr_html_ = shown_html
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the program without loss of precision to a TOML or JSON file, which `qtraj.load` reads.

@@ -8,18 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.arrays import as_seconds, concrete, real_vector, require_finite
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.path.rate_axes import require_axes as require_axes
 
 
-def output_times(times: ArrayInput) -> Float[Array, " n"]:
+def output_times(times: ArrayInput, from_first: bool = False) -> Float[Array, " n"]:
     """Return the instants (n,) [s], n ≥ 1, as a float vector.
+
+    With `from_first`, absolute times count from the first of them.
 
     **Raises:** ValueError for another shape, and for concrete values that are not finite or not strictly increasing.
     """
-    times = as_float(times)
+    times = as_seconds(times, from_first)
     times = times.astype(common_dtype(times))
     if times.ndim != 1 or times.shape[0] == 0:
         raise ValueError(f"times must be a non-empty vector of instants [s], but shape {times.shape} was given")

@@ -2,8 +2,8 @@
 
 import abc
 import os
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -14,9 +14,10 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
+from qtraj.foundation.arrays import as_float, one_instant, part, real_scalar, require_element, require_positive
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
@@ -94,6 +95,38 @@ class AbstractHodograph(eqx.Module):
         """Return the acceleration r̈(t), (3,) [m/s²]."""
         return self.derivatives(t, 2)[2]
 
+    def jerk(self, t: ScalarLike) -> Vec3:
+        """Return the jerk r⃛(t), (3,) [m/s³]."""
+        return self.derivatives(t, 3)[3]
+
+    def __getitem__(self, index: Any) -> Self:
+        """Return one path of a batch, by its number, or several by a slice.
+
+        **Raises:** TypeError for a single path, IndexError for a number that does not exist.
+        """
+        require_element(index, len(self), "paths in the batch")
+        return jax.tree.map(lambda x: x[index] if isinstance(x, np.ndarray) else part(x, index), self)
+
+    def __len__(self) -> int:
+        """Return the number of paths of a batch.
+
+        **Raises:** TypeError for a single path.
+        """
+        if not np.ndim(self.duration):
+            raise TypeError(
+                f"a single {type(self).__name__} is not a batch, so it has neither elements nor a number of elements: "
+                "path(t) is the position at the time t"
+            )
+        return self.duration.shape[0]
+
+    def __bool__(self) -> bool:
+        """Return True, also for a single path, which has no length."""
+        return True
+
+    def __iter__(self) -> Iterator[Self]:
+        """Return an iterator over the paths of a batch."""
+        return (self[k] for k in range(len(self)))
+
     def state(self, t: ScalarLike) -> BoundaryState:
         """Return position and velocity at one instant as a boundary state, for example for another path."""
         r = self.derivatives(t, 1)
@@ -163,8 +196,8 @@ _length = in_numpy(_arc_length, _compiled_length)
 class Curve(AbstractHodograph):
     """A path defined by any differentiable function t -> (3,), with derivatives by nested forward differentiation.
 
-    `position` may be a plain function or a callable Module; derivatives with respect to arrays of the Module are
-    supported.
+    `position` may be a plain function, also one that returns a list of three numbers, or a callable Module; derivatives
+    with respect to arrays of the Module are supported.
 
     **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,), or if `duration` [s] is not
     positive.
@@ -178,7 +211,7 @@ class Curve(AbstractHodograph):
             raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
         wrapped: Any = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
         self.function = wrapped
-        self.duration = real_scalar(duration, "the duration of a curve")
+        self.duration = real_scalar(seconds(duration), "the duration of a curve")
         require_positive(self.duration, "the duration of a curve", "s")
         _require_vector(self.function, self.duration)
 
@@ -187,7 +220,7 @@ class Curve(AbstractHodograph):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
-        jet: Jet = lambda t: (jnp.asarray(self.function(t)),)  # noqa: E731
+        jet: Jet = lambda t: (_vector(self.function(t), t.dtype),)  # noqa: E731
         for _ in range(order):
             jet = _with_next_derivative(jet)
         return jnp.stack(jet(one_instant(t)))
@@ -207,11 +240,17 @@ def _with_next_derivative(jet: Jet) -> Jet:
     return extended
 
 
+def _vector(value: Any, dtype: Any) -> Array:
+    """Return the result of a user's function as an array; it may be a list of numbers."""
+    return jnp.stack([jnp.asarray(x, dtype) for x in value]) if isinstance(value, list | tuple) else jnp.asarray(value)
+
+
 def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:
     """Raise a ValueError if `function` is not a JAX function of one instant that returns three components."""
     advice = "write it with jax.numpy, as a function of one instant that returns an array of shape (3,)"
     try:
-        shape = jax.eval_shape(function, jax.ShapeDtypeStruct((), duration.dtype)).shape
+        given = jax.ShapeDtypeStruct((), duration.dtype)
+        shape = jax.eval_shape(lambda t: _vector(function(t), t.dtype), given).shape
     except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
         raise ValueError(f"the function of a curve cannot be traced by JAX: {advice}") from error
     if shape != (3,):

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from numpy.polynomial import polynomial as power
 
-from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, as_seconds, concrete, real_scalar, require_finite, require_positive
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import ArrayInput
 from qtraj.path import pieces
@@ -179,7 +179,7 @@ def _bound(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 def _times(values: ArrayInput) -> Any:
-    times = as_float(values)
+    times = as_seconds(values, from_first=True)
     if times.ndim != 1 or times.shape[0] < 2:
         raise ValueError(
             f"the times of a route must be a vector of two or more times, but an array of shape {times.shape} was given"

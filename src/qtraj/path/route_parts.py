@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.foundation.arrays import concrete
+from qtraj.foundation.seconds import seconds
 from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
 
@@ -45,7 +46,7 @@ def window(s: Segments, t0: Any, t1: Any, duration: Any, origin: np.ndarray) -> 
 
     **Raises:** ValueError if t0 ≥ t1 or the window is not within the route.
     """
-    start, end, last = (float(np.asarray(x)) for x in (t0, t1, duration))
+    start, end, last = (float(np.asarray(seconds(x))) for x in (t0, t1, duration))
     if not 0 <= start < end <= last:
         raise ValueError(
             f"a window must lie within the route, from 0 to {last:.9g} s, and end after it starts, "

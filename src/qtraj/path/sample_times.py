@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import TypeAliasType
 
+from qtraj.foundation.seconds import seconds
+
 SAMPLES = 25
 """Default number of instants."""
 
@@ -27,7 +29,7 @@ def sample_times(duration: float, samples: int | None = None, step: float | None
     **Raises:** ValueError for both `samples` and `step`, for a duration that is negative or not finite, for fewer than
     two samples, for a step that is not positive, and for more than 1 000 000 instants.
     """
-    duration = float(duration)
+    duration, step = float(seconds(duration)), seconds(step)
     if not 0 <= duration < np.inf:
         raise ValueError(f"the duration must be finite and not negative [s], but {duration!r} was given")
     if samples is not None and step is not None:

@@ -15,6 +15,7 @@ from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState, require_states
@@ -63,7 +64,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         self.radius = _coefficients(radius, "radius")
         self.angle = _coefficients(angle, "angle")
         self.height = _coefficients(height, "height")
-        self.duration = real_scalar(duration, "the duration of a spiral-helix")
+        self.duration = real_scalar(seconds(duration), "the duration of a spiral-helix")
         self.placement = placement
         self.mismatch = as_float(mismatch)
         require_positive(self.duration, "the duration of a spiral-helix", "s")
@@ -161,7 +162,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         only one state contains an acceleration.
         """
         require_states(start, end)
-        duration = real_scalar(duration, "the duration of a spiral-helix")
+        duration = real_scalar(seconds(duration), "the duration of a spiral-helix")
         require_positive(duration, "the duration of a spiral-helix", "s")
         return cls(*problem.hermite(start, end, duration, turns, placement), duration, placement)
 

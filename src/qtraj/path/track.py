@@ -1,5 +1,6 @@
 """Define recorded tracks: the measured positions of a vehicle at a sequence of times."""
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -8,6 +9,7 @@ from qtraj.foundation.arrays import as_array, as_float, concrete, part, warn_if_
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
+from qtraj.foundation.seconds import absolute, first_time, seconds, since_first
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import labels_of
@@ -44,8 +46,13 @@ class Track(AbstractResult):
     and velocities are in world axes. `rates` are angular rates (n, 3) in the axes of the gyro. Rates (n, 1) contain
     only the rate about the vertical axis of the vehicle, positive to the left.
 
+    Times of NumPy, pandas and Python are converted to seconds. Absolute times (`datetime64`, with a time zone in UTC)
+    count from the first of them, which is the `epoch`: the absolute time at which `times` is 0, in ISO 8601, such as
+    "2026-05-06T09:00:00.250", or None if unknown. For times in seconds, `epoch` may be given.
+
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
-    message contains the number of the sample.
+    message contains the number of the sample. Also for an `epoch` that is not one absolute time, or was given although
+    the times are absolute.
     """
 
     times: Float[Array, " n"]
@@ -53,6 +60,7 @@ class Track(AbstractResult):
     velocities: Float[Array, "n 3"] | None
     attitudes: Float[Array, "n 4"] | None
     rates: Float[Array, "n axes"] | None
+    epoch: str | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -61,8 +69,14 @@ class Track(AbstractResult):
         velocities: ArrayInput | None = None,
         attitudes: ArrayInput | None = None,
         rates: ArrayInput | None = None,
+        epoch: np.datetime64 | str | None = None,
     ):
-        self.times = _times(times)
+        first = first_time(times)
+        if first is not None and epoch is not None:
+            raise ValueError("absolute times were given, and their first is the epoch: omit epoch")
+        first = first if epoch is None else absolute(epoch)
+        self.epoch = None if first is None else str(first)
+        self.times = _times(since_first(times))
         count = self.times.shape[0]
         self.positions = _samples(positions, "positions", count, 3)
         self.velocities = None if velocities is None else _samples(velocities, "velocities", count, 3)
@@ -89,7 +103,8 @@ class Track(AbstractResult):
             variables["rate"] = Quantity(self.rates, "rad s-1", RECORDED_RATE, ("time", "body"))
         time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))
         summary = f"{self.times.shape[-1]} samples, {extent(self.times, 's')}: {', '.join(variables)}"
-        return Record(summary, variables, {"time": time}, {"frame": "world"}, labels_of(""))
+        about = {"frame": "world"} | ({} if self.epoch is None else {"epoch": self.epoch})
+        return Record(summary, variables, {"time": time}, about, labels_of(""))
 
     @property
     def start_time(self) -> Scalar:
@@ -117,12 +132,13 @@ class Track(AbstractResult):
         return as_array(travel_turn(self), self.positions.dtype)
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
-        """Return the samples with t0 ≤ time ≤ t1 [s], on the clock of the recording.
+        """Return the samples with t0 ≤ time ≤ t1 [s], on the clock of the recording, or absolute if it has an `epoch`.
 
         **Raises:** ValueError if t0 ≥ t1, or if the window extends beyond the recording or has fewer than 4 samples.
         """
         times = to_float64(self.times)
-        start, end = float(np.asarray(t0)), float(np.asarray(t1))
+        origin = None if self.epoch is None else np.datetime64(self.epoch)
+        start, end = (float(np.asarray(seconds(t, origin))) for t in (t0, t1))
         span = f"the recording runs from {times[0]:.9g} to {times[-1]:.9g} s"
         if not start < end:
             raise ValueError(f"a window must end after it starts, but {start:.9g} to {end:.9g} s was given; {span}")
@@ -138,7 +154,7 @@ class Track(AbstractResult):
         velocities = None if self.velocities is None else part(self.velocities, chosen)
         attitudes = None if self.attitudes is None else part(self.attitudes, chosen)
         rates = None if self.rates is None else part(self.rates, chosen)
-        return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes, rates)
+        return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes, rates, self.epoch)
 
 
 def require_track(track: Track) -> None:

@@ -1,9 +1,12 @@
 """Compute path quantities at one instant, or in NumPy at many."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from jaxtyping import Array
 
 from qtraj.foundation.methods import method
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import in_numpy_or_jit, xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, rotated_z
 from qtraj.path.frame_components import triple
@@ -26,17 +29,22 @@ def invariants_at(
     Instants `t` (n,) are accepted for paths that support NumPy.
     With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
     """
+    rows, up, span = _derivatives(path, t, order if vehicle is None else max(order, STANDSTILL_ORDER))
+    return Invariants(rows, up) if vehicle is None else _driven(path, t, rows, up, span, vehicle)
+
+
+def _derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[list[Triple], Triple | None, Any]:
+    """Return the derivatives up to `order`, the vertical (None for the third axis), and the span [s]."""
     polynomials = method(path, "polynomials")()
-    order = order if vehicle is None else max(order, STANDSTILL_ORDER)
     if polynomials is None:
         rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, order)
-        up, rows, span = None, [triple(row) for row in rows], method(path, "span")(t)
-    else:
-        x, y, z, angle = method(polynomials, "series")(t, order)
-        rows, up = in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0])
-        span = rotating_span(path.duration, angle[1])
-    if vehicle is None:
-        return Invariants(rows, up)
+        return [triple(row) for row in rows], None, method(path, "span")(t)
+    x, y, z, angle = method(polynomials, "series")(t, order)
+    rows = in_moving_basis(x, y, z, angle)
+    return rows, vertical(polynomials.placement, angle[0]), rotating_span(path.duration, angle[1])
+
+
+def _driven(path: AbstractHodograph, t: Any, rows: Any, up: Any, span: Any, vehicle: RoadParameters) -> Invariants:
     return driven_invariants(rows, up, vehicle, xp.asarray(t, path.duration.dtype), path.duration, span)
 
 
@@ -67,6 +75,25 @@ def _invariants_of(
     found = invariants_at(path, t, order)
     found.vehicle = vehicle
     return found
+
+
+def values(
+    path: AbstractHodograph, t: ScalarLike, names: Sequence[str], vehicle: RoadParameters | None = None
+) -> dict[str, Scalar]:
+    """Return several path quantities at one instant `t` [s], by name, from one evaluation of the path."""
+    return dict(zip(names, _values(path, t, tuple(names), vehicle), strict=True))
+
+
+@in_numpy_or_jit
+def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: Any) -> list[Scalar]:
+    entries = [quantity(name) for name in names]
+    on_road = any(entry.on_road for entry in entries)
+    order = max(STANDSTILL_ORDER if on_road else 1, *(entry.order for entry in entries), 1)
+    rows, up, span = _derivatives(path, t, order)
+    free = Invariants(rows, up, vehicle)
+    driven = _driven(path, t, rows, up, span, vehicle) if on_road else free
+    found = [entry.scale(vehicle) * entry.value(driven if entry.on_road else free) for entry in entries]
+    return [xp.asarray(x, path.duration.dtype) for x in found]
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:

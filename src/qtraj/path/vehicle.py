@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming
-from qtraj.foundation.shown import shown
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE
 from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
@@ -129,6 +129,8 @@ class Vehicle(eqx.Module):
     def __repr__(self) -> str:
         units = {"mass": "kg", "inertia": "kg m²", "drag_area": "m²", "bank": "rad", "air_density": "kg/m³"}
         return shown(self, **units, gravity="m/s²", wheelbase="m")
+
+    _repr_html_ = shown_html
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
         """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays."""

@@ -43,13 +43,17 @@ class InTime(NamedTuple):
     motion: Motion
 
 
-def fit_in_time(recording: Recording, standing: Standing, given: Choice, in_noise: bool) -> InTime:
-    """Return the fit of a drive with its stops; `in_noise` indicates that they depend on the noise of a first fit.
+def fit_in_time(recording: Recording, standing: Standing, given: Choice, in_noise: Choice | None) -> InTime:
+    """Return the fit of a drive with its stops, which depend on the noise of a first fit unless `in_noise` is None.
 
-    The residuals of a fit are noise only if its knots and its smoothing were not specified.
+    `in_noise` is a choice without a tolerance, a smoothing or given knots: only its residuals are noise.
     """
-    first = _with_stops(recording, find_stops(recording, standing), given)
-    stops = stops_in_noise(first.recording, standing, first.motion) if in_noise else None
+    stops = find_stops(recording, standing)
+    first = _with_stops(recording, stops, given)
+    if in_noise is None:
+        return first
+    noisy = first if in_noise is given else _with_stops(first.recording, stops, in_noise)
+    stops = stops_in_noise(noisy.recording, standing, noisy.motion)
     return first if stops in (None, first.motion.stops) else _with_stops(first.recording, stops, given)
 
 

@@ -71,10 +71,11 @@ def fit_route(
     drives almost straight, about one second for a car in a town. Knots are at most one unit apart, held-out intervals
     last at least 1.5 units, and a stop lasts at least one unit and four time steps of the recording. A stop is an
     interval in which the vehicle stays within `stop_distance` [m] of its mean position and is not faster than
-    `stop_speed` [m/s]. By default they are 0.1 m and 0.5 % of the largest speed. If knots and smoothing are chosen by
-    cross-validation, they are at least six standard deviations of the positions and four of the fitted velocity, so
-    that jitter at standstill is one stop, unless the former exceed 0.4 m. At a stop the velocity and acceleration of
-    the route are exactly zero.
+    `stop_speed` [m/s]. By default they are 0.1 m and 0.5 % of the largest speed, but at least six standard deviations
+    of the positions and four of the velocity of a fit by cross-validation, so that jitter at standstill is one stop. If
+    the former exceed 0.4 m, a stop is an interval in which no motion of the positions, or of recorded velocities, is
+    significant, and that is long enough to notice 1.5 % of the largest speed: 15 s at 10 Hz with 1 m of noise for a
+    vehicle that drives 10 m/s elsewhere. At a stop the velocity and acceleration of the route are exactly zero.
 
     Next to a stop, and where the vehicle creeps, halts for a moment, or starts or ends slowly, noise is not a curve
     that was driven. There the route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from
@@ -133,7 +134,10 @@ def fit_route(
         given = Choice(Grid(exact[0], float(exact[0][1]), True), None, exact[1], given.ends)
     elif not few:
         recording = without_outliers(recording, given.grid.knots)
-    in_time = fit_in_time(recording, standing, given, in_noise=free and exact is None and not few)
+    own = (
+        given if free else Choice(read_knots(None, recording.times, recording.step, unit.time), None, None, given.ends)
+    )
+    in_time = fit_in_time(recording, standing, given, None if few or exact is not None else own)
     recording, problem, best, stretch_error, found, motion = in_time
 
     part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)

@@ -10,6 +10,7 @@ from qtraj.design.fitting.recording import Recording
 from qtraj.design.fitting.route_jumps import lengths
 from qtraj.design.fitting.route_knots import read_knots
 from qtraj.design.fitting.route_outliers import SMOOTHING
+from qtraj.design.fitting.route_standstill import samples_of, standstills
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 from qtraj.path.track import STANDSTILL
 
@@ -26,8 +27,12 @@ position in standard deviations of the positions, unless the user has given them
 
 
 NOISIEST = 4.0
-"""Largest ratio of the distance that follows from the noise to the default one. With more noise, a few seconds of slow
-motion cannot be distinguished from standstill; a stop that does not exist would be worse than one that is missed."""
+"""Largest ratio of the distance that follows from the noise to the default one. With more noise, the spread does not
+show whether the vehicle stands or creeps, and a stop that does not exist would be worse than one that is missed: so a
+stop needs a test of its motion, too."""
+
+CREEPING = 0.015
+"""Speed of a creeping vehicle that this test would notice, relative to the largest speed of the recording."""
 
 
 class Standing(NamedTuple):
@@ -62,12 +67,18 @@ def stops_in_noise(recording: Recording, standing: Standing, motion: Motion) -> 
     bound, distance = SLOW * float(speeds.max()), _distance(recording, standing)
     noisy_speed = bound if standing.speed is not None else NOISY_SPEED * noise.velocity
     noisy_distance = distance if standing.distance is not None else NOISY_DISTANCE * noise.position
-    if (noisy_speed <= bound and noisy_distance <= distance) or noisy_distance > NOISIEST * distance:
+    if noisy_speed <= bound and noisy_distance <= distance:
         return None
+    creeping = CREEPING * float(speeds.max()) if standing.speed is None else standing.speed
+    if standing.speed is None:
+        bound = max(bound, noisy_speed)
+    if noisy_distance > NOISIEST * distance:
+        found = _intervals(recording, speeds, bound, noisy_distance)
+        tested = standstills(samples_of(recording, noise.position), found, creeping, _shortest(recording))
+        return _until_ends(recording, tested, noisy_distance) or None
     distance = max(distance, noisy_distance)
     if _spread(recording.positions[inliers]) <= distance:
         return [(0.0, float(recording.times[-1]))]
-    bound = max(bound, noisy_speed) if standing.speed is None else standing.speed
     return _until_ends(recording, _intervals(recording, speeds, bound, distance), distance)
 
 

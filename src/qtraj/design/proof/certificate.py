@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float, concrete, require_element
+from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
@@ -157,13 +158,16 @@ class Certificate(AbstractOutcome):
 
     @property
     def met(self) -> Any:
-        """Whether every limit is satisfied, by proof or by refined sampling."""
-        return _plain((_concrete(self.codes) <= SAMPLED).all(axis=-1))
+        """Whether every limit is satisfied, by proof or by refined sampling; inside a trace, an array."""
+        return where_code(self.codes, lambda codes: (codes <= SAMPLED).all(axis=-1))
 
     @property
     def holds(self) -> Any:
-        """Whether every limit is proved to be satisfied on the whole path; refined sampling is not a proof."""
-        return _plain((_concrete(self.codes) == PROVED).all(axis=-1))
+        """Whether every limit is proved to be satisfied on the whole path; refined sampling is not a proof.
+
+        Inside a trace, the result is an array.
+        """
+        return where_code(self.codes, lambda codes: (codes == PROVED).all(axis=-1))
 
     @property
     def unmet(self) -> list[str]:

@@ -17,9 +17,10 @@ from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
+from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
@@ -129,10 +130,10 @@ class Retimed(AbstractOutcome):
     def converged(self) -> Any:
         """Whether the search found the fastest timing with these knots, and this timing satisfies every limit.
 
-        While the vehicle brakes from a `start_speed` above the limits, it need not satisfy them.
+        While the vehicle brakes from a `start_speed` above the limits, it need not satisfy them. Inside a trace, the
+        result is an array.
         """
-        good = concrete_codes(self) < ResultCode.max_steps_reached
-        return good.item() if good.ndim == 0 else good
+        return where_code(self.code, lambda code: code < ResultCode.max_steps_reached)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result for one path, with advice."""

@@ -49,6 +49,7 @@ from qtraj.design.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.route import Route
@@ -178,6 +179,7 @@ def retime(
         bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
         road, speeds = jax.tree.map(np.asarray, (road, speeds))
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
+    duration = seconds(duration)
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}

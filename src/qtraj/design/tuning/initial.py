@@ -13,6 +13,7 @@ from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.problem import pose
 from qtraj.design.tuning.task import as_jax, one
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
 from qtraj.path.boundary_problem import directed_turn, whole_turns
@@ -43,7 +44,7 @@ def initial_path(
     if start.acceleration is None and end.acceleration is None:
         any_limit = Limits(speed=1.0)  # the checks require a limit, but the initial path does not depend on limits
         require_choices(start, end, any_limit, objective, motion, duration is not None)
-        duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
+        duration, turn = (None if x is None else as_float(x) for x in (seconds(duration), turn))
         first, last = (jax.tree.map(lambda x: x[None], state) for state in (start, end))
         # The initial path does not depend on the objective, which may be a function of the user.
         kind = objective if objective.is_smooth else Nearest()

@@ -15,9 +15,17 @@ from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_element
+from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, concrete_codes, names_of, renumbered
+from qtraj.foundation.outcome import (
+    ILL_POSED,
+    AbstractOutcome,
+    ResultCode,
+    concrete_codes,
+    names_of,
+    renumbered,
+)
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, counts_text, extent
 from qtraj.foundation.types import ArrayInput
@@ -103,9 +111,8 @@ class Tuned(AbstractOutcome):
 
     @property
     def converged(self) -> Any:
-        """Whether the path satisfies every limit and the Lagrangian is stationary."""
-        good = concrete_codes(self) == CONVERGED
-        return good.item() if good.ndim == 0 else good
+        """Whether the path satisfies every limit and the Lagrangian is stationary; inside a trace, an array."""
+        return where_code(self.code, lambda code: code == CONVERGED)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result of one problem, with advice."""

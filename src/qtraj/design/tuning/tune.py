@@ -33,6 +33,7 @@ from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.foundation.reporting import reporting
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.hodograph import AbstractHodograph
@@ -134,7 +135,7 @@ def tune(
     if starts < 1:
         raise ValueError(f"starts must be 1 or more, but {starts} was given")
     weight_array = change_weights(weights or {}, objective, motion)
-    duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
+    duration, turn, corridor = (None if x is None else as_float(x) for x in (seconds(duration), turn, corridor))
 
     start, end, batch = _as_batch(start, end)
     road = RoadParameters(*map(as_float, limits.road())) if limits.parametric else None

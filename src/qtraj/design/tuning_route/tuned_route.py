@@ -12,6 +12,7 @@ from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
@@ -74,8 +75,7 @@ class TunedRoute(AbstractOutcome):
     @property
     def converged(self) -> bool:
         """Whether every limit and the tube are proved on every segment that may change, at a local optimum."""
-        code = int(np.asarray(self.code))
-        return code < FAILURES and code != ResultCode.not_optimal
+        return where_code(self.code, lambda code: (code < FAILURES) & (code != ResultCode.not_optimal))
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe what is proved and where a proof is missing, with advice."""

@@ -20,7 +20,7 @@ from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy
-from qtraj.foundation.shown import shown
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.toml_fault import quoted
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.attitude import Attitude, require_body_axes
@@ -56,6 +56,8 @@ class AbstractLaw(eqx.Module):
     @abc.abstractmethod
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion (4,) that the law controls."""
+
+    _repr_html_ = shown_html
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the law without loss of precision to a TOML or JSON file, which `qtraj.load` reads.

@@ -17,7 +17,7 @@ from jax.scipy.linalg import expm
 from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import horner
-from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.arrays import as_float, as_seconds, real_vector
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, apply
@@ -40,7 +40,7 @@ def error_response(
     """
     mu0 = real_vector(mu0, "the error", 4)
     mu_rate0 = None if mu_rate0 is None else real_vector(mu_rate0, "the rate of the error", 4)
-    t = as_float(t)
+    t = as_seconds(t)
 
     if isinstance(law, AccelerationLaw) and mu_rate0 is None:
         raise ValueError(

@@ -18,7 +18,7 @@ from typing_extensions import TypeAliasType
 from qtraj.algebra import dual_quaternion
 from qtraj.foundation.arrays import concrete, real_vector
 from qtraj.foundation.document import storable
-from qtraj.foundation.shown import shown
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput, DualQuat, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, output_times
@@ -43,6 +43,8 @@ class PoseProgram(eqx.Module):
 
     def __repr__(self) -> str:
         return shown(self)
+
+    _repr_html_ = shown_html
 
     def __init__(self, path: AbstractHodograph, attitude: AbstractProgram):
         if not isinstance(path, AbstractHodograph):
@@ -85,6 +87,8 @@ class PoseLaw(eqx.Module):
 
     def __repr__(self) -> str:
         return shown(self, k1="1/s", k2="1/s²")
+
+    _repr_html_ = shown_html
 
     def __init__(self, attitude: AbstractLaw, k1: ArrayInput, k2: ArrayInput):
         require_continuous_law(attitude, "the attitude law")

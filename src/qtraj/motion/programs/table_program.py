@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
-from qtraj.foundation.arrays import as_float, concrete, one_instant, require_finite
+from qtraj.foundation.arrays import as_float, as_seconds, concrete, one_instant, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
@@ -44,7 +44,7 @@ class TableProgram(AbstractProgram):
 
     def __init__(self, times: ArrayInput, quaternions: ArrayInput, rates: ArrayInput | None = None):
         table = attitude_table(quaternions, "a table program")
-        instants = as_float(times)
+        instants = as_seconds(times, from_first=True)
         dtype = np.promote_types(instants.dtype, table.dtype)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])

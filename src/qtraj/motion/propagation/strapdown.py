@@ -52,8 +52,8 @@ def propagate_samples(
     For "mean" and "increment" the first row refers to the interval before times[0] and is not used. `degree`: the
     degree of the local polynomial of the rate, by default 5, or 6 for means and increments; for short recordings the
     degree is limited by the number of samples. `method`: the integration method for the polynomials,
-    `GaussLegendre(stages=6)` for None. Times may be unevenly spaced. An interval longer than `max_gap` times the median
-    interval raises an error; None disables this check.
+    `GaussLegendre(stages=6)` for None. Times may be unevenly spaced, and absolute (`datetime64`). An interval longer
+    than `max_gap` times the median interval raises an error; None disables this check.
 
     **Raises:** ValueError for arrays of another shape, an unknown `kind` or `axes`, a negative `degree`, rates that are
     not finite, times that do not increase strictly, or a gap. If a sample is invalid, the message gives the index and
@@ -68,7 +68,7 @@ def propagate_samples(
             "times, in this order"
         )
     with at_once():
-        times, q0 = output_times(times), initial_quaternion(q0)
+        times, q0 = output_times(times, from_first=True), initial_quaternion(q0)
         rates = _checked_rates(rates, times, kind)
         _require_no_gap(times, max_gap)
     if times.shape[0] == 1:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, as_seconds
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, times_text
 from qtraj.foundation.types import ArrayInput
@@ -121,7 +121,7 @@ def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
 
     **Raises:** ValueError if the program is not defined at one of the instants.
     """
-    references = attitudes_at(program, as_float(times))
+    references = attitudes_at(program, as_seconds(times))
     defined = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
     if not defined.all():
         t = float(np.asarray(times)[int(np.argmin(defined))])

@@ -14,7 +14,7 @@ from jaxtyping import Array, Int, PyTree, UInt32
 from qtraj.algebra.quaternion import exp, product
 from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.document import storable
-from qtraj.foundation.shown import shown
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
@@ -27,6 +27,8 @@ class AbstractSensor(eqx.Module):
     """A sensor, which computes the measured state (the input of the law) from the true state."""
 
     sampling: eqx.AbstractVar[Sampling | None]
+
+    _repr_html_ = shown_html
 
     @abc.abstractmethod
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
