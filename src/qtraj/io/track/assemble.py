@@ -138,7 +138,7 @@ def _cell(source: Source, name: str, index: int) -> str:
 
 def _track(path: Path | str, merged: Merged) -> Track:
     try:
-        others = [merged.parts.get(part) for part in ("velocity", "attitude", "rate")]
-        return Track(merged.times, merged.parts["position"], *others)
+        velocities, attitudes, rates = (merged.parts.get(part) for part in ("velocity", "attitude", "rate"))
+        return Track(merged.times, merged.parts["position"], velocities, attitudes, rates)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
