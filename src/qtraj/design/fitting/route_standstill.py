@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from qtraj.design.fitting.recording import Recording
 
@@ -21,10 +20,6 @@ DEGREE = 3
 
 CONFIDENCE = 0.999
 """Probability that a vehicle at rest passes a test."""
-
-LARGEST = {count: float(chi2.ppf(CONFIDENCE, 3 * count)) for count in range(1, DEGREE + 1)}
-"""Largest sum of the squares of this many coefficients of a vehicle at rest, in three axes and in standard deviations;
-the first coefficient, the mean velocity, has a test of its own."""
 
 NOTICED = 6.0
 """Minimum ratio of the speed of a creeping vehicle to the standard deviation of the mean velocity."""
@@ -150,7 +145,17 @@ def _is_noise(
     for axis in range(3):
         basis = np.linalg.qr(powers / sigma[:, axis : axis + 1])[0]
         squares += (basis.T @ (x[:, axis] / sigma[:, axis])) ** 2
-    return bool(squares[first] <= LARGEST[1] and squares[first:].sum() <= LARGEST[len(squares) - first])
+    return bool(squares[first] <= _largest(1) and squares[first:].sum() <= _largest(len(squares) - first))
+
+
+def _largest(count: int) -> float:
+    """Return the largest sum of the squares of `count` coefficients of a vehicle at rest, in three axes.
+
+    It is a quantile of the chi-square distribution, because the squares are in units of their variances.
+    """
+    from scipy.special import gammaincinv  # slow to import
+
+    return 2 * float(gammaincinv(1.5 * count, CONFIDENCE))
 
 
 def _changes(velocities: Float[np.ndarray, "n 3"]) -> float:
