@@ -83,7 +83,7 @@ def test_a_vehicle_that_leaves_the_road_has_no_friction_limit_proved():
     hill = qt.SpiralHelix([100.0], [0.0, 0.3], [0.0, 12.0, -6.0], 2.0)  # 12 m/s² downwards
     certificate = qt.certify(hill, qt.Limits(friction=100.0, vehicle=qt.Vehicle(1e3)))
     assert certificate.status == {"friction": "undefined"}
-    assert "the load on the road is zero" in str(certificate)
+    assert "the load on the road is not positive" in str(certificate)
 
 
 def test_a_path_about_a_tilted_axis_is_sampled():

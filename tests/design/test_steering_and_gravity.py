@@ -358,7 +358,43 @@ def test_batches_of_vehicles():
     assert np.asarray(qt.certify(paths, limits).codes).ravel().tolist() == [0, 2]
 
 
+def falling(acceleration, segments=2):
+    """A straight plan at 10 m/s with a constant vertical acceleration [m/s²]."""
+    t, zero = np.linspace(0.0, 2.0, segments + 1), np.zeros(segments + 1)
+    states = [
+        [10 * t, zero, acceleration * t**2 / 2],
+        [zero + 10, zero, acceleration * t],
+        [zero, zero, zero + acceleration],
+    ]
+    return qt.Route(t, *(np.stack(x, axis=1) for x in states))
+
+
+@pytest.mark.parametrize("segments", [1, 2, 60])
+@pytest.mark.parametrize("bounds", [(-0.5, 0.5), (0.1, 0.2), (-0.2, -0.1), (None, 0.5), (-0.5, None)])
+def test_the_sign_of_the_bank_is_undefined_upside_down(bounds, segments):
+    """The bank angle is a half turn there, of either sign; it is no part of any of these intervals."""
+    path = falling(-20.0, segments)
+    assert np.abs(qt.evaluate(path, [0.7], ("bank_angle",)).bank_angle) == pytest.approx(np.pi)
+    assert set(qt.certify(path, qt.Limits(bank_angle=bounds)).status.values()) == {"undefined"}
+    assert qt.certify(path, qt.Limits(bank_angle=0.5)).status == {"bank_angle": "broken"}
+    assert qt.certify(falling(0.0, segments), qt.Limits(bank_angle=(-0.5, 0.5))).holds
+
+
+def test_a_specific_force_of_zero_has_no_direction():
+    path = falling(-9.80665)
+    for bounds in (0.5, (0.2, None)):
+        assert set(qt.certify(path, qt.Limits(tilt=bounds)).status.values()) == {"undefined"}
+    certificate = qt.certify(path, qt.Limits(bank_angle=(0.1, 0.5)))
+    assert set(certificate.status.values()) == {"undefined"}
+    assert "the specific force is zero" in str(certificate)
+    assert qt.certify(path, qt.Limits(load_factor=(0.5, None))).status == {"load_factor_min": "broken"}
+
+
 REFUSED = {
+    "no gravity": (
+        lambda: qt.Limits(load_factor=(0.5, None), vehicle=qt.Vehicle(1e3, gravity=0.0)),
+        "load_factor is relative to gravity, but the vehicle has gravity = 0",
+    ),
     "no vehicle": (lambda: qt.Limits(steering_angle=0.3), "the limit steering_angle needs a wheelbase"),
     "no wheelbase": (
         lambda: qt.Limits(steering_rate=0.3, vehicle=qt.Vehicle(1e3)),

@@ -139,3 +139,20 @@ def test_a_path_has_no_absolute_times(call):
 @pytest.mark.parametrize("call", [CALLS[name] for name in ("propagate_samples", "route")])
 def test_recorded_times_may_be_absolute(call):
     np.testing.assert_array_equal(call(START + WHOLE), call(1.0 * WHOLE))
+
+
+MIXED = [
+    [np.timedelta64(200, "ms"), 1],
+    [datetime.timedelta(0), datetime.datetime(2020, 1, 1)],
+    np.array([datetime.timedelta(0), datetime.datetime(2020, 1, 1)]),
+]
+
+
+@pytest.mark.parametrize("times", MIXED)
+def test_times_of_several_kinds_are_refused(times):
+    with pytest.raises(ValueError, match="all durations, all absolute times, or all numbers"):
+        seconds(times, np.datetime64("2020-01-01"))
+
+
+def test_no_absolute_times_are_no_seconds():
+    assert seconds(np.array([], "M8[s]")).shape == (0,)

@@ -241,3 +241,22 @@ def test_the_function_of_a_curve_may_return_a_list(result):
     np.testing.assert_array_equal(qt.evaluate(listed, [0.0, 1.0]).velocity, qt.evaluate(stacked, [0.0, 1.0]).velocity)
     with pytest.raises(ValueError, match=r"shape \(2,\)"):
         qt.Curve(lambda t: result([t, t]), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("index", "error", "fragment"),
+    [
+        (slice(5, None), IndexError, "selects none of them"),
+        (None, TypeError, "has the indices 0 to"),
+        (True, TypeError, "has the indices 0 to"),
+        ((0, 1), TypeError, "has the indices 0 to"),
+        ("a", TypeError, "has the indices 0 to"),
+    ],
+)
+def test_other_indices_of_a_batch_are_refused(index, error, fragment):
+    with pytest.raises(error, match=fragment):
+        LINES[index]
+
+
+def test_a_list_selects_paths_of_a_batch():
+    np.testing.assert_array_equal(LINES[[1, 0]].radius, LINES.radius[np.array([1, 0])])

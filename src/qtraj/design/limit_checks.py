@@ -1,8 +1,11 @@
 """Check the names of limits, their vehicle, and the batch shapes of both."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
+
+from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.vehicle import Vehicle, require, require_vehicle
@@ -22,7 +25,7 @@ def require_shapes(limits: Mapping[str, Any], vehicle: Vehicle | None, batch: tu
             )
 
 
-def refuse_unknown(names: Iterable[str]) -> None:
+def refuse_unknown(names: Collection[str]) -> None:
     """Raise a TypeError for the first of `names`, which are no limits."""
     for name in names:
         advice = suggestion(name, list(QUANTITIES), "limits")
@@ -32,10 +35,16 @@ def refuse_unknown(names: Iterable[str]) -> None:
         raise TypeError(f"Limits has no limit {name!r}: {advice}")
 
 
-def require_needs(names: Iterable[str], vehicle: Vehicle | None) -> None:
+def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:
     """Raise a ValueError if a limit with one of these names needs something that the vehicle does not have."""
     needing = [name for name in names if quantity(name).needs_vehicle]
     if vehicle is not None:
         require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
     for name in needing:
         require(vehicle, quantity(name).needs, f"the limit {name}")
+    if vehicle is not None and any((quantity(name).base or name) == "load_factor" for name in names):
+        gravity = concrete(vehicle.gravity)
+        if gravity is not None and not np.all(gravity > 0):
+            raise ValueError(
+                "load_factor is relative to gravity, but the vehicle has gravity = 0: limit the acceleration instead"
+            )

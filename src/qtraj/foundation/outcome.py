@@ -122,7 +122,7 @@ class ResultCode(enum.IntEnum):
     limits_undefined = (
         FAILURES + 10,
         "a limited quantity is undefined somewhere on the path. This occurs at stops, on straight or vertical parts, "
-        "and where the load on the road is zero. Limit another quantity, or change the path.",
+        "and where the load on the road is not positive. Limit another quantity, or change the path.",
     )
     route_not_found = (
         FAILURES + 12,

@@ -35,6 +35,8 @@ def seconds(times: Any, origin: np.datetime64 | None = None) -> Any:
     if np.isnat(values).any():
         raise ValueError("times must not be missing, but some of them are NaT (not a time)")
     if values.dtype.kind == "M":
+        if origin is None and not values.size:
+            return np.zeros(values.shape)
         if origin is None:
             raise ValueError(
                 f"a time must count from the start of the path or the motion, but the absolute time {values.flat[0]} "
@@ -77,10 +79,29 @@ def _of_time(times: Any) -> np.ndarray | None:
             return None
     elif not isinstance(_first(times), datetime.date | datetime.timedelta | np.datetime64 | np.timedelta64):
         return None
+    else:
+        _require_one_kind(times)
     values = np.asarray(times)
     if values.dtype.kind == "O" and values.size:
         values = _from_objects(values)
     return values if values.dtype.kind in "mM" else None
+
+
+DURATIONS, ABSOLUTE = (datetime.timedelta, np.timedelta64), (datetime.date, np.datetime64)
+"""Types of durations and of absolute times; those of pandas are among them."""
+
+
+def _require_one_kind(times: Any) -> None:
+    """Raise a ValueError if nested lists contain durations, absolute times and other elements together."""
+    elements, kinds = [times], set()
+    while elements:
+        x = elements.pop()
+        if isinstance(x, list | tuple):
+            elements.extend(x)
+        else:
+            kinds.add(next((k for k, types in enumerate((DURATIONS, ABSOLUTE)) if isinstance(x, types)), None))
+    if len(kinds) > 1:
+        raise ValueError("times must be all durations, all absolute times, or all numbers in seconds")
 
 
 def _first(times: Any) -> Any:
@@ -94,6 +115,7 @@ def _from_objects(values: np.ndarray) -> np.ndarray:
     """Convert an array of objects of Python or pandas, or return it unchanged if it contains others."""
     if not all(isinstance(x, datetime.date | datetime.timedelta) for x in values.flat):
         return values
+    _require_one_kind(values.ravel().tolist())
     converted = [_from_object(x) for x in values.flat]
     return np.array(converted).reshape(values.shape)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import safe_root
-from qtraj.path.path_quantity import Component, PathQuantity, ratio, squared
+from qtraj.path.path_quantity import FORCE, UPRIGHT_FORCE, Component, PathQuantity, ratio, squared
 
 
 def _upwards(i: Any) -> Any:
@@ -37,6 +37,17 @@ def _tilt(i: Any) -> Any:
 def _across(i: Any) -> Any:
     """Return v√H times the component of the specific force to the left."""
     return i.P * i.v
+
+
+def bank_divisor(i: Any) -> tuple[Any, Any]:
+    """Return v√H times |f| + f·z and 2|f|, with the components of the specific force f in the plane of y and z."""
+    norm = _norm(i)
+    return norm + i.contact.upwards, 2 * norm
+
+
+def force_divisor(i: Any) -> tuple[Any, Any]:
+    """Return the square of the specific force, and the largest square for this acceleration."""
+    return _square(i), 2 * (i.Q + squared(i.W) + _gravity_square(i))
 
 
 def _norm(i: Any) -> Any:
@@ -73,6 +84,7 @@ GRAVITY_QUANTITIES = (
         numerator=lambda i: i.root(_square(i)) - _upwards(i),
         denominator=lambda i: i.root(_square(i)) + _upwards(i),
         square=lambda i: squared(_tilt(i)),
+        divisor=FORCE,
         upright=True,
         gravity=True,
         tangent_of=2,
@@ -96,6 +108,7 @@ GRAVITY_QUANTITIES = (
             numerator=_across,
             denominator=lambda i: _norm(i) + i.contact.upwards,
             value=_bank_angle,
+            divisor=UPRIGHT_FORCE,  # opposite to up, the angle is a half turn, and its sign is arbitrary
         ),
     ),
 )

@@ -100,11 +100,19 @@ class AbstractHodograph(eqx.Module):
         return self.derivatives(t, 3)[3]
 
     def __getitem__(self, index: Any) -> Self:
-        """Return one path of a batch, by its number, or several by a slice.
+        """Return one path of a batch, by its number, or several by a slice or a list of numbers.
 
-        **Raises:** TypeError for a single path, IndexError for a number that does not exist.
+        **Raises:** TypeError for a single path or another index, IndexError for a number that does not exist or an
+        empty selection.
         """
-        require_element(index, len(self), "paths in the batch")
+        count = len(self)
+        require_element(index, count, "paths in the batch")
+        if isinstance(index, list):
+            index = np.asarray(index)
+        if index is None or isinstance(index, bool | tuple | str):
+            raise TypeError(f"a batch of paths has the indices 0 to {count - 1} and slices, but {index!r} was given")
+        if isinstance(index, slice) and not range(count)[index]:
+            raise IndexError(f"there are {count} paths in the batch, and the slice {index} selects none of them")
         return jax.tree.map(lambda x: x[index] if isinstance(x, np.ndarray) else part(x, index), self)
 
     def __len__(self) -> int:

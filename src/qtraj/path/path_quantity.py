@@ -13,8 +13,11 @@ Formula = Callable[[Any], Any]
 """A function of `Invariants` of any numeric type."""
 
 
-LOAD = "load"
-"""Name of the divisor of the friction quantities, the load on the road."""
+LOAD, FORCE, UPRIGHT_FORCE = "load", "force", "upright force"
+"""Names of divisors: the load on the road, the specific force, and its norm across the path plus its part upwards.
+
+The last one vanishes only if the specific force has no part across the path, or a part straight down.
+"""
 
 VEHICLE, INERTIA, PRINCIPAL, WHEELBASE = "vehicle", "inertia", "principal inertia", "wheelbase"
 """What a quantity needs in addition to the path: a vehicle, its inertia, principal axes of inertia along τ, n, b, or a
@@ -25,12 +28,14 @@ class Component(NamedTuple):
     """The signed value of a quantity whose entry describes its magnitude.
 
     It is numerator/denominator, where the denominator is positive and None is 1; `value` computes it in floating point.
+    `divisor` is that of the signed value, if the magnitude has another one.
     """
 
     meaning: str
     numerator: Formula
     denominator: Formula | None
     value: Formula
+    divisor: str | None = None
 
 
 @dataclass(frozen=True)

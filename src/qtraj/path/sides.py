@@ -45,6 +45,7 @@ def _sides(entry: PathQuantity) -> list[PathQuantity]:
             signed=ratio.value,
             square=None,
             output=entry.name,
+            divisor=ratio.divisor or entry.divisor,
         )
     lower = replace(value, name=entry.name + LOWER, lower=True)
     return [lower] if upper_side(entry) == entry.name else [lower, replace(value, name=upper_side(entry))]

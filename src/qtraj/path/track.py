@@ -138,7 +138,7 @@ class Track(AbstractResult):
         """
         times = to_float64(self.times)
         origin = None if self.epoch is None else np.datetime64(self.epoch)
-        start, end = (float(np.asarray(seconds(t, origin))) for t in (t0, t1))
+        start, end = (float(np.asarray(seconds(absolute(t) if isinstance(t, str) else t, origin))) for t in (t0, t1))
         span = f"the recording runs from {times[0]:.9g} to {times[-1]:.9g} s"
         if not start < end:
             raise ValueError(f"a window must end after it starts, but {start:.9g} to {end:.9g} s was given; {span}")

@@ -20,7 +20,7 @@ from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import symbol, with_unit
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.path_quantity import LOAD
+from qtraj.path.path_quantity import FORCE, LOAD, UPRIGHT_FORCE
 from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
@@ -51,7 +51,9 @@ WHERE_UNDEFINED = {
     "speed": "the speed is zero",
     "cross_norm": "the speed is zero or the path is straight",
     "level": "the speed is zero or the path is vertical",
-    LOAD: "the speed or the load on the road is zero",
+    LOAD: "the speed is zero, or the load on the road is not positive",
+    FORCE: "the specific force is zero",
+    UPRIGHT_FORCE: "the speed is zero, the path is vertical, or the specific force is zero or opposite to up",
 }
 """Descriptions of the places where a divisor is zero, by divisor."""
 

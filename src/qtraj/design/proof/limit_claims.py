@@ -15,7 +15,8 @@ from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof.sources import Derivatives
 from qtraj.path.contact import Contact
 from qtraj.path.frenet import Invariants
-from qtraj.path.path_quantity import LOAD, PathQuantity
+from qtraj.path.gravity_quantities import bank_divisor, force_divisor
+from qtraj.path.path_quantity import FORCE, LOAD, UPRIGHT_FORCE, PathQuantity
 from qtraj.path.regularity import cross_norm_squares
 
 MIN_RELATIVE_DIVISOR = 1e-9
@@ -27,10 +28,10 @@ The speed is compared with the largest speed of the path, and the other divisors
 DIVISORS = {"speed": "S", "cross_norm": "N", "level": "H"}
 """The invariants that are the squares of divisors; the load on the road has a formula instead."""
 
-DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2}
+DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2, FORCE: 2, UPRIGHT_FORCE: 2}
 """The order of the highest derivative that is needed for each divisor and for its relative size."""
 
-UPRIGHT_DIVISORS = ("level", LOAD)
+UPRIGHT_DIVISORS = ("level", LOAD, FORCE, UPRIGHT_FORCE)
 """The divisors that depend on the vertical."""
 
 
@@ -96,7 +97,7 @@ class Formulas:
         if window is not None:
             derivatives = _restricted(derivatives, window)
         self._in_time = window is None and not is_one(derivatives.span)
-        self._threshold = constant(MIN_RELATIVE_DIVISOR**2)
+        self._constant, self._threshold = constant, constant(MIN_RELATIVE_DIVISOR**2)
         self.span, self._squared_span = derivatives.span, 1
         if not is_one(self.span):
             self._squared_span = constant(self.span) * constant(self.span)
@@ -123,17 +124,21 @@ class Formulas:
     def divisor(self, name: str, fastest: Any) -> Claim:
         """Return the claim that a divisor does not vanish: it must be positive.
 
-        The load must be positive, and the relative size of any other divisor must exceed `MIN_RELATIVE_DIVISOR`.
+        The load and the part of the specific force upwards must be positive, and the relative size of any other divisor
+        must exceed `MIN_RELATIVE_DIVISOR`.
         `fastest` is the largest squared speed, as a constant polynomial.
         """
         if name == LOAD:
             return self._claim(self.road.contact.onto)
+        if name == UPRIGHT_FORCE:
+            return self._claim(bank_divisor(self.road)[0])
         square, scale = sizes(name, self.invariants, fastest, self._squared_span)
         return self._claim(square - self._threshold * scale)
 
     def _claim(self, number: Any) -> Claim:
         """Return a claim about polynomials in u."""
         claim = Claim(number)
+        claim.polynomials = [self._constant(float(p)) if isinstance(p, int) else p for p in claim.polynomials]
         if self._in_time:
             claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
         return claim
@@ -157,4 +162,6 @@ def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:
     """
     if name == "speed":
         return mul(span, i.S), fastest
+    if name in (FORCE, UPRIGHT_FORCE):
+        return (force_divisor if name == FORCE else bank_divisor)(i)
     return cross_norm_squares(i, span) if name == "cross_norm" else (i.H, i.S)

@@ -204,7 +204,7 @@ def require_representable(bounds: dict[str, Any], highest: Any) -> None:
         known = concrete(all_values(value))
         if known is None or np.isnan(known).any():  # the search reports NaN
             continue
-        size = np.abs(known)
+        size = np.abs(np.asarray(known, float))
         if ((size > 0) & ((size < 1 / REPRESENTABLE) | (size > REPRESENTABLE))).any():
             raise ValueError(
                 f"{what} is {float(known.flat[0]):g}, but retime computes with its powers and needs values from "

@@ -124,7 +124,8 @@ def retime(
     `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest values
     of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have known values, as
     under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states of its joints, but
-    not with respect to their times. Its limits may be traced.
+    not with respect to their times, or to velocities and accelerations of zero at stops. In all derivatives the cells
+    and the tightening are constant. The limits of a route may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if

@@ -164,9 +164,10 @@ def _rescued(
 
 def _merit(ends: Ends) -> np.ndarray:
     """Return the numbers by which results are compared: the cost, or a large number that grows with the violation."""
-    cost = np.where(ends.stationary, ends.cost, ends.cost + TIE * ends.unit)
+    cost = np.asarray(ends.cost, float)
+    cost = np.where(ends.stationary, cost, cost + TIE * ends.unit)
     met = (ends.largest <= FEASIBLE) & np.isfinite(cost)
-    violation = np.nan_to_num(ends.largest, nan=1e3)
+    violation = np.nan_to_num(np.asarray(ends.largest, float), nan=1e3)
     return np.where(met, cost, INFEASIBLE_COST * (1 + np.clip(violation, 0.0, 1e3)))
 
 
