@@ -94,11 +94,26 @@ class ExactPolynomial:
         return ExactPolynomial(numbers, self.exponent + common)._reduced()
 
     def composed(self, inner: ExactPolynomial) -> ExactPolynomial:
-        """Return the polynomial p(inner(u)), by Horner's rule."""
-        result = ExactPolynomial(self.numbers[-1:], self.exponent)
-        for number in self.numbers[-2::-1]:
-            result = result * inner + ExactPolynomial([number], self.exponent)
-        return result
+        """Return the polynomial p(inner(u))."""
+        return self.combined(inner.powers(len(self.numbers) - 1))
+
+    def powers(self, degree: int) -> list[ExactPolynomial]:
+        """Return the powers of the polynomial from 0 to `degree`."""
+        found = [ExactPolynomial([1])]
+        while len(found) <= degree:
+            found.append(found[-1] * self if len(found) > 1 else self)
+        return found
+
+    def combined(self, powers: list[ExactPolynomial]) -> ExactPolynomial:
+        """Return Σ c_k·powers[k], with the coefficients c_k of the polynomial: p(inner(u)) for the powers of inner."""
+        own = powers[: len(self.numbers)]
+        exponent = min(p.exponent for p in own)
+        numbers = [0] * max(len(p.numbers) for p in own)
+        for c, p in zip(self.numbers, own, strict=True):
+            factor = c << (p.exponent - exponent)
+            for k, x in enumerate(p.numbers):
+                numbers[k] += factor * x
+        return ExactPolynomial(numbers, self.exponent + exponent)
 
     def restricted(self, start: float, end: float) -> ExactPolynomial:
         """Return the polynomial p(start + (end − start)·u), whose values on [0, 1] are those of p on [start, end]."""

@@ -17,16 +17,27 @@ from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
 
 
-def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> DirectedSource:
-    """Return the source of the proofs of one kind of limits: "path", "direction", "component" or "shape".
+class Composed:
+    """The sources of the proofs on curves with a progress; what several kinds of limits need is computed once."""
 
-    The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
-    """
-    given: list[Any] = []
-    for i in rows:
-        q, pace = directed(segments, int(i), kind == "shape")
-        given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
-    return DirectedSource(given, segments.durations[rows], kind == "component")
+    def __init__(self, segments: Segments):
+        self._segments, self._in_time = segments, {}
+
+    def source(self, rows: np.ndarray, kind: str) -> DirectedSource:
+        """Return the source for one kind of limits: "path", "direction", "component" or "shape".
+
+        The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
+        """
+        given: list[Any] = []
+        for i in rows:
+            q, pace = directed(self._segments, int(i), True) if kind == "shape" else self._directed(int(i))
+            given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
+        return DirectedSource(given, self._segments.durations[rows], kind == "component")
+
+    def _directed(self, i: int) -> tuple[Vector, ExactPolynomial]:
+        if i not in self._in_time:
+            self._in_time[i] = directed(self._segments, i)
+        return self._in_time[i]
 
 
 def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, ExactPolynomial]:
@@ -35,7 +46,9 @@ def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, 
     if evenly:
         start = ExactPolynomial.of(place.floats()[0])
         place = start + (_at_one(place) - start) * ExactPolynomial([0, 1])
-    return [p.composed(place) for p in _slope(segments, i)], place.derivative()
+    slope = _slope(segments, i)
+    powers = place.powers(max(len(p.numbers) for p in slope) - 1)
+    return [p.combined(powers) for p in slope], place.derivative()
 
 
 def _progress(segments: Segments, i: int) -> ExactPolynomial:

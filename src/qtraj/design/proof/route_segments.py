@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Int
 
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.composed import composed_source, fractions_along, times_along
+from qtraj.design.proof.composed import Composed, fractions_along, times_along
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
 from qtraj.design.proof.sources import PolynomialSource, Source
@@ -64,8 +64,9 @@ def findings(
     for kind, keep in (("direction", False), ("component", True)):
         source = lambda segments, rows, keep=keep: standing_source(segments, rows, keep)  # noqa: E731
         _judge(result, task, stopping, every[kinds == kind], source)
+    curves = Composed(segments)
     for kind in ("path", "direction", "component", "shape"):
-        source = lambda segments, rows, kind=kind: composed_source(segments, rows, kind)  # noqa: E731
+        source = lambda _, rows, kind=kind: curves.source(rows, kind)  # noqa: E731
         own = task
         if kind == "shape" and window is not None and composed.any():
             # A linear function of the time is not linear along the curve.

@@ -32,8 +32,8 @@ FLOOR_GROWTH = 25.0  # of the lower limit of the penalty
 SATISFYING_PENALTY = 10.0  # initial penalty divided by the cost, for searches that start from feasible paths
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
-BLOCK = 256
-"""Number of searches that run together; their arrays fit the processor's cache."""
+BLOCK = 1024
+"""Number of searches that run together; with more of them, their arrays do not fit the processor's cache."""
 
 FEASIBLE = 2e-9
 """Tolerance on the constraint value ln(value/limit), up to which a limit counts as satisfied."""
