@@ -238,7 +238,7 @@ def test_blocks_on_all_cores_agree_with_one_trace():
 
 def test_texts_raise_inside_a_trace():
     with pytest.raises(ValueError, match="created inside jit, grad or vmap"):
-        jax.jit(lambda path: qt.certify(path, qt.Limits(speed=1.0)).holds)(PATH)
+        jax.jit(lambda path: qt.certify(path, qt.Limits(speed=1.0)).status)(PATH)
 
 
 def test_findings_compare_the_peaks_with_the_limits():
