@@ -15,6 +15,9 @@ from qtraj.foundation.namespace import is_host
 CALENDAR = ("Y", "M", "generic")
 """Units of NumPy without a fixed number of seconds."""
 
+DURATIONS, ABSOLUTE = (datetime.timedelta, np.timedelta64), (datetime.date, np.datetime64)
+"""Types of durations and of absolute times; those of pandas are among them."""
+
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -77,7 +80,7 @@ def _of_time(times: Any) -> np.ndarray | None:
     if dtype is not None:
         if getattr(dtype, "kind", "") in "fiubc" or not is_host(times):
             return None
-    elif not isinstance(_first(times), datetime.date | datetime.timedelta | np.datetime64 | np.timedelta64):
+    elif not isinstance(_first(times), DURATIONS + ABSOLUTE):
         return None
     else:
         _require_one_kind(times)
@@ -85,10 +88,6 @@ def _of_time(times: Any) -> np.ndarray | None:
     if values.dtype.kind == "O" and values.size:
         values = _from_objects(values)
     return values if values.dtype.kind in "mM" else None
-
-
-DURATIONS, ABSOLUTE = (datetime.timedelta, np.timedelta64), (datetime.date, np.datetime64)
-"""Types of durations and of absolute times; those of pandas are among them."""
 
 
 def _require_one_kind(times: Any) -> None:

@@ -16,7 +16,7 @@ Formula = Callable[[Any], Any]
 LOAD, FORCE, UPRIGHT_FORCE = "load", "force", "upright force"
 """Names of divisors: the load on the road, the specific force, and its norm across the path plus its part upwards.
 
-The last one vanishes only if the specific force has no part across the path, or a part straight down.
+The last one vanishes where the part of the specific force across the path is zero or points straight down.
 """
 
 VEHICLE, INERTIA, PRINCIPAL, WHEELBASE = "vehicle", "inertia", "principal inertia", "wheelbase"
@@ -47,12 +47,13 @@ class PathQuantity:
 
     `order` is the order of the highest derivative in the formulas, and `upright` indicates whether they contain the
     vertical. The quantity exists where `divisor` is not zero: "speed" (|r'|), "cross_norm" (|r' × r''|), "level" (the
-    horizontal speed) or "load" (the normal force on the road). If `divisor` is None, the quantity exists everywhere.
-    `square` is an equivalent form of the ratio for floating-point numbers, used if numerator and denominator would
-    overflow or lose digits. `output` is the name in tables and datasets, if a vector already has the name of the
-    quantity. `bounds_speed` indicates whether a limit on the quantity also bounds the speed on every path. `infinite`
-    indicates where the quantity is infinite although the ratio is not. `of` names the frame whose motion the quantity
-    describes, if another frame along the path has the same quantity.
+    horizontal speed), "load" (the normal force on the road), "force" (the specific force) or "upright force" (see the
+    module). If `divisor` is None, the quantity exists everywhere. `square` is an equivalent form of the ratio for
+    floating-point numbers, used if numerator and denominator would overflow or lose digits. `output` is the name in
+    tables and datasets, if a vector already has the name of the quantity. `bounds_speed` indicates whether a limit on
+    the quantity also bounds the speed on every path. `infinite` indicates where the quantity is infinite although the
+    ratio is not. `of` names the frame whose motion the quantity describes, if another frame along the path has the same
+    quantity.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use the forces of `contact`, and
     WHEELBASE if they use the wheelbase in `Invariants.vehicle`. It is PRINCIPAL if the quantity is `factor` times the
