@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from qtraj.design.along import Along
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.odd_limits import odd_limits
@@ -15,9 +16,11 @@ from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
+from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
@@ -120,15 +123,31 @@ class LimitedScenario(NamedPart):
         for name in limits:
             if QUANTITIES[name].needs_vehicle:
                 require_vehicle(vehicle, QUANTITIES[name].needs, f"limits.{name}")
+        if (columns := self.limits.columns()) and getattr(self, "track", None) is None:
+            yield f"limits.{next(iter(columns))} is a column of a recording: specify [track], or another form of limit"
         if extra := sorted(set(self.purpose) - set(limits)):
             yield (
                 f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the "
                 "purpose"
             )
 
-    def all_limits(self) -> Limits:
-        """Return the limits, combined with the vehicle."""
-        return Limits(**self.limits.limits(), vehicle=self.vehicle and self.vehicle.vehicle())
+    def all_limits(self, recording: Recording | None = None, path: AbstractHodograph | None = None) -> Limits:
+        """Return the limits, combined with the vehicle.
+
+        Limits in columns are those of the `recording`, along the `path` fitted to it; without them, they are left out.
+        """
+        bounds = {name: _along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
+        return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle())
+
+
+def _along_path(name: str, bound: Any, recording: Recording | None, path: AbstractHodograph | None) -> Any:
+    """Return a limit; one in a column as steps along the path, or None without a recording."""
+    if not isinstance(bound, LimitColumn):
+        return bound
+    if recording is None or path is None:
+        return None
+    samples = recording.limits[name]
+    return Along.from_samples(path, samples.times - float(recording.track.start_time), samples.values)
 
 
 class PathScenario(LimitedScenario):
@@ -236,9 +255,11 @@ def lay(
     with naming(f"{loaded.file}: "):
         chosen["limits"] = scenario.all_limits()
         if scenario.track is not None:
-            recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
+            recording = scenario.track.read(loaded.beside, scenario.limits.columns())
+            recording = with_odd_limits(recording, scenario.limits.limits())
             with with_notes(recording):
                 fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
+            chosen["limits"] = scenario.all_limits(recording, fitted.path)
             return _along(fitted.path, recording=recording, fitted=fitted, **chosen)
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)
