@@ -14,6 +14,7 @@ from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import SequentialQuadratic
 from qtraj.design.tuning.task import one
 from qtraj.design.tuning.zones import Travelled, zones_of
+from qtraj.path.quantity import quantity
 
 ROUNDS = 8
 """Maximum number of tunings to limits inside areas, each with the distances at which the last path crosses edges."""
@@ -45,5 +46,11 @@ def require_supported(limits: Limits, method: AbstractSearch, traced: bool) -> N
     """Raise a ValueError if a limit changes along the way, and the tuning is traced or uses another search."""
     if traced:
         limits.require_constant("tune inside grad, jit or vmap", "omit the derivatives, or tune the paths one by one")
+    for name in limits.varying:
+        if quantity(name).tangent_of and getattr(limits.given()[name], "kind", "step") == "linear":
+            raise ValueError(
+                f"the limit {name} is an angle that changes linearly along the way, which tune does not support: use "
+                "steps, Along(distance, values)"
+            )
     if not isinstance(method, SequentialQuadratic):
         limits.require_constant("this method of tune", "pass method='sqp'")
