@@ -256,8 +256,6 @@ class Limits(eqx.Module):
 
         Limits and vehicles without a batch dimension are shared.
         """
-        if batch:
-            self.require_constant("a batch of paths", "check the paths one by one")
         require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:

@@ -23,6 +23,9 @@ SAMPLES, RESERVE = 9, 1.25
 """On a path that is not polynomial, the number of points in a cell at which the distance is compared with its chord,
 and the factor on the largest difference. Limits on such paths are not proved, but sampled."""
 
+ROUNDING = 2.0**-50
+"""Fraction of linear values that exceeds the rounding errors of their interpolation."""
+
 AT_ENDS = 4
 """A linear limit that bends closer to an end of a cell than this multiple of the uncertainty bends at the end."""
 
@@ -73,7 +76,7 @@ class Varying:
         ends = self.side * np.stack([self.along.at(first), self.along.at(last)], axis=1)
         slope = self._steepest(first, last, inside)
         gap = np.where(slope > 0, self._largest_gap(first, last, low, high), 0.0) * slope
-        above = gap + 2 * inside * slope
+        above = gap + 2 * inside * slope + np.where(slope > 0, ROUNDING * np.abs(ends).max(axis=1), 0.0)
         shifted = ends - above[:, None]
         bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
         # The sign of a line is constant, because claims may contain its square.

@@ -160,7 +160,7 @@ def tune(
     constant, *others = constants((tasks, turn, limits, corridor))
     checked: Any = (constant.problem if batch else one(constant.problem), *others, placement is not None)
     unknown = is_traced(constant, others)
-    require_supported(limits, method, is_traced(tasks, start, end, turn, limits, corridor))
+    require_supported(limits, method, batch, is_traced(tasks, start, end, turn, limits, corridor))
     if not (batch or unknown):
         require_well_posed(*checked)
     with np.errstate(all="ignore"), broadcasting():

@@ -42,8 +42,11 @@ def solve_in_zones(searches: Searches, limits: Limits, corridor: Any, solve: Sol
     return zoned, result, outcome
 
 
-def require_supported(limits: Limits, method: AbstractSearch, traced: bool) -> None:
-    """Raise a ValueError if a limit changes along the way, and the tuning is traced or uses another search."""
+def require_supported(limits: Limits, method: AbstractSearch, batch: tuple[int, ...], traced: bool) -> None:
+    """Raise a ValueError for limits that change along the way in a tuning that does not support them."""
+    areas = [name for name, bound in limits.given().items() if isinstance(bound, Regions)]
+    if batch and areas:
+        raise ValueError(f"the limit {areas[0]} is inside areas, which tune supports for one path: tune one by one")
     if traced:
         limits.require_constant("tune inside grad, jit or vmap", "omit the derivatives, or tune the paths one by one")
     for name in limits.varying:

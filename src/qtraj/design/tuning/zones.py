@@ -120,21 +120,21 @@ def zones_of(limits: Limits, corridor: Any, count: int, length: Float[np.ndarray
 def _zones(
     name: str, along: Along, constant: dict[str, Any], divisor: np.ndarray, count: int, length: np.ndarray
 ) -> list[Zone]:
-    d, values = np.asarray(along.distance, float), np.asarray(along.values, float)
-    entry, wider, linear = quantity(name), WIDER * length, along.kind == "linear"
+    d, values = (np.asarray(x, float) for x in (along.distance, along.values))
+    d, values = (np.broadcast_to(x, (count, x.shape[-1])).T for x in (d, values))
+    entry, linear = quantity(name), along.kind == "linear"
 
-    def value(x: float) -> np.ndarray:
-        bound = np.broadcast_to(entry.tangent(np.asarray(x)) / divisor, (count,))
+    def value(x: np.ndarray) -> np.ndarray:
+        bound = np.broadcast_to(entry.tangent(x) / divisor, (count,))
         return np.broadcast_to(target(name, constant | {name: bound}), (count,))
 
     if linear:
-        values = values - entry.side * TIGHTER * np.abs(values).max()
-    last = values if not linear else np.append(values[1:], values[-1])
-    found = []
-    for k, (low, first, final) in enumerate(zip(d, values, last, strict=True)):
-        high = d[k + 1] if k + 1 < d.size else np.inf
-        if np.isfinite(first):
-            own = 0.0 if linear else wider
-            ends = np.full(count, low) - (own if low > 0 else 0.0), np.full(count, high) + own
-            found.append(Zone(name, *ends, np.stack([value(first), value(final)])))
-    return found
+        values = values - entry.side * TIGHTER * np.abs(values).max(axis=0)
+    ends = np.concatenate([d[1:], np.full((1, count), np.inf)])
+    last = np.concatenate([values[1:], values[-1:]]) if linear else values
+    wider = 0.0 if linear else WIDER * length
+    return [
+        Zone(name, np.where(low > 0, low - wider, 0.0), high + wider, np.stack([value(first), value(final)]))
+        for low, high, first, final in zip(d, ends, values, last, strict=True)
+        if np.isfinite(first).any()
+    ]
