@@ -1,7 +1,7 @@
 """Parse the option `--limit` of `qtraj route` and `qtraj retime`.
 
 The value of a limit is a number, two sides LOWER:UPPER, steps along the way such as 13.9,8.3@120 (8.3 from 120 m on;
-"none" is no limit), or column:NAME for a column of the recording.
+"none" is no limit), or column:NAME for a column of the recording, whose unit may follow, as in column:maxspeed:km/h.
 """
 
 import math
@@ -21,8 +21,8 @@ FORMS = "NAME=VALUE, NAME=LOWER:UPPER, NAME=VALUE,VALUE@DISTANCE or NAME=column:
 
 HELP = (
     "A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides; speed=13.9,8.3@120 "
-    "changes to 8.3 m/s at 120 m along the way, and speed=column:limit is the column 'limit' of the recording. "
-    "Overrides the scenario; repeatable."
+    "changes to 8.3 m/s at 120 m along the way, and speed=column:maxspeed:km/h is a column of the recording and its "
+    "unit. Overrides the scenario; repeatable."
 )
 COLUMN = "column:"
 
@@ -49,10 +49,18 @@ def limits(texts: list[str] | None) -> "dict[str, Value]":
 
 def _value(name: str, value: str, text: str) -> "Value":
     if value.startswith(COLUMN):
-        from qtraj.io.track.limit_columns import LimitColumn
-
-        return LimitColumn(value.removeprefix(COLUMN).strip())
+        return _column(name, value.removeprefix(COLUMN).strip(), text)
     return _steps(name, value, text) if "," in value or "@" in value else _constant(name, value, text)
+
+
+def _column(limit: str, column: str, text: str) -> "LimitColumn":
+    from qtraj.io.track.column_units import unit_of
+    from qtraj.io.track.limit_columns import LimitColumn
+
+    if not column:
+        raise ValueError(f"--limit {limit}=column: needs the name of a column, but {text!r} was given")
+    name, _, unit = column.rpartition(":")
+    return LimitColumn(name, unit) if name and unit_of(unit) else LimitColumn(column)
 
 
 def _constant(name: str, value: str, text: str) -> Number:

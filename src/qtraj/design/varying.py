@@ -83,7 +83,8 @@ class Varying:
         worse = ~(shifted.sum(axis=1) > 2 * self.side * strictest) | (shifted[:, 0] * shifted[:, 1] <= 0)
         chosen = bends | worse
         found = np.where(chosen[:, None], self.side * constant, shifted)
-        rest = np.where(chosen, ends.max(axis=1) - self.side * strictest, above) + np.where(np.isinf(gap), 0.0, gap)
+        loosest = np.asarray(self.along.strictest(first - error, last + error, -self.side))
+        rest = np.where(chosen, self.side * (loosest - strictest), above + gap)
         return self.side * found, rest
 
     def _largest_gap(

@@ -71,6 +71,8 @@ def _bound(value: Any) -> Any:
 
 
 def _regions(areas: Any, outside: Any) -> Regions:
+    if not isinstance(areas, list) or not all(isinstance(area, dict) for area in areas):
+        raise ValueError(f"regions must be a list of areas {{polygon = …, value = …}}, but {areas!r} was given")
     if missing := [area for area in areas if not area.keys() >= {"polygon", "value"}]:
         raise ValueError(
             f"every area needs the keys 'polygon' and 'value', but one has {', '.join(missing[0]) or 'none'}"

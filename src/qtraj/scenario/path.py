@@ -10,7 +10,7 @@ from pydantic import Field
 from qtraj.design.along import Along
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.odd_limits import odd_limits
+from qtraj.design.odd_limits import odd_limits, odd_speeds
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
@@ -23,7 +23,7 @@ from qtraj.path.change import sampled
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
@@ -268,7 +268,10 @@ def lay(
 
 def with_odd_limits(recording: Recording, limits: Mapping[str, Any]) -> Recording:
     """Return the recording with notes about limits that are odd for it."""
-    return recording._replace(notes=(*recording.notes, *odd_limits(limits, recording.track)))
+    notes = odd_limits(limits, recording.track)
+    if (speed := recording.limits.get("speed")) is not None and speed.unit == quantity("speed").label:
+        notes += odd_speeds(speed.column, speed.values, recording.track)
+    return recording._replace(notes=(*recording.notes, *notes))
 
 
 @contextmanager

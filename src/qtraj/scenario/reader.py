@@ -100,7 +100,7 @@ def scenario_in(
 def _as_key(limit: Any) -> Any:
     """Return a limit in the form of a scenario."""
     if isinstance(limit, LimitColumn):
-        return {"column": limit.column}
+        return {name: x for name, x in limit._asdict().items() if x is not None}
     if isinstance(limit, Along):
         steps = zip(np.asarray(limit.distance).tolist(), np.asarray(limit.values).tolist(), strict=True)
         return [{"from": s} | _present("value", x) for s, x in steps]
