@@ -14,7 +14,8 @@ from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import pose
 from qtraj.design.tuning.searches import Curves, searches_of
 from qtraj.design.tuning.targets import search_limits
-from qtraj.design.tuning.zones import Travelled, zones_of
+from qtraj.design.tuning.travelled import Travelled
+from qtraj.design.tuning.zones import zones_of
 
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -1.0, 0.1])
@@ -47,7 +48,7 @@ def best_by_slsqp(name, along):
     d, values = np.asarray(along.distance), np.asarray(along.values)
     before = values[1:] if along.kind == "linear" else values[:-1]
 
-    def rooms(z):
+    def log_ratios(z):
         s, q = sampled(problem.path(z), name)
         at_changes = np.interp(d[1:], s, q)
         ratios = np.asarray(along.at(s)) / q, values[1:] / at_changes, before / at_changes
@@ -56,11 +57,11 @@ def best_by_slsqp(name, along):
     found = minimize(
         lambda z: float(problem.cost(z)),
         np.zeros(7),
-        constraints={"type": "ineq", "fun": rooms},
+        constraints={"type": "ineq", "fun": log_ratios},
         method="SLSQP",
         options={"maxiter": 300, "ftol": 1e-10},
     )
-    assert rooms(found.x).min() > -1e-6
+    assert log_ratios(found.x).min() > -1e-6
     return found.fun * float(problem.scale)
 
 

@@ -1,29 +1,26 @@
 """Define the scenario keys of a path, and build the path and the tuning problem."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from qtraj.design.along import Along
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.odd_limits import odd_limits, odd_speeds
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
 from qtraj.io.saved import saved_path
-from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
@@ -32,6 +29,7 @@ from qtraj.scenario.keys import NamedPart, Part, key
 from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
+from qtraj.scenario.recorded_limits import along_path, with_odd_limits
 
 
 class StatePart(Part):
@@ -136,18 +134,8 @@ class LimitedScenario(NamedPart):
 
         Limits in columns are those of the `recording`, along the `path` fitted to it; without them, they are left out.
         """
-        bounds = {name: _along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
+        bounds = {name: along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
         return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle())
-
-
-def _along_path(name: str, bound: Any, recording: Recording | None, path: AbstractHodograph | None) -> Any:
-    """Return a limit; one in a column as steps along the path, or None without a recording."""
-    if not isinstance(bound, LimitColumn):
-        return bound
-    if recording is None or path is None:
-        return None
-    samples = recording.limits[name]
-    return Along.from_samples(path, samples.times - float(recording.track.start_time), samples.values)
 
 
 class PathScenario(LimitedScenario):
@@ -264,14 +252,6 @@ def lay(
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
-
-
-def with_odd_limits(recording: Recording, limits: Mapping[str, Any]) -> Recording:
-    """Return the recording with notes about limits that are odd for it."""
-    notes = odd_limits(limits, recording.track)
-    if (speed := recording.limits.get("speed")) is not None and speed.unit == quantity("speed").label:
-        notes += odd_speeds(speed.column, speed.values, recording.track)
-    return recording._replace(notes=(*recording.notes, *notes))
 
 
 @contextmanager

@@ -28,9 +28,10 @@ from qtraj.path.track import STANDSTILL, Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
 from qtraj.scenario.line import limits_of_line, line_in, require_no_columns
-from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
+from qtraj.scenario.path import LimitedScenario, lay, with_notes
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
+from qtraj.scenario.recorded_limits import with_odd_limits
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""

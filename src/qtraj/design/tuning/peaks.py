@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from qtraj.design.tuning.constraints import ABSENT
 from qtraj.design.tuning.maxima import GRID, NARROW, NODES, OFFSETS, RELEVANT, highest, refined, sharp
 from qtraj.design.tuning.searches import Curves, Searches
+from qtraj.design.tuning.travelled import Travelled
 from qtraj.design.tuning.zone_peaks import zone_peaks
-from qtraj.design.tuning.zones import Travelled
 
 EQUAL = 1e-6
 """Peaks of one limit closer than this fraction of the duration are one peak."""

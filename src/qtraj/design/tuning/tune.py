@@ -90,6 +90,10 @@ def tune(
     on the shape of `nearest_to` and on its direction, but not on its timing. If no limit determines the timing of the
     result either, fix the duration: many paths are then equally near, and derivatives of the solution do not exist.
 
+    Limits may change along the way (`Along`, with the method "sqp"): they hold between distances along the path that is
+    being tuned. `Regions` become limits along the initial path; if the tuned path violates them, they become limits
+    along this path, and the path is tuned again.
+
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.

@@ -12,7 +12,8 @@ from jaxtyping import Float, Int
 
 from qtraj.algebra.jets import Jet
 from qtraj.design.tuning.searches import CurveJets
-from qtraj.design.tuning.zones import NODES, WEIGHTS, Zone
+from qtraj.design.tuning.travelled import NODES, WEIGHTS
+from qtraj.design.tuning.zones import Zone
 
 PANELS = 4
 """Number of panels of the quadrature of the derivatives of a distance."""

@@ -18,7 +18,8 @@ from qtraj.design.tuning.maxima import (
     refined,
 )
 from qtraj.design.tuning.searches import Curves
-from qtraj.design.tuning.zones import Travelled, Zone
+from qtraj.design.tuning.travelled import Travelled
+from qtraj.design.tuning.zones import Zone
 from qtraj.path.quantity import quantity
 
 INNER = slice(8, NODES - 8, 8)

@@ -13,7 +13,8 @@ from qtraj.design.tuning.search import AbstractSearch, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import SequentialQuadratic
 from qtraj.design.tuning.task import one
-from qtraj.design.tuning.zones import Travelled, zones_of
+from qtraj.design.tuning.travelled import Travelled
+from qtraj.design.tuning.zones import zones_of
 from qtraj.path.quantity import quantity
 
 ROUNDS = 8
