@@ -5,17 +5,16 @@ The value of a limit is a number, two sides LOWER:UPPER, steps along the way suc
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from qtraj.foundation.suggestion import suggestion
 
 if TYPE_CHECKING:
     from qtraj.design.along import Along
+    from qtraj.io.track.limit_columns import LimitColumn
 
 Number = float | tuple[float | None, float | None]
 """A limit on the magnitude, or on two sides of the signed value."""
-
-Value = "Number | Along | LimitColumn"
 
 FORMS = "NAME=VALUE, NAME=LOWER:UPPER, NAME=VALUE,VALUE@DISTANCE or NAME=column:COLUMN"
 
@@ -27,14 +26,14 @@ HELP = (
 COLUMN = "column:"
 
 
-def limits(texts: list[str] | None) -> "dict[str, Value]":
+def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]":
     """Parse the values of the option.
 
     **Raises:** ValueError for an unknown or repeated name, or a value of another form.
     """
     from qtraj.path.quantity import QUANTITIES  # imported here, so that --help is fast
 
-    found: dict[str, Value] = {}
+    found: dict[str, Any] = {}
     for text in texts or []:
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
@@ -47,7 +46,7 @@ def limits(texts: list[str] | None) -> "dict[str, Value]":
     return found
 
 
-def _value(name: str, value: str, text: str) -> "Value":
+def _value(name: str, value: str, text: str) -> "Number | Along | LimitColumn":
     if value.startswith(COLUMN):
         return _column(name, value.removeprefix(COLUMN).strip(), text)
     return _steps(name, value, text) if "," in value or "@" in value else _constant(name, value, text)

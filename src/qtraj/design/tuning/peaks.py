@@ -61,9 +61,9 @@ def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndar
     for k, g in enumerate(rows):
         owner, time, value = _at_fixed_times(g, largest)
         found.append((owner, k, time, value, True, False))
-    travelled = Travelled(curves, searches.count) if searches.zones else None
-    for k, zone in enumerate(searches.zones if travelled else (), len(names)):
-        own, parts = zone_peaks(zone, curves, travelled)
+    travelled = [Travelled(curves, searches.count)] if searches.zones else []
+    for k, zone in enumerate(searches.zones, len(names)):
+        own, parts = zone_peaks(zone, curves, *travelled)
         largest = np.maximum(largest, own)
         found += [(part.owner, k, part.time, part.value, part.fixed, part.edge) for part in parts]
     columns = zip(*(np.broadcast_arrays(*x) for x in found), strict=True)

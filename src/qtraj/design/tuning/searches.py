@@ -95,7 +95,7 @@ class Curves:
     def within(self, limits: dict[str, Points]) -> "Curves":
         """Return the curves with other limits."""
         curves = object.__new__(Curves)
-        curves.cubics, curves.units = self.cubics, self.units._replace(limits=self.units.limits | limits)
+        curves.cubics, curves.units = self.cubics, self.units._replace(limits={**self.units.limits, **limits})
         return curves
 
     def speeds(self, u: Points) -> Points:

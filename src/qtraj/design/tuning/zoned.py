@@ -34,13 +34,14 @@ def solve_in_zones(searches: Searches, limits: Limits, corridor: Any, solve: Sol
     length = Travelled(Curves(searches, z), searches.count).length
     in_areas = any(isinstance(bound, Regions) for bound in limits.given().values())
     own = limits.on(one(problem.path(z))) if in_areas else limits
-    for _ in range(ROUNDS):
+    rounds = 0
+    while True:
         zoned = dataclasses.replace(searches, zones=zones_of(own, corridor, searches.count, length))
         result, outcome = solve(zoned)
-        if not in_areas or outcome.converged:
-            break
+        rounds += 1
+        if not in_areas or outcome.converged or rounds == ROUNDS:
+            return zoned, result, outcome
         own = limits.on(outcome.path)
-    return zoned, result, outcome
 
 
 def require_supported(limits: Limits, method: AbstractSearch, batch: tuple[int, ...], traced: bool) -> None:
