@@ -89,13 +89,9 @@ def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
 
 
 def _require_angle(bound: OneBound | None, what: str, entry: PathQuantity) -> None:
-    """Raise a ValueError for an angle that has no tangent, or that changes linearly, so that its tangent does not."""
+    """Raise a ValueError for an angle that has no tangent."""
     if bound is None:
         return
-    if isinstance(bound, Along) and bound.kind == "linear":
-        raise ValueError(
-            f"{what} is an angle, which cannot change linearly along the way: use steps, Along(distance, values)"
-        )
     known, largest = concrete(numbers(bound)), entry.tangent_of * np.pi / 2
     if known is not None and (np.isfinite(known) & (np.abs(known) >= largest)).any():
         bad = np.ravel(known)[np.ravel(np.abs(known) >= largest)][0]

@@ -77,7 +77,7 @@ class Limits(eqx.Module):
 
     **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
     number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
-    quantity that is never negative, for an angle that is too large or changes linearly, and for a limit without the
+    quantity that is never negative, for an angle that is too large, and for a limit without the
     vehicle, the inertia with these principal axes or the wheelbase that it needs.
     """
 
@@ -256,8 +256,6 @@ class Limits(eqx.Module):
 
         Limits and vehicles without a batch dimension are shared.
         """
-        if batch:
-            self.require_constant("a batch of paths", "check the paths one by one")
         require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:

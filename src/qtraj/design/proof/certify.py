@@ -96,7 +96,9 @@ def certify(
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
     A limit that changes along the way (`Along`) is checked on the parts of the path in which it is constant or linear;
-    this is supported for one path with concrete values.
+    this is supported for paths with concrete values, and for a batch unless it is retimed. An interval in which a limit
+    is linear is divided until straight lines in the parameter of the path, which are nowhere less strict, differ from
+    the limit by about 1e-7 of its value.
 
     A `Shape` is checked like a route, with limits on quantities of the shape only: curvature, horizontal curvature,
     steering angle, sharpness, torsion and slope.

@@ -97,20 +97,21 @@ class _Task:
     def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
         """Decide whether the quantity satisfies its limit."""
         entry, factors, bounds = limit.entry, limit.factors, limit.entry.strict_tangent(limit.bounds)
+        line = None if limit.line is None else entry.strict_line(limit.line)
 
         def in_floats() -> Any:
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
             bound = self._in_floats(bounds, entry.length, entry.per_time)
-            if limit.line is not None:
-                start, end = (self._in_floats(x, entry.length, entry.per_time) for x in limit.line.T)
+            if line is not None:
+                start, end = (self._in_floats(x, entry.length, entry.per_time) for x in line.T)
                 bound = start + (end - start) * self._fractions
             return None if self._bounded is None else self._bounded.within(entry, Bound(bound, factor))
 
         def in_integers(k: int) -> Any:
             formulas = self._exact_formulas(k)
             bound = ExactPolynomial.of(bounds[k])
-            if limit.line is not None:
-                start, end = map(ExactPolynomial.of, limit.line[k])
+            if line is not None:
+                start, end = map(ExactPolynomial.of, line[k])
                 bound = start + (end - start) * ExactPolynomial([0, 1])
             bound = _times_power(bound, self._unit(formulas.span, k), entry.per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])

@@ -9,30 +9,39 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.along import Along
+from qtraj.design.limits import Limits, limits_of
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
 from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
 from qtraj.design.proof.varying_parts import Divided, judged_parts
+from qtraj.design.regions import Regions
 from qtraj.design.timing.findings import joined
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle_data import batch_of
 
 
 def certify_varying(
     path: AbstractHodograph, limits: Limits, certify: Callable[[AbstractHodograph, Limits], Certificate]
 ) -> Certificate:
-    """Return the certificate of one path for limits of which some change along the way.
+    """Return the certificate of a path or of a batch of paths for limits of which some change along the way.
 
     `certify` returns the certificate for the other limits.
 
-    **Raises:** ValueError for a batch of paths and for traced values.
+    **Raises:** ValueError for traced values.
     """
     require_known(path, limits)
+    if batch := path.duration.shape:
+        limits.require_batch(batch, "the paths")
+        each = [certify_varying(*_element(path, limits, k), certify) for k in np.ndindex(batch)]
+        fields = ([getattr(x, field) for x in each] for field in ("codes", "times", "values", "limits"))
+        names = tuple(limits.given())
+        return Certificate(names, *(np.reshape(x, (*batch, len(names))) for x in fields))
     limits = limits.on(path)
     whole, given = _divided(path, limits), limits.given()
     factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
@@ -47,12 +56,28 @@ def certify_varying(
 
 
 def require_known(path: AbstractHodograph, limits: Limits) -> None:
-    """Raise a ValueError for a batch of paths or traced values, with limits that change along the way."""
-    if path.duration.ndim or is_traced(path, limits):
+    """Raise a ValueError for traced values with limits that change along the way."""
+    if is_traced(path, limits):
         raise ValueError(
-            f"the limit {limits.varying[0]} changes along the way, which certify supports for one path with concrete "
-            "values: call it outside jit, grad and vmap, once for each path"
+            f"the limit {limits.varying[0]} changes along the way, which certify supports for paths with concrete "
+            "values: call it outside jit, grad and vmap"
         )
+
+
+def _element(path: AbstractHodograph, limits: Limits, index: tuple[int, ...]) -> tuple[AbstractHodograph, Limits]:
+    """Return one path of a batch, and its limits."""
+
+    def at(tree: Any) -> Any:
+        return jax.tree.map(lambda x: np.asarray(x)[index] if eqx.is_array(x) else x, tree)
+
+    def has_batch(bound: Any) -> bool:
+        if isinstance(bound, Regions):
+            return False
+        return bound.distance.ndim > 1 if isinstance(bound, Along) else np.ndim(bound) > 0
+
+    bounds = {name: at(x) if has_batch(x) else x for name, x in limits.given().items()}
+    vehicle = limits.vehicle
+    return at(path), limits_of(bounds, at(vehicle) if batch_of(vehicle) else vehicle)
 
 
 def _divided(path: AbstractHodograph, limits: Limits) -> Divided:

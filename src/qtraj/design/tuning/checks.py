@@ -49,7 +49,6 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
-    limits.require_constant("tune", "tune_route and retime support it for a route, such as Route.from_path(path)")
     user_limits = limits.given()
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
