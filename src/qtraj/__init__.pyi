@@ -111,6 +111,8 @@ from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths
 from .path.driving import Driving as Driving
 from .path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
+from .path.own_motion import sqrt as sqrt
+from .path.own_quantity import Quantity as Quantity
 from .path.placement import Placement as Placement
 from .path.residual import Residual as Residual
 from .path.route import Route as Route

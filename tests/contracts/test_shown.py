@@ -97,6 +97,7 @@ EXAMPLES = [
     qt.RigidBody([1.0, 2.0, 3.0], torque=[0.0, 0.0, 0.1]),
     ROUTE,
     qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0]),
+    qt.Quantity("climb_rate", "m/s", lambda p: p.velocity[2]),
     qt.RetimedPath(PATH, qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0])),
 ]
 

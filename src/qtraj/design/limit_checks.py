@@ -35,6 +35,15 @@ def refuse_unknown(names: Collection[str]) -> None:
         raise TypeError(f"Limits has no limit {name!r}: {advice}")
 
 
+def refuse_changing(limits: Mapping[str, Any], what: str, instead: str) -> None:
+    """Raise a ValueError for the first of `limits`, which change along the way; `what` does not support this."""
+    for name, limit in limits.items():
+        raise ValueError(
+            f"{what} supports only limits that do not change along the way, but the limit {name} is {limit!r}: "
+            f"{instead}"
+        )
+
+
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:
     """Raise a ValueError if a limit with one of these names needs something that the vehicle does not have."""
     needing = [name for name in names if quantity(name).needs_vehicle]

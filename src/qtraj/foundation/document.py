@@ -146,6 +146,8 @@ def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[.
 
 
 def _encode(value: Any) -> Any:
+    if refuse := getattr(value, "refuse_storage", None):
+        refuse()
     if type(value).__name__ in _classes:
         form = _forms.get(type(value).__name__)
         fields = form[0](value) if form else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}

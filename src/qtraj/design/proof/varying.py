@@ -14,7 +14,7 @@ from qtraj.design.limits import Limits, limits_of
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
-from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
+from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of, world_source
 from qtraj.design.proof.varying_parts import Divided, judged_parts
 from qtraj.design.regions import Regions
 from qtraj.design.timing.findings import joined
@@ -87,8 +87,10 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
     def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
         count = len(segment)
-        if arrays is None:  # the derivatives are compiled for one path
-            each = [_on_curve(path, limit, road, window, k) for k in range(count)]
+        in_world = limit.entry.own is not None and limit.entry.own.world
+        if arrays is None or in_world:  # the derivatives may be compiled, for one path
+            source = curve_source if arrays is None else world_source
+            each = [_on_curve(path, source, limit, road, window, k) for k in range(count)]
             return Findings(*(np.concatenate(x) for x in zip(*each, strict=True)))
         source = source_of([np.repeat(np.asarray(x)[None], count, axis=0) for x in arrays])
         return judge(source, [limit._replace(factors=np.repeat(limit.factors, count))], _each(road, count), window)
@@ -96,11 +98,11 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
     return Divided(np.zeros(1), np.full(1, float(path.duration)), distances(path), findings)
 
 
-def _on_curve(path: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
+def _on_curve(path: Any, source: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
     one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
     own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
-    return judge(curve_source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
+    return judge(source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
 
 
 def _each(road: RoadParameters | None, count: int) -> RoadParameters | None:

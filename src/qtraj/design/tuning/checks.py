@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.own_limits import require_reduced
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
@@ -50,6 +51,7 @@ def require_choices(
     require_states(start, end)
     require_limits(limits)
     user_limits = limits.given()
+    require_reduced(user_limits, "tune")
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not bound_speed(user_limits):
