@@ -1,5 +1,8 @@
 """Define the components of a closed loop, and the instants of new commands."""
 
+import math
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,11 +11,12 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import concrete
-from qtraj.foundation.types import Quat, Scalar
+from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.control.errors import pure
 from qtraj.motion.control.hysteresis import HystereticLaw
-from qtraj.motion.control.laws import AbstractLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
@@ -24,8 +28,8 @@ ROUNDING = 1e-9
 MAX_RENEWALS = 1_000_000
 """Maximum number of commands; a simulation with more commands would take many minutes."""
 
-
-DISTURBANCE = "an object such as DisturbanceTorque(torque, inertia)"
+MAX_LAGS = 1_000_000
+"""Maximum duration of a simulation with a continuous command, in time constants of the actuator."""
 
 
 class Loop(eqx.Module):
@@ -78,15 +82,28 @@ class Loop(eqx.Module):
     @property
     def commands_rate(self) -> bool:
         """Whether the law commands the rate instead of the acceleration."""
-        return isinstance(self.law, RateLaw)
+        return self.law.commands == "rate"
 
     def reference(self, t: Scalar, dtype: DTypeLike) -> Attitude:
         """Return the program's attitude at `t` [s] with the dtype of the state."""
         return jax.tree.map(lambda x: x.astype(dtype), self.program(t))
 
-    def command(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    def command(self, reference: Attitude, quaternion: Quat, rate: Quat, law_state: Any) -> Quat:
         """Return the command (4,), body axes, for a measured state, limited by the actuator."""
-        return self.actuator(self.law(reference, quaternion, rate))
+        return self.actuator(self.unlimited(reference, quaternion, rate, law_state))
+
+    def unlimited(self, reference: Attitude, quaternion: Quat, rate: Quat, law_state: Any) -> Quat:
+        """Return the command (4,) of the law; `law_state` is None for a law without a state."""
+        law: Any = self.law
+        states = () if law_state is None else (law_state,)
+        result = law(reference, quaternion, rate, *states)
+        command = as_float(jnp.asarray(result) if isinstance(result, list | tuple) else result).astype(quaternion.dtype)
+        if command.shape not in ((3,), (4,)):
+            raise ValueError(
+                f"the command of {type(law).__name__} must have shape (3,), or (4,) with the virtual part first, but "
+                f"has shape {command.shape}"
+            )
+        return pure(command) if command.shape == (3,) else command
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
@@ -98,6 +115,25 @@ def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"
     """
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
+
+
+def steps_with_lag(loop: Loop, times: ArrayInput, max_steps: int) -> int:
+    """Return the maximum number of steps between two instants, increased for the short steps of a continuous lag.
+
+    **Raises:** ValueError for a lag that is too short for the time span.
+    """
+    lag, instants = loop.actuator.time_constant, concrete(times)
+    lag = None if lag is None or loop.holds else concrete(lag)
+    if lag is None or instants is None or np.size(instants) < 2:
+        return max_steps
+    span = float(np.ptp(instants))
+    if span > MAX_LAGS * float(lag):
+        raise ValueError(
+            f"the actuator's time constant of {float(lag):.6g} s is much shorter than the simulation of {span:.6g} s, "
+            "so that a continuous command would need millions of steps. Omit the time constant, because such a lag has "
+            "almost no effect, or set the sampling of the actuator: between samples, lags are computed in closed form."
+        )
+    return max(max_steps, 16 ** math.ceil(math.log(max(span / float(lag), 1.0), 16)))
 
 
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
