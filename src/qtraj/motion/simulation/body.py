@@ -103,7 +103,8 @@ class RigidBody(eqx.Module):
     torque; None for thrusters, for which `max_torque` [N m] limits the magnitude of the torque.
 
     With the exact inertia, exact measurements, a continuous command, no external torque or disturbance and no active
-    limit, the acceleration of the body is exactly the command of the law.
+    limit, the acceleration of the body is exactly the command of the law. Without a law, `integrate(body.free, ...)` is
+    the free motion under the external torque.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a torque of another shape, or
     both `wheels` and `max_torque`.
@@ -180,6 +181,16 @@ class RigidBody(eqx.Module):
             torque = torque + at_state(self.torque, t, quaternion, rate).astype(rate.dtype)
         total_momentum = _matmul(inertia, rate) + self.wheel_momentum(momentum)
         return jnp.linalg.solve(inertia, torque - jnp.cross(rate, total_momentum))
+
+    def free(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
+        """Return the acceleration (4,) [rad/s²] without control torque, body axes, for `integrate`.
+
+        The external torque acts, and wheels keep their initial momenta. `rate` (4,): virtual rate first.
+        """
+        momentum = self.momentum.astype(rate.dtype)
+        nothing = jnp.zeros_like(rate, shape=(3,) if self.wheels is None else momentum.shape)
+        physical = self.acceleration(t, quaternion, rate[1:], momentum, nothing)
+        return jnp.concatenate([jnp.zeros_like(rate[:1]), physical.astype(rate.dtype)])
 
     def momentum_rate(self, commanded: Torques, momentum: Momenta) -> Momenta:
         """Return the time derivative ḣ (n,) [N m] of the momenta of the wheels; (0,) without wheels."""
