@@ -106,10 +106,12 @@ from .motion.simulation.disturbance import (
 from .motion.simulation.kinematics import integrate as integrate
 from .motion.simulation.loop_history import LoopHistory as LoopHistory, loop_history as loop_history
 from .motion.simulation.loop_verdict import LoopVerdict as LoopVerdict, judge_loop as judge_loop
+from .motion.simulation.monte_carlo import monte_carlo as monte_carlo
 from .motion.simulation.open_loop import open_loop as open_loop
 from .motion.simulation.sensor import AbstractSensor as AbstractSensor, Gyros as Gyros, Sensor as Sensor
 from .motion.simulation.simulate import simulate as simulate
 from .motion.simulation.solution import Solution as Solution
+from .motion.simulation.study import Study as Study
 from .path.boundary import BoundaryState as BoundaryState
 from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths
