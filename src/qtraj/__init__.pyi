@@ -112,6 +112,7 @@ from .motion.simulation.sensor import AbstractSensor as AbstractSensor, Gyros as
 from .motion.simulation.simulate import simulate as simulate
 from .motion.simulation.solution import Solution as Solution
 from .motion.simulation.study import Study as Study
+from .path.axes_frame import AxesFrame as AxesFrame
 from .path.boundary import BoundaryState as BoundaryState
 from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths

@@ -40,7 +40,9 @@ def test_a_free_axisymmetric_body_precesses():
     angle = (axial / transverse - 1) * rate[2] * times
     expected = np.stack([rate[0] * np.cos(angle), rate[0] * np.sin(angle), np.full_like(times, rate[2])], -1)
     np.testing.assert_allclose(motion.rate[:, 1:], expected, atol=1e-9)
-    momentum = jax.vmap(qt.quaternion.rotate)(np.asarray(motion.quaternion), np.asarray(motion.rate)[:, 1:] * [4.0, 4.0, 6.0])
+    momentum = jax.vmap(qt.quaternion.rotate)(
+        np.asarray(motion.quaternion), np.asarray(motion.rate)[:, 1:] * [4.0, 4.0, 6.0]
+    )
     np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], (41, 3)), atol=1e-8)
 
 

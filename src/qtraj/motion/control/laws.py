@@ -174,6 +174,38 @@ class RateLaw(AbstractLaw):
         return error_quaternion(reference, quaternion)
 
 
+def commanded(law: AbstractLaw, state: Any, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    """Return the command (4,) of a law; the virtual part of a command (3,) is 0.
+
+    `state`: the state of the law, None for a law without a state.
+
+    **Raises:** ValueError for a command of another shape.
+    """
+    function: Any = law
+    command = function(reference, quaternion, rate, *(() if state is None else (state,)))
+    command = as_float(jnp.asarray(command) if isinstance(command, list | tuple) else command).astype(quaternion.dtype)
+    if command.shape not in ((3,), (4,)):
+        raise ValueError(
+            f"the command of {type(law).__name__} must have shape (3,), or (4,) with the virtual part first, but has "
+            f"shape {command.shape}"
+        )
+    return pure(command) if command.shape == (3,) else command
+
+
+def has_state(law: AbstractLaw) -> bool:
+    """Return whether a law defines a state of its own."""
+    return type(law).start is not AbstractLaw.start
+
+
+def require_linear(law: Any, what: str) -> None:
+    """Raise a ValueError unless the error equation of a law is linear, so that `what` has a closed form."""
+    if not isinstance(law, AccelerationLaw | RateLaw):
+        raise ValueError(
+            f"{what} has a closed form only for an AccelerationLaw or a RateLaw, whose error equations are linear, but "
+            f"{law!r} was given: use simulate"
+        )
+
+
 def errors_at(
     law: AbstractLaw, references: Attitude, quaternions: Float[Array, "n 4"]
 ) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:

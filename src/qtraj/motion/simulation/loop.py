@@ -11,13 +11,12 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.arrays import concrete
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.control.errors import pure
 from qtraj.motion.control.hysteresis import HystereticLaw
-from qtraj.motion.control.laws import AbstractLaw
-from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.control.laws import AbstractLaw, commanded
+from qtraj.motion.simulation.actuator import Actuator, sampling_instants
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
@@ -90,20 +89,7 @@ class Loop(eqx.Module):
 
     def command(self, reference: Attitude, quaternion: Quat, rate: Quat, law_state: Any) -> Quat:
         """Return the command (4,), body axes, for a measured state, limited by the actuator."""
-        return self.actuator(self.unlimited(reference, quaternion, rate, law_state))
-
-    def unlimited(self, reference: Attitude, quaternion: Quat, rate: Quat, law_state: Any) -> Quat:
-        """Return the command (4,) of the law; `law_state` is None for a law without a state."""
-        law: Any = self.law
-        states = () if law_state is None else (law_state,)
-        result = law(reference, quaternion, rate, *states)
-        command = as_float(jnp.asarray(result) if isinstance(result, list | tuple) else result).astype(quaternion.dtype)
-        if command.shape not in ((3,), (4,)):
-            raise ValueError(
-                f"the command of {type(law).__name__} must have shape (3,), or (4,) with the virtual part first, but "
-                f"has shape {command.shape}"
-            )
-        return pure(command) if command.shape == (3,) else command
+        return self.actuator(commanded(self.law, law_state, reference, quaternion, rate))
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
@@ -139,7 +125,8 @@ def steps_with_lag(loop: Loop, times: ArrayInput, max_steps: int) -> int:
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     law = loop.law if isinstance(loop.law, HystereticLaw) else None
     parts = {"sensor": loop.sensor, "actuator": loop.actuator, "hysteretic law": law}
-    named = {name: part.sampling for name, part in parts.items() if part is not None and part.sampling is not None}
+    given = {name: sampling_instants(part.sampling) for name, part in parts.items() if part is not None}
+    named = {name: sampling for name, sampling in given.items() if sampling is not None}
     samplings = list(named.values())
     if not samplings:
         if law is not None:

@@ -18,7 +18,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.hysteresis import without_hysteresis
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, errors_at
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, commanded, errors_at
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
@@ -122,7 +122,7 @@ def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | No
     def at(x: tuple[Scalar, Output]) -> tuple[Quat, Array, Quat | None]:
         t, now = x
         epsilon = plant.acceleration(t, now.quaternion, now.rate, now.momentum, now.applied)
-        mismatch = epsilon - loop.unlimited(now.reference, now.quaternion, now.rate, now.law_state)
+        mismatch = epsilon - commanded(loop.law, now.law_state, now.reference, now.quaternion, now.rate)
         torque = body.control_torque(now.applied.torques, now.momentum)
         if not isinstance(law, AccelerationLaw):
             return mismatch, torque, None
