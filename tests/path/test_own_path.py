@@ -1,4 +1,4 @@
-"""Own path classes: their duration may be declared in several forms, and every function that takes a path takes them."""
+"""Own path classes: the forms of their duration, and every function that takes a path."""
 
 from typing import ClassVar
 

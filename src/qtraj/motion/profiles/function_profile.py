@@ -151,7 +151,7 @@ def _scalar(value: Any) -> Array:
 
 def _pieces(rows: Float[Array, "n+1 5"]) -> Float[Array, "n 10"]:
     """Return the ascending coefficients in u of each cell."""
-    low = rows[:-1] / np.array([float(math.factorial(k)) for k in range(SMOOTH + 1)], rows.dtype)
+    low = rows[:-1] / np.array([[float(math.factorial(k)) for k in range(SMOOTH + 1)]], rows.dtype)
     powers = np.array([[math.perm(k, j) for k in range(SMOOTH + 1)] for j in range(SMOOTH + 1)], rows.dtype)
     high = jnp.matmul(rows[1:] - jnp.matmul(low, powers.T, precision="highest"), _INVERSE.T.astype(rows.dtype))
     return jnp.concatenate([low, high], axis=1)

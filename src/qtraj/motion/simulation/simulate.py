@@ -64,12 +64,13 @@ def simulate(
     `quaternion`: use it after `control.place` or `control.choose_sign`, which also consider the rate, or to study such
     rotations. Only a `HystereticLaw` changes the sign later. `disturbance`: a `DisturbanceTorque`, a
     `DisturbanceAcceleration`, or a function t → (3,) or (t, quaternion, rate) → (3,) [rad/s²] in body axes, where
-    quaternion (4,) is the unit quaternion of the true attitude and rate (3,) [rad/s] the true rate in body axes. `sensor`: `Sensor` or `Gyros`; None for
-    exact measurements. `actuator`: an `Actuator`, which can limit the command and hold it between samples; None for no
-    limit and no hold. With a sampled sensor or actuator, the command changes at the samples only. `jumps` [s]: instants
-    at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the tolerances,
-    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In this case
-    `rate` determines only the dtype, and a disturbance is not possible.
+    quaternion (4,) is the unit quaternion of the true attitude and rate (3,) [rad/s] the true rate in body axes.
+    `sensor`: `Sensor` or `Gyros`; None for exact measurements. `actuator`: an `Actuator`, which can limit the command,
+    hold it between samples and follow it with a lag; None for an ideal one. With a sampled sensor or actuator, the
+    command changes at the samples only. `law` may have a state of its own (see `control.AbstractLaw`). `jumps` [s]:
+    instants at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the
+    tolerances, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In
+    this case `rate` determines only the dtype, and a disturbance is not possible.
 
     `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
     assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and
