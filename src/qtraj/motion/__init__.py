@@ -1,4 +1,4 @@
-"""Layer 3: the motion of bodies: profiles, programs, propagation, simulation, control, poses, arms, dynamics and torques."""
+"""Layer 3: the motion of bodies: profiles, programs, propagation, simulation, control, poses, arms and torques."""
 
 import lazy_loader
 

@@ -1,5 +1,7 @@
 """Define a frame by a function that returns its axes; its rates follow by differentiation."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 
@@ -8,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Mat3, Scalar, Vec3
 from qtraj.path.frame_components import Basis, curvature, torsion, triple
 from qtraj.path.trihedral import AbstractFrame, Trihedral
@@ -42,6 +45,9 @@ class AxesFrame(AbstractFrame):
             raise ValueError(f"a frame needs a function of position, velocity and acceleration, but {axes!r} was given")
         wrapped: Any = axes if isinstance(axes, eqx.Module) else jax.tree_util.Partial(axes)
         self.axes = wrapped
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def trihedral(self, r: Float[Array, "5 3"], span: Scalar) -> Trihedral:
         """Return the trihedral from the position and its first four time derivatives, in world axes."""

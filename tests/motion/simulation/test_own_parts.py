@@ -153,7 +153,7 @@ def test_laws_that_a_function_does_not_support_are_refused():
         def __call__(self, reference, quaternion, rate, state):
             return jnp.zeros(3)
 
-    with pytest.raises(NotImplementedError, match="needs the method slope"):
+    with pytest.raises(TypeError, match="needs the method slope"):
         run(Stuck())
 
 

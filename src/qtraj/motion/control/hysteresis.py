@@ -64,8 +64,8 @@ class HystereticLaw(AbstractLaw):
     ):
         if not isinstance(law, AccelerationLaw | QuaternionFeedback):
             raise ValueError(
-                f"a HystereticLaw needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given. Other laws must "
-                "choose the sign of λ themselves, for example with the sign of the scalar part of the error quaternion."
+                f"a HystereticLaw needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given. Other laws "
+                "must choose the sign of λ themselves, for example by the scalar part of the error quaternion."
             )
         self.law = law
         self.half_width = real_scalar(half_width, "the half-width")

@@ -71,7 +71,7 @@ class AbstractLaw(eqx.Module):
 
     def slope(self, state: Any, reference: Attitude, quaternion: Quat, rate: Quat) -> Any:
         """Return the time derivative of `state`, with the same structure; only laws with a state have it."""
-        raise NotImplementedError(f"{type(self).__name__} has a state, so it needs the method slope")
+        raise TypeError(f"{type(self).__name__} has a state, so it needs the method slope")
 
     def updated(self, state: Any, elapsed: Scalar, reference: Attitude, quaternion: Quat, rate: Quat) -> Any:
         """Return the state of the law at a new command, `elapsed` [s] after the previous one, in a sampled loop.

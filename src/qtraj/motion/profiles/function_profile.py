@@ -6,6 +6,8 @@ polynomials, support it. With 16 cells, the interpolation error of a function th
 duration is below round-off.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -35,11 +37,11 @@ _INVERSE = np.linalg.inv(np.array(_HIGH, float))
 """The coefficients of u⁵, …, u⁹ from the derivatives at u = 1 that the lower powers lack."""
 
 
-def _fields(profile: "FunctionProfile") -> dict[str, Any]:
+def _fields(profile: FunctionProfile) -> dict[str, Any]:
     return {"function": profile.function, "duration": profile.duration, "cells": profile.pieces.shape[0]}
 
 
-def _build(function: Any, duration: Any, cells: int = CELLS) -> "FunctionProfile":
+def _build(function: Any, duration: Any, cells: int = CELLS) -> FunctionProfile:
     return FunctionProfile(function, duration, cells)
 
 

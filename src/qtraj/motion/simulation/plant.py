@@ -156,7 +156,7 @@ class Plant(eqx.Module):
         return held.command[1:] if self.loop.body is None else held.torques
 
     def _split(self, state: State) -> tuple[Array, Array, Array]:
-        """Return the parts of a state vector after λ and ω: wheel momenta, outputs of the actuator, state of the law."""
+        """Return the other parts of a state vector: wheel momenta, outputs of the actuator, state of the law."""
         momenta = self.momentum.size
         outputs = 0
         if self.loop.actuator.time_constant is not None and not self.loop.holds:

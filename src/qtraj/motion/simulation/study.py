@@ -1,5 +1,7 @@
 """Store a Monte-Carlo study of a closed loop: percentiles of the error, the worst flights, and what influences them."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np
