@@ -62,8 +62,8 @@ class AxesFrame(AbstractFrame):
         i = Basis().invariants([triple(row) for row in r])
         defined = jnp.all(jnp.isfinite(dcm))
         speed = jnp.sqrt(jnp.asarray(i.S))
-        values = (jnp.asarray(x, r.dtype) for x in (speed, curvature(i, span), torsion(i, span)))
-        return Trihedral(*dcm, *values, rate, acceleration, defined)
+        bend, twist = (jnp.asarray(x, r.dtype) for x in (curvature(i, span), torsion(i, span)))
+        return Trihedral(dcm[0], dcm[1], dcm[2], speed.astype(r.dtype), bend, twist, rate, acceleration, defined)
 
     def _dcm(self, x: Float[Array, "3 3"]) -> Mat3:
         axes = self.axes(*x)

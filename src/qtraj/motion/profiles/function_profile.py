@@ -70,7 +70,7 @@ class FunctionProfile(AbstractProfile):
     """
 
     function: Callable[..., Any]
-    duration: Scalar
+    duration: Scalar | None
     pieces: Float[Array, "n m"]
     end_rate: Scalar
     at_rest: bool = eqx.field(static=True)
@@ -82,11 +82,12 @@ class FunctionProfile(AbstractProfile):
             raise ValueError(f"a profile needs a function of time, but {function!r} is not callable")
         wrapped: Any = function if isinstance(function, eqx.Module) else jax.tree_util.Partial(function)
         self.function = wrapped
-        self.duration = real_scalar(seconds(duration), "the duration of a profile")
-        require_positive(self.duration, "the duration of a profile", "s")
+        span = real_scalar(seconds(duration), "the duration of a profile")
+        require_positive(span, "the duration of a profile", "s")
+        self.duration = span
         if not isinstance(cells, int) or cells < 1:
             raise ValueError(f"cells must be a positive integer, but {cells!r} was given")
-        rows = _derivatives(wrapped, self.duration, cells)
+        rows = _derivatives(wrapped, span, cells)
         rise = rows[-1, 0] - rows[0, 0]
         values = concrete(rows)
         if values is not None and not (np.isfinite(values).all() and values[-1, 0] != values[0, 0]):
@@ -95,17 +96,20 @@ class FunctionProfile(AbstractProfile):
                 f"at the duration, but f(0) = {values[0, 0]:.6g} and f(duration) = {values[-1, 0]:.6g}"
             )
         self.pieces = _pieces(rows.at[:, 0].add(-rows[0, 0]) / rise)
-        self.end_rate = rows[-1, 1] / rise * cells / self.duration
+        self.end_rate = rows[-1, 1] / rise * cells / span
         ends = None if values is None else np.abs(values[[0, -1], 1] * cells / (values[-1, 0] - values[0, 0]))
         self.at_rest = ends is not None and bool((ends < REST).all())
 
     def __repr__(self) -> str:
         return shown(self, duration="s")
 
+    def _fixed(self) -> Any:
+        return self.duration
+
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and its duration [s], which is always the same."""
         count = self.pieces.shape[0]
-        duration = xp.asarray(self.duration).astype(total.dtype)
+        duration = xp.asarray(self._fixed()).astype(total.dtype)
         width = duration / count
         pieces = xp.asarray(self.pieces).astype(total.dtype)
         profile = Profile(
@@ -115,7 +119,7 @@ class FunctionProfile(AbstractProfile):
             widths=width * np.ones(count, total.dtype),
             pieces=pieces if self.at_rest else total * pieces,
             end_rate=total * (0.0 if self.at_rest else xp.asarray(self.end_rate).astype(total.dtype)),
-            feasible=np.array(True),
+            feasible=xp.asarray(True),
             proportional=self.at_rest,
         )
         return profile, duration

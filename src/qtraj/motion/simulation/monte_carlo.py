@@ -80,8 +80,9 @@ def monte_carlo(
         times = motion.settling_time(settled), motion.peak_command
         return motion.times, motion.angle, measure, *times, motion.code
 
-    times, angle, measure, settling, peak, code = _in_blocks(run, draws, n, min(block, n))
-    measure = np.where(np.isfinite(measure) & (code == ResultCode.successful), measure, np.inf)
+    columns: Any = _in_blocks(run, draws, n, min(block, n))
+    times, angle, measure, settling, peak, code = columns
+    measure: Any = np.where(np.isfinite(measure) & (code == ResultCode.successful), measure, np.inf)
     sizes = {name: _sizes(draws[name], spread) for name, spread in spreads.items()}
     return Study(times[0], angle, measure, settling, peak, code, draws, sizes)
 

@@ -55,7 +55,8 @@ class Study(AbstractResult):
 
     def percentiles(self, percents: Any = PERCENTS) -> Float[Array, "k m"]:
         """Return percentiles (k, m) [rad] of the attitude error at `times`; NaN where a flight did not arrive."""
-        return np.percentile(np.asarray(self.angle), np.atleast_1d(percents), axis=0)
+        rows: Any = np.percentile(np.asarray(self.angle), np.atleast_1d(percents), axis=0)
+        return rows
 
     def worst(self, count: int = 5) -> list[WorstFlight]:
         """Return the worst flights, the worst first, and the spread that most probably made each of them so bad.

@@ -1,7 +1,5 @@
 """Define the torque of air drag."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -62,7 +60,7 @@ class AerodynamicTorque(eqx.Module):
             (self.drag, "the drag coefficient", ""),
         ):
             require_positive(value, name, unit)
-        self.velocity: Any = checked_signal(velocity, "the velocity")
+        self.velocity = checked_signal(velocity, "the velocity")
 
     def __repr__(self) -> str:
         return shown(self, centre="m", area="m²", density="kg/m³", velocity="m/s")

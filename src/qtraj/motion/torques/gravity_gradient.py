@@ -1,7 +1,5 @@
 """Define the gravity-gradient torque."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -46,7 +44,7 @@ class GravityGradient(eqx.Module):
 
     def __init__(self, inertia: ArrayInput, position: SignalInput, mu: ArrayInput = EARTH):
         self.inertia = inertia_matrix(inertia)
-        self.position: Any = checked_signal(position, "the position")
+        self.position = checked_signal(position, "the position")
         self.mu = real_scalar(mu, "mu")
         require_positive(self.mu, "mu", "m³/s²")
 

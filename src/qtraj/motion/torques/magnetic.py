@@ -1,7 +1,5 @@
 """Define the torque of a magnetic field on a dipole."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -35,8 +33,8 @@ class MagneticDipole(eqx.Module):
     field: Signal
 
     def __init__(self, dipole: SignalInput, field: SignalInput):
-        self.dipole: Any = checked_signal(dipole, "the dipole", of_state=True)
-        self.field: Any = checked_signal(field, "the field")
+        self.dipole = checked_signal(dipole, "the dipole", of_state=True)
+        self.field = checked_signal(field, "the field")
 
     def __repr__(self) -> str:
         return shown(self, dipole="A m²", field="T")
