@@ -23,6 +23,7 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.own_duration import with_array_duration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +34,12 @@ PART = 1e-3
 
 
 class AbstractHodograph(eqx.Module):
-    """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`."""
+    """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`.
+
+    An own path is a subclass with a `duration` [s] and the method `derivatives`. The duration may be declared as a
+    number, an array, a static field or a class attribute; it becomes a field whose value is an array. A property must
+    compute it from fields that are arrays.
+    """
 
     duration: eqx.AbstractVar[Scalar]
     supports_numpy: ClassVar[bool] = False
@@ -41,6 +47,10 @@ class AbstractHodograph(eqx.Module):
 
     Paths that do not support this are computed by JAX, which compiles their functions.
     """
+
+    def __init_subclass__(cls, **options: Any):
+        with_array_duration(cls)
+        super().__init_subclass__(**options)
 
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
