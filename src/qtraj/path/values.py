@@ -11,7 +11,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, rotated_z
 from qtraj.path.frame_components import triple
 from qtraj.path.frenet import Invariants
-from qtraj.path.hodograph import AbstractHodograph, require_path
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.placement import Placement
@@ -81,7 +81,6 @@ def values(
     path: AbstractHodograph, t: ScalarLike, names: Sequence[str], vehicle: RoadParameters | None = None
 ) -> dict[str, Scalar]:
     """Return several path quantities at one instant `t` [s], by name, from one evaluation of the path."""
-    require_path(path)
     return dict(zip(names, _values(path, t, tuple(names), vehicle), strict=True))
 
 

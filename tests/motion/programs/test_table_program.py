@@ -200,9 +200,7 @@ HALF = [[1.0, 0, 0, 0], [0.0, 1, 0, 0], [0.0, 1, 1, 0]]
 
 @pytest.mark.parametrize("rates", [None, np.zeros((3, 3))])
 def test_attitudes_that_are_a_half_turn_apart_are_refused(rates):
-    with pytest.raises(
-        ValueError, match=r"attitudes 0 and 1 of a table program, at 5 s and 6 s, are a half turn"
-    ):
+    with pytest.raises(ValueError, match=r"attitudes 0 and 1 of a table program, at 5 s and 6 s, are a half turn"):
         TableProgram([5.0, 6.0, 7.0], HALF, rates)
     near = np.array(HALF, float)
     near[0, 1] = 1e-5  # 2e-5 rad less than a half turn: the axis is known

@@ -37,8 +37,8 @@ class TableProgram(AbstractProgram):
     attitudes are connected by the shorter rotation, which must be less than a half turn, because the axis of a half
     turn between two attitudes is arbitrary. The rates at both ends are the mean rates of the first and the last
     interval. The spline is the same as SciPy's RotationSpline if SciPy's iteration converges. SciPy stops it after ten
-    iterations or at a relative change of 1e-9. For steps of about 1 rad its attitudes then differ by up to 1e-3 rad,
-    and its acceleration jumps.
+    iterations or at a relative change of 1e-9. For steps of 2 rad and more its attitudes then differ by 1e-5 to
+    1e-3 rad, and its acceleration jumps.
 
     Program time is measured from times[0]. `outside` determines what happens outside [0, duration]: "error" raises an
     error (NaN for traced times), "hold" keeps the first and the last attitude at rest, and "extrapolate" continues the
