@@ -58,29 +58,36 @@ def arguments(sizes, shape, seed=0):
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_shapes_and_namespaces(name, shape):
-    """NumPy in, NumPy out; JAX in, JAX out; the same under jit, vmap and in float32; finite derivatives."""
+    """NumPy and lists in, NumPy out; JAX in, JAX out."""
     function, sizes = CASES[name]
     given = arguments(sizes, shape)
     found = jax.tree.leaves(function(*given))
     assert all(isinstance(x, np.ndarray | np.floating) for x in found)
-    on_device = [jnp.asarray(x) for x in given]
-    for other in (function(*on_device), jax.jit(function)(*on_device)):
-        for a, b in zip(found, jax.tree.leaves(other), strict=True):
-            assert isinstance(b, jax.Array)
-            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     if shape:
-        mapped = function
-        for _ in shape:
-            mapped = jax.vmap(mapped)
-        for a, b in zip(found, jax.tree.leaves(mapped(*on_device)), strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
-        lists = jax.tree.leaves(function(*(x.tolist() for x in given)))
-        for a, b in zip(found, lists, strict=True):
+        one = jax.tree.leaves(function(*(x[(0,) * len(shape)] for x in given)))
+        assert [x.shape for x in found] == [(*shape, *np.shape(x)) for x in one]
+        for a, b in zip(found, one, strict=True):
+            np.testing.assert_allclose(a[(0,) * len(shape)], b, atol=1e-12)
+    for a, b in zip(found, jax.tree.leaves(function(*(jnp.asarray(x) for x in given))), strict=True):
+        assert isinstance(b, jax.Array)
+        np.testing.assert_array_equal(a, b)
+    if not any(np.ndim(x) == 0 for x in given):
+        for a, b in zip(found, jax.tree.leaves(function(*(x.tolist() for x in given))), strict=True):
             np.testing.assert_array_equal(a, b)
-    single = jax.tree.leaves(jax.jit(function)(*(x.astype(jnp.float32) for x in on_device)))
-    for a, b in zip(found, single, strict=True):
-        assert b.dtype == jnp.float32
-        np.testing.assert_allclose(a, b, atol=2e-4)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_in_a_trace_and_in_single_precision(name):
+    function, sizes = CASES[name]
+    given = arguments(sizes, (5,))
+    found = jax.tree.leaves(function(*given))
+    for kind, atol in ((jnp.float64, 1e-12), (jnp.float32, 2e-4)):
+        converted = [jnp.asarray(x, kind) for x in given]
+        transforms = (jax.jit, jax.vmap) if kind == jnp.float64 else (jax.jit,)
+        for transform in transforms:
+            for a, b in zip(found, jax.tree.leaves(transform(function)(*converted)), strict=True):
+                assert b.dtype == kind
+                np.testing.assert_allclose(a, b, rtol=1e-9, atol=atol)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -110,8 +117,12 @@ def test_gradients_agree_with_differences(name):
         parts = [flat[a:b].reshape(x.shape) for a, b, x in zip(ends[:-1], ends[1:], given, strict=True)]
         return jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(function(*parts))])
 
-    h, value = 1e-6, jax.jit(of)
-    numeric = np.stack([(value(flat + h * e) - value(flat - h * e)) / (2 * h) for e in np.eye(flat.size)], axis=1)
+    def value(flat):
+        parts = [flat[a:b].reshape(x.shape) for a, b, x in zip(ends[:-1], ends[1:], given, strict=True)]
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(function(*parts))])
+
+    h, at = 1e-6, np.asarray(flat)
+    numeric = np.stack([(value(at + h * e) - value(at - h * e)) / (2 * h) for e in np.eye(at.size)], axis=1)
     for derivative in (jax.jacfwd, jax.jacrev):
         np.testing.assert_allclose(jax.jit(derivative(of))(flat), numeric, rtol=1e-6, atol=1e-7)
 
@@ -146,7 +157,8 @@ def test_between_vectors():
     a, b = 10.0 ** RNG.uniform(-200, 100, (2, 300, 1)) * unit((2, 300), 3)
     q = rotation.between_vectors(a, b)
     np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1.0, atol=EXACT)
-    directions = [x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (a / np.abs(a).max(), b / np.abs(b).max())]
+    scaled = (x / np.abs(x).max(axis=-1, keepdims=True) for x in (a, b))  # squares underflow
+    directions = [x / np.linalg.norm(x, axis=-1, keepdims=True) for x in scaled]
     np.testing.assert_allclose(quaternion.rotate(q, directions[0]), directions[1], atol=1e-12)
     angle = np.arctan2(np.linalg.norm(np.cross(*directions), axis=-1), np.sum(directions[0] * directions[1], axis=-1))
     np.testing.assert_allclose(scipy_of(q).magnitude(), angle, atol=1e-12)  # the shortest
@@ -196,7 +208,8 @@ def test_jacobians_map_rates(size):
         np.testing.assert_allclose(mapped, quaternion.rate(q, q_dot, axes), atol=1e-13)
         series = sum(np.linalg.matrix_power(_cross(v[0] * (1 if axes == "inertial" else -1)), k) / _factorial(k + 1)
                      for k in range(60))  # fmt: skip
-        np.testing.assert_allclose(jacobian(v)[0], series, atol=1e-13 if size < 7 else 1e-7)
+        if size < 10:  # the series loses digits for long vectors
+            np.testing.assert_allclose(jacobian(v)[0], series, atol=1e-12)
 
 
 def _cross(v):

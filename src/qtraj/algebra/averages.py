@@ -128,7 +128,7 @@ def _weighted(x: Any, weights: Any) -> tuple[Any, Any]:
     if weights is None:
         return x, xp.ones_like(x[..., 0])
     shape = np.broadcast_shapes(x.shape[:-1], np.shape(weights))
-    return xp.broadcast_to(x, (*shape, x.shape[-1])), xp.broadcast_to(weights, shape)
+    return xp.broadcast_to(x, (*shape, x.shape[-1])), xp.broadcast_to(xp.asarray(weights, x.dtype), shape)
 
 
 def _assessed(q: Quat, u: Vectors, v: Vectors, w: Float[Array, "*batch n"], estimated: bool) -> tuple[Any, Any, Any]:

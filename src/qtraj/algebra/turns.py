@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import canonical, conjugate, exp, log, product, unit as unit_quaternion
-from qtraj.algebra.vector import cross, dot, norm, unit
+from qtraj.algebra.vector import cross, norm, unit
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import of_arrays, stop_gradient, xp
 from qtraj.foundation.types import Quat, Scalar, Vec3
@@ -27,7 +27,8 @@ def between_vectors(a: Vec3, b: Vec3) -> Quat:
     e = xp.stack([xp.where(smallest == k, 1.0, xp.zeros_like(a[..., k])) for k in range(3)], axis=-1)
     axis = stop_gradient(unit(cross(e, a), e))
     half = unit(a + b, cross(axis, a))  # the direction in the middle
-    return xp.concatenate([dot(a, half)[..., None], cross(a, half)], axis=-1)
+    # cos(Φ/2) = |a + b|/2 has no cancellation for nearly opposite directions, unlike a·half.
+    return unit_quaternion(xp.concatenate([0.5 * norm(a + b)[..., None], cross(a, half)], axis=-1))
 
 
 @of_arrays
