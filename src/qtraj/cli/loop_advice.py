@@ -40,7 +40,7 @@ def _works(task: LoopTask) -> bool:
         _, verdict = assess_loop(**task.arguments())
     except ValueError:
         return False
-    return verdict.code == ResultCode.successful and verdict.agrees is not False
+    return int(verdict.code) == ResultCode.successful and verdict.agrees is not False
 
 
 def _changes(scenario: LoopScenario, task: LoopTask) -> Iterator[tuple[str, LoopTask]]:
@@ -58,8 +58,9 @@ def _changes(scenario: LoopScenario, task: LoopTask) -> Iterator[tuple[str, Loop
     if (gains := _gentle(scenario, task)) is not None:
         yield gains
     yield _with_tolerances(task, COARSER, "larger")
-    if scenario.law.kind not in BASELINES and hasattr(task.law, "k2") and np.ndim(task.law.k1) == 0:
-        law = QuaternionFeedback(task.law.k1, task.law.k2)
+    own: Any = task.law
+    if scenario.law.kind not in BASELINES and hasattr(own, "k2") and np.ndim(own.k1) == 0:
+        law = QuaternionFeedback(own.k1, own.k2)
         yield "Use a law of kind 'quaternion', whose command is the same for λ and −λ.", task._replace(law=law)
 
 

@@ -102,7 +102,7 @@ def _gentler(
 
 def _feasible(law: AbstractProfile, acceleration: float, angle: float) -> bool:
     """Return whether a slew of `angle` [rad] is possible in the fixed duration of the profile."""
-    profile, _ = dataclasses.replace(law, max_acceleration=acceleration).timed(np.asarray(angle))  # pyright: ignore[reportCallIssue]
+    profile, _ = dataclasses.replace(law, max_acceleration=acceleration).timed(np.asarray(angle))  # pyright: ignore[reportCallIssue, reportArgumentType]
     return bool(profile.feasible)
 
 

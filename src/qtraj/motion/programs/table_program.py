@@ -110,7 +110,7 @@ def _attitude(program: TableProgram, t: Scalar) -> Attitude:
         return _extended(program, t)
     at = _extended(program, jnp.clip(t, 0.0, last))
     still = (t < 0) | (t > last)
-    return Attitude(at.quaternion, *(jnp.where(still, 0.0, x) for x in (at.rate, at.acceleration)))
+    return Attitude(at.quaternion, jnp.where(still, 0.0, at.rate), jnp.where(still, 0.0, at.acceleration))
 
 
 def _extended(program: TableProgram, t: Scalar) -> Attitude:
