@@ -24,7 +24,7 @@ from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing,
 from qtraj.path.channel import CHANNELS
 from qtraj.path.driving import default_frame, require_one_direction
 from qtraj.path.frame_axes import MINIMIZING
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, path_advice
 from qtraj.path.own_name import name_of
 from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
@@ -214,11 +214,14 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
 
 def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
-        raise ValueError(
-            f"a path or a batch of paths was expected, but {described(paths)} was given. "
-            "Stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
-            "them with jax.vmap."
-        )
+        advice = path_advice(paths)
+        if isinstance(paths, list | tuple):
+            advice = (
+                "stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
+                "them with jax.vmap"
+            )
+        message = f"a path or a batch of paths was expected, but {described(paths)} was given"
+        raise ValueError(message + (f": {advice}" if advice else ""))
     return jnp.ndim(paths.duration) == 1
 
 

@@ -23,7 +23,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.distances import distance_to
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
 from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
@@ -270,6 +270,7 @@ class Limits(eqx.Module):
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
+        require_path(path)
         return values(path, t, [*self.given()], self.road(path.duration.dtype))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
@@ -279,9 +280,8 @@ class Limits(eqx.Module):
         the way, the distance to `t` is computed by quadrature.
         """
         limits: dict[str, Any] = self.on(path).given()
-        if self.varying:
-            s = distance_to(path, t)
-            limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}
+        s: Any = distance_to(path, t) if self.varying else None
+        limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}
         return {name: quantity(name).side * (limits[name] - value) for name, value in self.values(path, t).items()}
 
 

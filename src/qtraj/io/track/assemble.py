@@ -112,6 +112,8 @@ def _columns(source: Source, reading: Reading, globe: bool) -> Columns:
         axes = choose_axes(chosen, reading.axes, globe)
     except ValueError as error:
         raise ValueError(f"{source.name}: {error}") from error
+    if reading.angles is not None and "rate" in axes:
+        axes["rate"] = reading.angles.axes  # the axes of the gyro are those of the angles
     return Columns(table.header, chosen, units, axes, angled)
 
 
