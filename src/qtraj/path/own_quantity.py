@@ -68,7 +68,7 @@ class Quantity:
 
     On a spiral-helix, the components x and y and the position are not polynomials, so limits on quantities with them
     are sampled. `qtraj.certify` gives a quantity that divides by zero, or takes the root of a negative number, the
-    status "undefined".
+    status "undefined". Equal factors cancel before: x / x is 1, also where x is zero.
 
     Args:
         name: The name, an identifier that no other quantity or output has.
