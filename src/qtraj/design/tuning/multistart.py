@@ -72,14 +72,23 @@ def _changes(names: Sequence[str], planned: Sequence[tuple[float, float, float]]
 
 
 def solve(
-    method: AbstractSearch, searches: Searches, starts: int, max_steps: int, report: Report | None = None
+    method: AbstractSearch,
+    searches: Searches,
+    starts: int,
+    max_steps: int,
+    report: Report | None = None,
+    posed: np.ndarray | None = None,
 ) -> SearchResult:
-    """Return the best result of each problem of a batch.
+    """Return the best result of each problem of a batch; an ill-posed one, False in `posed`, has none and is NaN.
 
     If no search satisfies the limits of a problem, "sqp" minimises the violation from the best result in at most
     `max_steps` steps. If the limits are then satisfied, the objective is minimised from this point.
     """
     count = searches.count
+    if posed is not None and not posed.all():
+        index = np.flatnonzero(posed) if posed.any() else np.arange(1)  # one gives the shapes
+        some = solve(method, searches.take(index), starts, max_steps if posed.any() else 0, report)
+        return some.among(index, count)
     points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
     many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
     ends = _search(method, many, points, report, "searches")

@@ -58,6 +58,16 @@ class SearchResult(NamedTuple):
     steps: Int[Any, "*batch"]
     scale: Float[Any, "*batch"]
 
+    def among(self, index: Int[np.ndarray, " batch"], count: int) -> "SearchResult":
+        """Return the results of `count` problems, of which these are at `index`, and all others are NaN or zero."""
+
+        def widened(x: np.ndarray) -> np.ndarray:
+            wide = np.full((count, *x.shape[1:]), np.nan if np.issubdtype(x.dtype, np.floating) else 0, x.dtype)
+            wide[index] = x
+            return wide
+
+        return SearchResult(*(widened(np.asarray(x)) for x in self))
+
 
 class AbstractSearch(eqx.Module):
     """A search method, which runs a batch of searches, each from its own start."""

@@ -16,9 +16,9 @@ from qtraj.design.tuning.searches import searches_of
 from qtraj.design.tuning.task import Task
 
 
-def solve(method: AbstractSearch, tasks: Task, starts: int, max_steps: int) -> SearchResult:
-    """Return the best results of a batch of traced tasks, which are treated as constants."""
-    arrays, static = eqx.partition(jax.lax.stop_gradient(tasks), eqx.is_array)
+def solve(method: AbstractSearch, tasks: Task, posed: Any, starts: int, max_steps: int) -> SearchResult:
+    """Return the best results of a batch of traced tasks, which are treated as constants; see `multistart.solve`."""
+    arrays, static = eqx.partition((jax.lax.stop_gradient(tasks), posed), eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
     shapes = [x.shape for x in leaves]
     count, n = tasks.low.shape
@@ -38,8 +38,9 @@ def solve(method: AbstractSearch, tasks: Task, starts: int, max_steps: int) -> S
         hosts = [np.asarray(x) for x in values]
         more = hosts[0].shape[: hosts[0].ndim - len(shapes[0])]
         joined = [x.reshape(-1, *shape[1:]) for x, shape in zip(hosts, shapes, strict=True)]
-        own = eqx.combine(jax.tree.unflatten(structure, joined), static)
-        found = multistart.solve(method, searches_of(own.problem, own.limits, own.low, own.high), starts, max_steps)
+        own, valid = eqx.combine(jax.tree.unflatten(structure, joined), static)
+        searches = searches_of(own.problem, own.limits, own.low, own.high)
+        found = multistart.solve(method, searches, starts, max_steps, posed=valid)
         expected = result_shapes((*more, count))
         return jax.tree.map(lambda x, like: np.asarray(x, like.dtype).reshape(like.shape), found, expected)
 

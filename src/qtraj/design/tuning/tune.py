@@ -150,16 +150,16 @@ def tune(
     limits.require_batch(batch, "the states")
     count = start.position.shape[0]
 
-    def posed(objective: AbstractObjective) -> Task:
+    def task_of(objective: AbstractObjective) -> Task:
         problem = pose(start, end, objective, motion, duration, turns, axis, turn, weight_array, fixed, road)
         return Task(problem, search_limits(limits, corridor, count), *box(problem, fixed, bounds_of))
 
     with np.errstate(all="ignore"), broadcasting():  # ill-posed problems are reported below
-        tasks = posed(objective)
+        tasks = task_of(objective)
     if isinstance(objective, Custom) and is_traced(tasks, start, end, duration):
         explicit = objective.with_closure(one(constants(tasks.problem)))
         with broadcasting():
-            tasks = tasks if explicit is objective else posed(explicit)
+            tasks = tasks if explicit is objective else task_of(explicit)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
     constant, *others = constants((tasks, turn, limits, corridor))
     checked: Any = (constant.problem if batch else one(constant.problem), *others, placement is not None)
@@ -169,15 +169,16 @@ def tune(
         require_well_posed(*checked)
     with np.errstate(all="ignore"), broadcasting():
         faults = fault_codes(*checked)
+    posed = faults == ResultCode.successful
     if unknown:
-        result = traced.solve(method, constant, starts, max_steps)
+        result = traced.solve(method, constant, posed, starts, max_steps)
         outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
     with reporting(progress) as report:
         searches = searches_of(constant.problem, constant.limits, constant.low, constant.high)
 
         def solved(searches: Searches) -> tuple[SearchResult, Tuned]:
-            result = multistart.solve(method, searches, starts, max_steps, report)
+            result = multistart.solve(method, searches, starts, max_steps, report, posed)
             return result, make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
 
         searches, result, outcome = (
