@@ -3,8 +3,8 @@
 from functools import lru_cache
 from typing import Any
 
-from qtraj.design.tuning.augmented import AugmentedLagrangian
 from qtraj.design.tuning.choices import either
+from qtraj.design.tuning.first_order import FirstOrder
 from qtraj.design.tuning.search import AbstractSearch
 from qtraj.design.tuning.sqp import SequentialQuadratic
 
@@ -20,21 +20,18 @@ Method = Any
 """One of `METHODS`, or an `optax.GradientTransformation` (with or without extra arguments)."""
 
 
-def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps: int) -> AbstractSearch:
+def get_method(method: Method, max_steps: int, inner_steps: int) -> AbstractSearch:
     """Return the search for a method.
-
-    `method=None` means "sqp" if the objective is `smooth` (twice differentiable), and "lbfgs" otherwise.
 
     **Raises:** ValueError if the method is unknown, or if a step count is not a positive integer.
     """
     for name, steps in (("max_steps", max_steps), ("inner_steps", inner_steps)):
         if isinstance(steps, bool) or int(steps) != steps or steps < 1:
             raise ValueError(f"{name} must be an integer, 1 or more, but {steps} was given")
-    if method is None:
-        method = "sqp" if smooth else "lbfgs"
+    sqp = SequentialQuadratic(int(max_steps))
     if isinstance(method, str) and method == "sqp":
-        return SequentialQuadratic(int(max_steps))
-    return AugmentedLagrangian(_optimiser(method), int(max_steps), int(inner_steps))
+        return sqp
+    return FirstOrder(_optimiser(method), int(inner_steps), sqp)
 
 
 def _optimiser(method: Method) -> Any:

@@ -51,6 +51,9 @@ VIOLATION_STEPS = 6
 MULTIPLIER_RADIUS = 1e-2
 """Trust radius of the subproblem that determines the multipliers at a solution."""
 
+REFINED = 4
+"""Number of final points of each problem from which "sqp" continues after another method, starting with the best."""
+
 INFEASIBLE_COST = 1e100
 """The minimum merit of a result that violates the limits, larger than any cost."""
 
@@ -92,8 +95,11 @@ def solve(
     points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
     many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
     ends = _search(method, many, points, report, "searches")
-    best = np.arange(count) * starts + np.argmin(_merit(ends).reshape(count, starts), axis=1)
-    result = ends.take(best)
+    if method.refined_by is None:
+        result = ends.take(_best(ends, count))
+    else:
+        method = method.refined_by
+        result = _refined(method, searches, ends, points, report)
     infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
     if infeasible.size:
         rows = infeasible[:, None] * starts + np.arange(starts)
@@ -167,8 +173,26 @@ def _rescued(
         final = final._replace(steps=found.steps[index] + final.steps)
         met = final.largest <= FEASIBLE
         found.put(index[met], final.take(met))
-    best = found.take(np.arange(count) * each + np.argmin(_merit(found).reshape(count, each), axis=1))
+    best = found.take(_best(found, count))
     return best._replace(steps=ends.steps + best.steps)
+
+
+def _refined(method: AbstractSearch, searches: Searches, ends: Ends, points: np.ndarray, report: Report | None) -> Ends:
+    """Continue from the best final points of each problem, and search from its first start, too; return the best."""
+    count, starts = searches.count, ends.cost.size // searches.count
+    order = np.argsort(_merit(ends).reshape(count, starts), axis=1, kind="stable")[:, :REFINED]
+    chosen = np.arange(count)[:, None] * starts + order
+    z = np.concatenate([ends.z[:, chosen], points[:, ::starts, None]], axis=2)
+    many = searches.take(np.repeat(np.arange(count), z.shape[2]))
+    refined = _search(method, many, z.reshape(len(z), -1), report, "best results")
+    result = refined.take(_best(refined, count))
+    return result._replace(steps=result.steps + ends.steps[::starts])
+
+
+def _best(ends: Ends, count: int) -> np.ndarray:
+    """Return the index of the best result of each of `count` problems, which have equally many searches."""
+    merit = _merit(ends).reshape(count, -1)
+    return np.arange(count) * merit.shape[1] + np.argmin(merit, axis=1)
 
 
 def _merit(ends: Ends) -> np.ndarray:

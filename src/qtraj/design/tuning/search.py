@@ -73,6 +73,11 @@ class AbstractSearch(eqx.Module):
     """A search method, which runs a batch of searches, each from its own start."""
 
     @property
+    def refined_by(self) -> "AbstractSearch | None":
+        """The method that continues from the final points; None if these are solutions."""
+        return None
+
+    @property
     @abc.abstractmethod
     def total_steps(self) -> int:
         """The maximum number of steps of one search."""

@@ -60,9 +60,9 @@ def tune(
     nearest_to: AbstractHodograph | None = None,
     corridor: ArrayInput | None = None,
     starts: int = 8,
-    method: Method | None = None,
+    method: Method = "sqp",
     max_steps: int = 300,
-    inner_steps: int = 200,
+    inner_steps: int = 600,
     progress: Report | bool | None = None,
     throw: bool = False,
 ) -> Tuned:
@@ -135,7 +135,7 @@ def tune(
     start, end, limits, placement = in_float64((start, end, limits, placement))
     objective, motion = get_objective(objective, nearest_to), get_motion(motion)
     require_choices(start, end, limits, objective, motion, duration is not None)
-    method = get_method(method, objective.is_smooth, max_steps, inner_steps)
+    method = get_method(method, max_steps, inner_steps)
     bounds = dict(bounds or {})
     require_names(motion, objective, fixed, bounds)
     if starts < 1:
