@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from benchmarks.tuning.problems import problems
 
 import qtraj as qt
-from qtraj.design.tuning.augmented import COMPLEMENTARY, STATIONARY
+from qtraj.design.tuning.problem import broadcasting
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
@@ -20,10 +21,10 @@ ADAM = optax.adam(1e-2)
 CHAIN = optax.chain(optax.clip_by_global_norm(1.0), optax.sgd(1e-2, momentum=0.9))
 OPTIMISERS = {"lbfgs": "lbfgs", "adam": ADAM, "chain": CHAIN}
 
-RTOL = 1e-5
-"""Relative difference of objectives: active constraints may lie 1e-6 inside their limits, times the multipliers."""
+RTOL = 1e-8
+"""Relative difference of objectives of one solution; limits may be exceeded by 2e-9 before the proof."""
 
-DERIVATIVE_RTOL = 2e-4
+DERIVATIVE_RTOL = 1e-5
 """Relative difference of derivatives of the solution, which amplify the difference of the solutions."""
 
 
@@ -37,20 +38,18 @@ def test_every_optimiser_agrees_with_sqp(name):
     assert best.converged, best.result
     assert best.certificate.holds
     assert float(best.objective) == pytest.approx(float(reference.objective), rel=RTOL)
-    assert float(best.objective) >= float(reference.objective) * (1 - RTOL / 100)
-    assert max(COMPLEMENTARY, STATIONARY) < RTOL
 
 
 @pytest.mark.parametrize(
     ("objective", "motion", "duration"),
     [
         ("fastest", "uniform", None),
+        ("smoothest", "hermite", 4.0),
         pytest.param("smoothest", "uniform", 6.5, marks=pytest.mark.slow),
         pytest.param("fastest", "hermite", None, marks=pytest.mark.slow),
-        pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("name", ["lbfgs", pytest.param("adam", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["adam", pytest.param("lbfgs", marks=pytest.mark.slow)])
 def test_every_objective_and_motion_is_tuned(name, objective, motion, duration):
     best = tuned(OPTIMISERS[name], objective, motion, duration)
     reference = tuned("sqp", objective, motion, duration, starts=8)
@@ -62,12 +61,12 @@ def test_every_objective_and_motion_is_tuned(name, objective, motion, duration):
 def test_a_batch_equals_its_elements():
     curvatures = jnp.asarray([0.046, 0.048, 0.052])
     starts = jax.tree.map(lambda x: jnp.stack([x] * 3), START)
-    batch = qt.tune(starts, END, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), method="lbfgs", starts=1)
+    batch = qt.tune(starts, END, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), method=ADAM, starts=1)
     assert batch.converged.all(), str(batch)
     for k, curvature in enumerate(curvatures):
-        one = qt.tune(START, END, qt.Limits(curvature=curvature), method="lbfgs", starts=1)
-        np.testing.assert_allclose(batch.objective[k], one.objective, rtol=1e-12)
-        np.testing.assert_allclose(batch.path.radius[k], one.path.radius, rtol=1e-9)
+        one = qt.tune(START, END, qt.Limits(curvature=curvature), method=ADAM, starts=1)
+        np.testing.assert_allclose(batch.objective[k], one.objective, rtol=1e-9)
+        np.testing.assert_allclose(batch.path.radius[k], one.path.radius, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -120,7 +119,7 @@ class ClimbRate(eqx.Module):
 
 
 def test_a_callable_may_contain_arrays_and_be_traced():
-    best = qt.tune(START, END, LIMITS, ClimbRate(jnp.asarray(0.5)), starts=1)
+    best = qt.tune(START, END, LIMITS, ClimbRate(jnp.asarray(0.5)), starts=1, method=ADAM)
     assert best.converged, best.result
 
     def climb_rate(path):
@@ -129,13 +128,13 @@ def test_a_callable_may_contain_arrays_and_be_traced():
     @jax.jit
     def traced(curvature):
         limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
-        return qt.tune(START, END, limits, climb_rate, starts=1).objective
+        return qt.tune(START, END, limits, climb_rate, starts=1, method=ADAM).objective
 
     assert float(traced(0.048)) == pytest.approx(float(best.objective), rel=RTOL)
 
 
 def test_an_impossible_limit_is_infeasible():
-    best = qt.tune(START, END, qt.Limits(curvature=0.01), bounds={"duration": (2.0, 8.0)}, method="lbfgs", starts=1)
+    best = qt.tune(START, END, qt.Limits(curvature=0.01), bounds={"duration": (2.0, 8.0)}, method=ADAM, starts=1)
     assert best.status == "infeasible"
     assert "What would help" in best.result
 
@@ -154,3 +153,36 @@ def test_an_invalid_method_raises(change, fragment):
     with pytest.raises(ValueError) as caught:
         qt.tune(START, END, LIMITS, **change)
     assert fragment in str(caught.value)
+
+
+def random_problems(count, seed):
+    with broadcasting():
+        return problems(count, seed)
+
+
+@pytest.mark.slow
+def test_many_starts_find_optima_at_least_as_good_as_sqp():
+    given = random_problems(100, 7)
+    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
+    reference = qt.tune(given.starts, given.ends, limits, starts=8)
+    best = qt.tune(given.starts, given.ends, limits, starts=64, method=ADAM)
+    assert best.certificate.holds.all()
+    assert np.max(np.asarray(best.objective) / np.asarray(reference.objective)) < 1 + 1e-6
+
+
+def test_one_start_finds_the_optimum_of_sqp():
+    given = random_problems(24, 5)
+    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
+    results = [qt.tune(given.starts, given.ends, limits, starts=1, method=m) for m in ("sqp", ADAM)]
+    ratio = np.asarray(results[1].objective) / np.asarray(results[0].objective)
+    assert results[1].certificate.holds.all()
+    assert np.mean(np.abs(ratio - 1) < 1e-6) > 0.95
+    assert ratio.max() < 1 + 1e-6
+    assert np.all(results[1].iterations > 600)
+
+
+def test_an_optimiser_that_diverges_does_no_harm():
+    """The steps are far too large; "sqp" continues from a useless point, and from the initial states, too."""
+    best = tuned(optax.sgd(1e6))
+    assert best.converged, best.result
+    assert float(best.objective) == pytest.approx(float(tuned("sqp").objective), rel=RTOL)

@@ -200,14 +200,14 @@ class TunePart(Part):
         "number of starting points of the search: the specified states, and perturbations of these states", 8
     )
     method: Literal["sqp", "lbfgs", "adam"] = key(
-        "search method: sequential quadratic programming ('sqp'), which is by far the fastest, or, for comparison, an "
-        "augmented Lagrangian with an optax optimiser ('lbfgs' or 'adam')",
+        "search method: sequential quadratic programming ('sqp'), or first steps of an optax optimiser ('lbfgs' or "
+        "'adam') from every start, and then 'sqp' from the best results",
         "sqp",
     )
-    max_steps: keys.Counts | None = key(
-        "maximum number of iterations of 'sqp', or of outer iterations of 'lbfgs' or 'adam'; default: 300", None
+    max_steps: keys.Counts | None = key("maximum number of iterations of 'sqp'; default: 300", None)
+    inner_steps: keys.Counts | None = key(
+        "number of steps of 'lbfgs' or 'adam' before 'sqp' continues; default: 600", None
     )
-    inner_steps: keys.Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", None)
     learning_rate: keys.Positive | None = key(
         f"learning rate of 'adam', in units of the reference speed; default: {LEARNING_RATE}", None
     )

@@ -117,7 +117,9 @@ def _searched(optimiser: Any, steps: Array, task: Task, z: Array) -> tuple[Array
             grad=gradient,
             value_fn=lambda y: _lagrangian(task, nodes, y, s.multipliers)[0],
         )
-        updates, memory = jax.tree.map(lambda new, old: jnp.asarray(new).astype(old.dtype), (updates, memory), (s.y, s.memory))
+        updates, memory = jax.tree.map(
+            lambda new, old: jnp.asarray(new).astype(old.dtype), (updates, memory), (s.y, s.memory)
+        )
         multipliers = jnp.where((k + 1) % ROUND == 0, jnp.maximum(s.multipliers + PENALTY * g, 0.0), s.multipliers)
         after = _State(s.y + updates, memory, multipliers)
         finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(after.y))

@@ -102,18 +102,18 @@ def tune(
     path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
     is called with a `Progress` a few times per second; `progress=True` displays the progress (extra `cli`).
 
-    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. This method is
-    by far the fastest, and the default for a named objective. An `optax.GradientTransformation` such as
-    `optax.adam(1e-3)`, or "lbfgs" or "adam" (with the learning rate 1e-2), selects an augmented Lagrangian method with
-    at most `inner_steps` steps of the optimiser in each outer iteration. Its steps need only first derivatives, and it
-    is the default for a callable objective. `max_steps` is the maximum number of steps of "sqp", or of outer iterations
-    of the augmented Lagrangian method. Reuse the same optimiser object to avoid recompilation.
+    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. With
+    an `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (with the learning rate
+    1e-2), all searches of a batch first take `inner_steps` steps of the optimiser together, on an accelerator if there
+    is one. "sqp" then continues from the four best results of each problem, and starts from the initial states, too.
+    This is worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of
+    "sqp". Reuse the same optimiser object to avoid recompilation.
 
     A callable objective must be a pure function. Its value may have any unit: the search takes the scale from the first
     and second derivatives, so a constant or a factor in the objective changes neither the path nor the status, up to
-    the rounding error of the value. The search is compiled for each new function, and any value that the
-    function reads from its scope is constant from then on. If the function is a pytree, such as a
-    `jax.tree_util.Partial` or an `equinox.Module`, its arrays are arguments of the compiled search, so new values need
+    the rounding error of the value. Each new function and its derivatives are compiled, and any value that the function
+    reads from its scope is constant from then on. If the function is a pytree, such as a
+    `jax.tree_util.Partial` or an `equinox.Module`, its arrays are arguments of the compiled code, so new values need
     no recompilation. Each search of a batch stores its own copy of these arrays.
 
     **Batches**: for states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`) the outcome has
@@ -123,7 +123,7 @@ def tune(
     **Transformations**: the function can be used under `jit`, `vmap` and `grad`. For any method, the derivatives of the
     path with respect to the boundary data, the limits and the arrays in a callable objective are the derivatives of the
     solution (implicit function theorem), also of higher order; they have no meaning if the search did not converge.
-    Outside `jit` and `vmap`, `grad` runs the same compiled search as a call without derivatives. Under all of these
+    Outside `jit` and `vmap`, `grad` runs the same search as a call without derivatives. Under all of these
     transformations, infeasible problems get no advice.
 
     **Precision**: float32 states are converted, the search and the proof use float64, and the path is in float64.
