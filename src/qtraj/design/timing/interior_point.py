@@ -9,12 +9,14 @@ The search runs in NumPy for a batch of problems with the same nodes; finished p
 precedes the axes of the nodes.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.timing import refinement
 from qtraj.design.timing.banded import Factored, factor, solve as solve_band
 from qtraj.design.timing.constraint_values import Gradients, changes, gradients, second_derivatives, values, weighted
 from qtraj.design.timing.constraints import Constraints
@@ -150,9 +152,10 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
     gradient = _gradient(p, cost_slope, slope, z)
     missing = _sum(np.abs(residual) * z)
     least = BALANCE / count * (np.sum(np.abs(gradient * s.coefficients), axis=1) + missing)
+    newton = functools.partial(_newton, p, band, curvature)
     target, off = 0.0, residual
     for last in (False, True):  # the predictor and the corrector
-        dc = -solved(band, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
+        dc = -newton(_gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = p.at_nodes(dc)
         rise = changes(slope, dv)
         ds = -off - rise
@@ -190,6 +193,17 @@ def _gradient(
     at = weighted(slope, multipliers)
     at[0] += cost_slope
     return gathered(p.nodes, at) * p.nodes.free
+
+
+def _newton(p: Program, band: "_Scaled", curvature: np.ndarray, right: np.ndarray) -> Float[Any, "batch cells+3"]:
+    """Solve the linear system of a step: with a limit on the jerk, except for laps, free from rounding errors of `band`."""
+    if p.constraints.jerk is None or p.nodes.seam:
+        return solved(band, right)
+
+    def product(x: np.ndarray) -> np.ndarray:
+        return gathered(p.nodes, np.einsum("ij...,j...->i...", curvature, p.at_nodes(x))) * p.nodes.free
+
+    return refinement.solve(product, functools.partial(solved, band), right)
 
 
 class _Scaled(NamedTuple):
