@@ -39,6 +39,9 @@ SLACK = 1.0
 
 MAX_STEPS = 100
 
+STALLED, AGAIN = 1e-4, 8
+"""A search also stops if its error is below `STALLED` and was not halved within `AGAIN` steps, because of roundings."""
+
 PerProblem = Float[Any, " batch"]
 
 
@@ -112,13 +115,17 @@ def solve(program: Program, start: State, enough: Float[Any, " batch"]) -> State
     """Compute the optimal coefficients; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
+    best, since = start.error.copy(), start.steps.copy()
     table = products(program.nodes.basis[: program.constraints.orders])
     while which.size:
-        goes_on = (s.error >= enough) & (s.steps < last)  # false if the error is NaN
+        halved = s.error < 0.5 * best
+        best, since = np.where(halved, s.error, best), np.where(halved, s.steps, since)
+        stalled = (best < STALLED) & (s.steps >= since + AGAIN) & (s.error < 2 * best)
+        goes_on = (s.error >= enough) & (s.steps < last) & ~stalled  # false if the error is NaN
         if not goes_on.all():
             result.store(which[~goes_on], s.chosen(~goes_on))
             s, program, which = s.chosen(goes_on), program.chosen(goes_on), which[goes_on]
-            enough, last = enough[goes_on], last[goes_on]
+            enough, last, best, since = (x[goes_on] for x in (enough, last, best, since))
         if which.size:
             s = _step(program, table, s, enough)
     return result
