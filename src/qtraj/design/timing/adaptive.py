@@ -134,7 +134,9 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         if _converged(p, coarser):
             least = finest(shape, task, cells)
             best, excess = coarser, slower - (least if exact else max(least, draft.times().sum()))
-    return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
+    return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0)) if np.isfinite(
+        excess
+    ) else np.nan
 
 
 def _halved(

@@ -203,8 +203,8 @@ def _gradient(
 
 
 def _newton(p: Program, band: "_Scaled", curvature: np.ndarray, right: np.ndarray) -> Float[Any, "batch cells+3"]:
-    """Solve the linear system of a step: with a limit on the jerk, except for laps, free from rounding errors of `band`."""
-    if p.constraints.jerk is None or p.nodes.seam:
+    """Solve the linear system of a step; with a limit on the jerk, rounding errors of `band` are corrected."""
+    if p.constraints.jerk is None or p.nodes.seam:  # the coefficients of a lap repeat
         return solved(band, right)
 
     def product(x: np.ndarray) -> np.ndarray:

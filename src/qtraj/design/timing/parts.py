@@ -142,8 +142,8 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
 
     Where the second derivative of the path jumps, the first derivative of u̇² may jump, otherwise the acceleration along
     the path would have to jump. Where the third derivative jumps, the same applies to the jerk and to the second one.
-    These jumps are relative to the derivatives at the joint: where the parameter is slow, u̇ is large, and a jump that is
-    small compared with other places is not small. An error is raised only for jumps that are large for the whole route.
+    These jumps are relative to the derivatives at the joint: where the parameter is slow, u̇ is large, and so are the
+    effects of a small jump. An error is raised only for jumps that are large for the whole route.
 
     **Raises:** ValueError if the velocity jumps at a joint that is not a `cut`, or with a limit on the jerk, if the
     acceleration jumps there.

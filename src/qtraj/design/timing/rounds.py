@@ -103,7 +103,9 @@ def searched(
             failures[which] += ~(last.error < np.maximum(enough, STALLED))
             if search + 1 < len(GAPS):
                 continue
-            goes_on = (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+            goes_on = (
+                (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+            )
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)
                 places = jax.tree.map(lambda x, goes_on=goes_on: x[..., goes_on, :, :], places)
