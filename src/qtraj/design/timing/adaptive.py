@@ -28,6 +28,7 @@ from qtraj.design.timing.constraints import POWERS, listed
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
+from qtraj.design.timing.rounds import GAPS
 from qtraj.design.timing.sided import excludes_zero
 from qtraj.path.quantity import quantity
 
@@ -50,7 +51,7 @@ COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "
 cells is multiplied by `FINER` if the duration hardly changes."""
 
 LEAST_ERROR = 0.1
-"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough."""
+"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough, also in a draft."""
 
 NOTICED = 1e-4
 """Relative violation of a limit between the nodes, beyond that of all cells, with which a cell is halved."""
@@ -70,10 +71,15 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     limited = {quantity(name).base or name for name in p.names}
     exact = bounds and not COUPLED & limited and not excludes_zero(p.bounds)
 
+    enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
+
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)
         found = first_search(p, part, grid, ends, rest, before)
-        return found if before is None or found.converged else first_search(p, part, grid, ends, rest)
+        if before is None or found.error < enough:
+            return found
+        again = first_search(p, part, grid, ends, rest)
+        return found if found.error <= again.error else again
 
     cells, draft = _positive(shape, cells, draft_on, None)
     if not np.isfinite(draft.powers).all():  # a search may fail on large cells
@@ -111,7 +117,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         if halved.half.size == cells.half.size:
             halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
         finer = _positive(shape, halved, draft_on, latest)
-        if not finer[1].converged:
+        if not finer[1].error < enough:
             break
         drafts.append(draft)
         cells, draft = finer
@@ -128,8 +134,9 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         if _converged(p, coarser):
             least = finest(shape, task, cells)
             best, excess = coarser, slower - (least if exact else max(least, draft.times().sum()))
-    enough = max(best.enough, LEAST_ERROR * p.tolerance)
-    return best._replace(enough=enough), float(np.maximum(excess, 0.0)) if np.isfinite(excess) else np.nan
+    return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0)) if np.isfinite(
+        excess
+    ) else np.nan
 
 
 def _halved(

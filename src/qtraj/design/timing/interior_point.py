@@ -9,12 +9,14 @@ The search runs in NumPy for a batch of problems with the same nodes; finished p
 precedes the axes of the nodes.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.timing import refinement
 from qtraj.design.timing.banded import Factored, factor, solve as solve_band
 from qtraj.design.timing.constraint_values import Gradients, changes, gradients, second_derivatives, values, weighted
 from qtraj.design.timing.constraints import Constraints
@@ -36,6 +38,9 @@ SLACK = 1.0
 """The smallest initial slack. With smaller slacks, the first steps would be short."""
 
 MAX_STEPS = 100
+
+STALLED, AGAIN = 1e-4, 8
+"""A search also stops if its error is below `STALLED` and was not halved within `AGAIN` steps, because of roundings."""
 
 PerProblem = Float[Any, " batch"]
 
@@ -110,13 +115,17 @@ def solve(program: Program, start: State, enough: Float[Any, " batch"]) -> State
     """Compute the optimal coefficients; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
+    best, since = start.error.copy(), start.steps.copy()
     table = products(program.nodes.basis[: program.constraints.orders])
     while which.size:
-        goes_on = (s.error >= enough) & (s.steps < last)  # false if the error is NaN
+        halved = s.error < 0.5 * best
+        best, since = np.where(halved, s.error, best), np.where(halved, s.steps, since)
+        stalled = (best < STALLED) & (s.steps >= since + AGAIN) & (s.error < 2 * best)
+        goes_on = (s.error >= enough) & (s.steps < last) & ~stalled  # false if the error is NaN
         if not goes_on.all():
             result.store(which[~goes_on], s.chosen(~goes_on))
             s, program, which = s.chosen(goes_on), program.chosen(goes_on), which[goes_on]
-            enough, last = enough[goes_on], last[goes_on]
+            enough, last, best, since = (x[goes_on] for x in (enough, last, best, since))
         if which.size:
             s = _step(program, table, s, enough)
     return result
@@ -150,9 +159,10 @@ def _step(p: Program, table: np.ndarray, s: State, enough: PerProblem) -> State:
     gradient = _gradient(p, cost_slope, slope, z)
     missing = _sum(np.abs(residual) * z)
     least = BALANCE / count * (np.sum(np.abs(gradient * s.coefficients), axis=1) + missing)
+    newton = functools.partial(_newton, p, band, curvature)
     target, off = 0.0, residual
     for last in (False, True):  # the predictor and the corrector
-        dc = -solved(band, _gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
+        dc = -newton(_gradient(p, cost_slope, slope, target * inv_slacks + ratio * off))
         dv = p.at_nodes(dc)
         rise = changes(slope, dv)
         ds = -off - rise
@@ -190,6 +200,17 @@ def _gradient(
     at = weighted(slope, multipliers)
     at[0] += cost_slope
     return gathered(p.nodes, at) * p.nodes.free
+
+
+def _newton(p: Program, band: "_Scaled", curvature: np.ndarray, right: np.ndarray) -> Float[Any, "batch cells+3"]:
+    """Solve the linear system of a step; with a limit on the jerk, rounding errors of `band` are corrected."""
+    if p.constraints.jerk is None or p.nodes.seam:  # the coefficients of a lap repeat
+        return solved(band, right)
+
+    def product(x: np.ndarray) -> np.ndarray:
+        return gathered(p.nodes, np.einsum("ij...,j...->i...", curvature, p.at_nodes(x))) * p.nodes.free
+
+    return refinement.solve(product, functools.partial(solved, band), right)
 
 
 class _Scaled(NamedTuple):

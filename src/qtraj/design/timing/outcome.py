@@ -168,6 +168,14 @@ class Retimed(AbstractOutcome):
             )
         if code in FAILED_SEARCH and (steep := self._too_steep(at)):
             return steep
+        gap = float(np.asarray(self.gap)[at])
+        if code == ResultCode.not_converged and np.isfinite(gap) and np.isfinite(time):
+            return (
+                f"the search stopped before it reached the tolerance: the minimum duration may be up to "
+                f"{100 * gap:.2g} % shorter than {time:.6g} s. Try a larger tolerance, a given number of knots, or a "
+                f"path whose parameter is more even, as of a Shape. The limits on this timing: "
+                f"{self.certificate.explain(at)}"
+            )
         if code == ResultCode.not_converged:
             return (
                 "the search stopped before it converged. The returned timing may be slower than necessary. Try another "

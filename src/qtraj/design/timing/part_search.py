@@ -11,7 +11,7 @@ from qtraj.design.timing.cells import Shape
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.rounds import GAPS, last_gap
+from qtraj.design.timing.rounds import last_gap
 from qtraj.design.timing.search import Draft, Found, Problem, completed, drafted, fastest
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
@@ -88,9 +88,9 @@ class Drafted(NamedTuple):
         return self.draft.lost
 
     @property
-    def converged(self) -> bool:
-        """Whether the search converged."""
-        return bool(self.draft.result.error < GAPS[0])
+    def error(self) -> float:
+        """The relative optimality error; NaN or infinite if the search failed."""
+        return float(self.draft.result.error)
 
     def times(self) -> Float[np.ndarray, " cells"]:
         """Return the times in the cells [s]."""

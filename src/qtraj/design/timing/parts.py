@@ -142,6 +142,8 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
 
     Where the second derivative of the path jumps, the first derivative of u̇² may jump, otherwise the acceleration along
     the path would have to jump. Where the third derivative jumps, the same applies to the jerk and to the second one.
+    These jumps are relative to the derivatives at the joint: where the parameter is slow, u̇ is large, and so are the
+    effects of a small jump. An error is raised only for jumps that are large for the whole route.
 
     **Raises:** ValueError if the velocity jumps at a joint that is not a `cut`, or with a limit on the jerk, if the
     acceleration jumps there.
@@ -149,13 +151,16 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
     s, limited = s.in_time(), {quantity(name).base or name for name in names}
     ends = pieces.values(s.coefficients[:-1], s.durations[:-1], 3)
     after = pieces.values(s.coefficients[1:], np.zeros(s.durations.size - 1), 3)
-    pace = np.linalg.norm(s.coefficients[:, 1], axis=-1).max()
+    paces, spans = np.linalg.norm(s.coefficients[:, 1], axis=-1), s.durations
+    pace, span = np.maximum(paces[1:], paces[:-1]), np.minimum(spans[1:], spans[:-1])
     smooth = np.full(s.durations.size - 1, 2)
     for order in (3, 2, 1):
         jump = np.linalg.norm(after[order] - ends[order], axis=-1)
-        size = np.linalg.norm(after[order], axis=-1).max(initial=0.0) + np.linalg.norm(ends[order], axis=-1)
-        if order > 1:  # the added term keeps the scale positive where the derivatives are zero
-            size = size + pace / s.durations.max() ** (order - 1)
+        left, right = (np.linalg.norm(x[order], axis=-1) for x in (ends, after))
+        size, own = right.max(initial=0.0) + left, right + left
+        if order > 1:  # the added terms keep the scales positive where the derivatives are zero
+            size = size + paces.max() / spans.max() ** (order - 1)
+            own = own + pace / span ** (order - 1)
         jumps = (jump > CONTINUOUS * size) & ~cut
         if jumps.any() and (order == 1 or (order == 2 and "jerk" in names)):
             raise ValueError(
@@ -164,6 +169,8 @@ def _smoothness(s: Segments, cut: np.ndarray, names: tuple[str, ...]) -> Int[np.
                 f"limit on the {('acceleration', 'jerk')[order - 1]} there. Use a route with continuous acceleration, "
                 "such as the result of fit_route."
             )
+        if order == 3 or (order == 2 and "jerk" not in names):
+            jumps |= (jump > CONTINUOUS * own) & ~cut
         smooth[jumps] = 0 if order < 3 else 1 if "jerk" in names else 0 if "yaw_acceleration" in limited else 2
     return smooth
 

@@ -237,6 +237,8 @@ def _retimed(
         code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
         too_long = code == ResultCode.successful and float(result[1]) < (1 - 2 * p.tolerance) * duration
         code = np.asarray(int(ResultCode.duration_too_long)) if too_long else code
+    elif not traced and code == ResultCode.successful and gap > p.tolerance:  # false for NaN
+        code = np.asarray(int(ResultCode.not_converged))
     if brakes is not None and brakes.holds and code == ResultCode.limits_broken:
         code = np.asarray(int(ResultCode.starts_above_limits))
     return *result, code, steps, gap, share, *((0.0, 0.0) if brakes is None else brakes[2:4])

@@ -11,7 +11,7 @@ from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
+from qtraj.design.timing.interior_point import STALLED, Program, State, begun, continued, solve
 from qtraj.design.timing.spline import ORDERS, within_cells
 from qtraj.design.timing.tables import Tables
 from qtraj.foundation.namespace import namespace
@@ -28,6 +28,9 @@ LARGEST_GAP = 1e-6
 
 ROUNDS, ALLOWED = 10, 8e-6
 """Maximum number of searches, and the relative violation between nodes up to which no further search is needed."""
+
+FAILURES = 2
+"""Number of searches without convergence, after which no further search is begun."""
 
 OVER = 2.0
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
@@ -86,7 +89,7 @@ def searched(
         if begins:
             usage[:, 0] = start.usage
             factors *= _tighter(between, usage, state.error < GAPS[0], 0)
-        which, own, places = np.arange(size), program, between
+        which, own, places, failures = np.arange(size), program, between, np.zeros(size, int)
         for search in range(begins, rounds):
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
             enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
@@ -96,10 +99,13 @@ def searched(
             state.store(which[good], last.chosen(good))
             found = between_nodes(places, within, state.coefficients[which])
             used[:, which[good]], usage[:, which] = factors[:, which[good]], found
-            factors[:, which] *= _tighter(places, found, last.error < enough, search)
+            factors[:, which] *= _tighter(places, found, last.error < np.maximum(enough, STALLED), search)
+            failures[which] += ~(last.error < np.maximum(enough, STALLED))
             if search + 1 < len(GAPS):
                 continue
-            goes_on = (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good
+            goes_on = (
+                (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+            )
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)
                 places = jax.tree.map(lambda x, goes_on=goes_on: x[..., goes_on, :, :], places)
