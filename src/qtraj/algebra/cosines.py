@@ -5,7 +5,7 @@ import numpy as np
 from qtraj.algebra.quaternion import canonical, components, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced, cross
 from qtraj.foundation.arrays import is_traced
-from qtraj.foundation.namespace import namespace, of_arrays, xp
+from qtraj.foundation.namespace import matmul, namespace, of_arrays, xp
 from qtraj.foundation.types import Mat3, Quat, Scalar
 
 TOLERANCE = 1e-3
@@ -44,7 +44,7 @@ def from_dcm(C: Mat3) -> Quat:
 
     **Raises:** ValueError for a concrete matrix that is not a rotation to within 1e-3.
     """
-    defect = _defect(C)
+    defect = rotation_defect(C)
     if not is_traced(defect):
         _require_rotations(np.asarray(C), np.asarray(defect))
         return from_rotation(C)
@@ -68,11 +68,11 @@ def nearest_dcm(C: Mat3) -> Mat3:
     u, _, v = linalg.svd(C)
     sign = xp.sign(linalg.det(u) * linalg.det(v))
     last = xp.stack([xp.ones_like(sign), xp.ones_like(sign), sign], axis=-1)
-    return (u * last[..., None, :]) @ v
+    return matmul(u * last[..., None, :], v)
 
 
 @of_arrays
-def _defect(C: Mat3) -> Scalar:
+def rotation_defect(C: Mat3) -> Scalar:
     """Return the largest element of |C Cᵀ − 1| and |det C − 1|."""
     rows = [C[..., k, :] for k in range(3)]
     products = [[(a * b).sum(axis=-1) - float(i == j) for j, b in enumerate(rows)] for i, a in enumerate(rows)]
