@@ -1,11 +1,11 @@
-"""Define eigenaxis slews, rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
+"""Define eigenaxis slews, rotations about a fixed axis (Euler's theorem; paper C, (3.1)–(3.15))."""
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
-from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
+from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
 from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
 from qtraj.foundation.shown import shown
@@ -16,6 +16,10 @@ from qtraj.motion.profiles.profile import AbstractProfile, Profile
 
 ROUND_OFF = 8
 """Two attitudes that differ by less than this angle, in machine epsilons [rad], are equal up to round-off."""
+
+
+SAME_END = 1e-4
+"""A rotation vector leads to an attitude if it ends at most this far [rad] from it; float32 and files round."""
 
 
 @storable
@@ -32,29 +36,71 @@ class EulerTurn(AbstractProgram):
     for half turns. Both senses of rotation are then equally short, and e has the direction of a_v, the vector part of
     a.
 
-    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a
-    motion profile, and if the slew is not possible with this profile.
+    `about` creates slews of any angle, such as the longer way and whole turns. The field `vector` is then their
+    rotation vector (3,) [rad] in body axes, from `start_q` to `end_q`; it is None for the shorter rotation.
+
+    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `vector` that does not
+    lead from `start_q` to `end_q`, for a `law` that is not a motion profile, and if the slew is not possible with this
+    profile.
     """
 
     start_q: Quat
     end_q: Quat
     law: AbstractProfile
+    vector: Vec3 | None
 
-    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile"):
+    def __init__(
+        self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile", vector: ArrayInput | None = None
+    ):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = np.promote_types(start.dtype, end.dtype)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_profile(law)
         _require_attitudes(start[None], "start_q")
         _require_attitudes(end[None], "end_q")
+        self.vector = None if vector is None else real_vector(vector, "vector", 3).astype(dtype)
+        if self.vector is not None:
+            _require_end(self.start_q, self.vector, self.end_q)
         law.profile(self.angle, unit="rad")
+
+    @classmethod
+    def about(
+        cls, axis: ArrayInput, angle: ArrayInput, start_q: ArrayInput, law: "AbstractProfile", axes: str = "body"
+    ) -> "EulerTurn":
+        """Return the slew from `start_q` (4,) about `axis` (3,) by any `angle` [rad], also of several whole turns.
+
+        `axis` need not be a unit vector; it is in `axes`, "body" or "inertial". A negative angle turns the other way.
+        `end_q` is then the continuous final quaternion, so a whole turn ends at −λ_0.
+
+        **Raises:** ValueError for an axis that is zero, values that are not finite or of another shape, unknown `axes`,
+        and in the same cases as `EulerTurn`.
+
+        Example:
+            >>> import qtraj as qt
+            >>> roll = EulerTurn.about([1, 0, 0], 3 * np.pi, [1, 0, 0, 0], qt.Quintic(duration=10.0))
+            >>> print(f"{float(roll.angle):.4f} rad, λ1 = {roll.end[1]:.4f}")
+            9.4248 rad, λ1 = -1.0000
+        """
+        require_axes(axes)
+        e, size = real_vector(axis, "axis", 3), real_scalar(angle, "the angle of a slew")
+        require_finite(size, "the angle of a slew")
+        start = real_vector(start_q, "start_q", 4)
+        _require_attitudes(start[None], "start_q")
+        value = concrete(e)
+        if value is not None and not value.any():
+            raise ValueError("axis must not be zero: pass a vector along the axis of the slew")
+        vector = _rotation_about(e if axes == "body" else quaternion.rotate(quaternion.conjugate(start), e), size)
+        return cls(start, _turned(start, vector), law, vector)
 
     def __repr__(self) -> str:
         return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return _slew(self.start_q, self.end_q, self.law.profile(self.angle), one_instant(t))
+        t = one_instant(t)
+        if self.vector is not None:
+            return _turn(self.start_q, self.vector, self.profile, t)
+        return _slew(self.start_q, self.end_q, self.law.profile(self.angle), t)
 
     def prepared(self) -> "PreparedSlew":
         """Return the slew with its start, its rotation vector and its profile already computed."""
@@ -78,18 +124,18 @@ class EulerTurn(AbstractProgram):
 
     @property
     def angle(self) -> Scalar:
-        """The angle of the slew [rad], from 0 to π."""
-        return _length(self.start_q, self.end_q)
+        """The angle of the slew [rad], from 0 to π; any positive angle for a slew that `about` created."""
+        return _length(self.start_q, self.end_q) if self.vector is None else _norm(self.vector)
 
     @property
     def rotation_vector(self) -> Vec3:
         """The rotation vector of the slew, angle times axis [rad], body axes."""
-        return _shorter_rotation(self.start_q, self.end_q)
+        return _shorter_rotation(self.start_q, self.end_q) if self.vector is None else self.vector
 
     @property
     def end(self) -> Quat:
         """The unit quaternion at the end of the program, ±end_q/|end_q|."""
-        return quaternion.product(quaternion.unit(self.start_q), rotation.from_rotation_vector(self.rotation_vector))
+        return _turned(self.start_q, self.rotation_vector)
 
     def axis(self, axes: str = "body") -> Vec3:
         """Return the unit vector e of the slew in `axes`, "body" or "inertial"; for equal attitudes, the body x axis.
@@ -263,12 +309,40 @@ def _direction(vector: Vec3) -> Vec3:
 
 
 _axis = of_arrays(_direction)
+_norm = of_arrays(norm)
+
+
+@of_arrays
+def _rotation_about(axis: Vec3, angle: Scalar) -> Vec3:
+    return angle * unit(axis, xp.full_like(axis, np.nan))
+
+
+@of_arrays
+def _turned(start: Quat, vector: Vec3) -> Quat:
+    """Return the unit quaternion after the rotation `vector` [rad] in body axes."""
+    return quaternion.product(quaternion.unit(start), rotation.from_rotation_vector(vector))
+
+
+def _require_end(start: Quat, vector: Vec3, end: Quat) -> None:
+    """Raise a ValueError if a concrete rotation `vector` [rad] does not lead from `start` to `end`."""
+    error = concrete(rotation.angle_between(_turned(start, vector), end))
+    if error is not None and not error <= SAME_END:
+        raise ValueError(
+            f"vector must be a rotation from start_q to end_q, but it ends {float(error):.3g} rad from end_q: use "
+            "EulerTurn.about(axis, angle, start_q, law)"
+        )
 
 
 @in_numpy_or_jit
 def _slew(start: Quat, end: Quat, profile: Profile, t: Scalar) -> Attitude:
     """Return the attitude at the time `t` [s] since the start of the shorter slew from `start` to `end`."""
     return _slewed(quaternion.unit(start), _shorter_rotation(start, end), profile, t)
+
+
+@in_numpy_or_jit
+def _turn(start: Quat, vector: Vec3, profile: Profile, t: Scalar) -> Attitude:
+    """Return the attitude at the time `t` [s] since the start of a slew by any rotation `vector` [rad]."""
+    return _slewed(quaternion.unit(start), vector, profile, t)
 
 
 @in_numpy_or_jit
