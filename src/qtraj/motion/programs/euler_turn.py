@@ -4,22 +4,26 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
-from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
-from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
+from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import require_axes
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
-
-ROUND_OFF = 8
-"""Two attitudes that differ by less than this angle, in machine epsilons [rad], are equal up to round-off."""
-
-
-SAME_END = 1e-4
-"""A rotation vector leads to an attitude if it ends at most this far [rad] from it; float32 and files round."""
+from qtraj.motion.programs.eigenaxis import (
+    attitude_about,
+    attitude_after,
+    attitude_between,
+    axis_of,
+    length,
+    require_end,
+    rotation_about,
+    shorter_rotation,
+    size,
+    turned,
+)
 
 
 @storable
@@ -60,7 +64,7 @@ class EulerTurn(AbstractProgram):
         _require_attitudes(end[None], "end_q")
         self.vector = None if vector is None else real_vector(vector, "vector", 3).astype(dtype)
         if self.vector is not None:
-            _require_end(self.start_q, self.vector, self.end_q)
+            require_end(self.start_q, self.vector, self.end_q)
         law.profile(self.angle, unit="rad")
 
     @classmethod
@@ -82,15 +86,15 @@ class EulerTurn(AbstractProgram):
             9.4248 rad, λ1 = -1.0000
         """
         require_axes(axes)
-        e, size = real_vector(axis, "axis", 3), real_scalar(angle, "the angle of a slew")
-        require_finite(size, "the angle of a slew")
+        e, total = real_vector(axis, "axis", 3), real_scalar(angle, "the angle of a slew")
+        require_finite(total, "the angle of a slew")
         start = real_vector(start_q, "start_q", 4)
         _require_attitudes(start[None], "start_q")
         value = concrete(e)
         if value is not None and not value.any():
             raise ValueError("axis must not be zero: pass a vector along the axis of the slew")
-        vector = _rotation_about(e if axes == "body" else quaternion.rotate(quaternion.conjugate(start), e), size)
-        return cls(start, _turned(start, vector), law, vector)
+        vector = rotation_about(e if axes == "body" else quaternion.rotate(quaternion.conjugate(start), e), total)
+        return cls(start, turned(start, vector), law, vector)
 
     def __repr__(self) -> str:
         return shown(self)
@@ -99,8 +103,8 @@ class EulerTurn(AbstractProgram):
         """Return the attitude at the time `t` [s]."""
         t = one_instant(t)
         if self.vector is not None:
-            return _turn(self.start_q, self.vector, self.profile, t)
-        return _slew(self.start_q, self.end_q, self.law.profile(self.angle), t)
+            return attitude_about(self.start_q, self.vector, self.profile, t)
+        return attitude_between(self.start_q, self.end_q, self.law.profile(self.angle), t)
 
     def prepared(self) -> "PreparedSlew":
         """Return the slew with its start, its rotation vector and its profile already computed."""
@@ -125,17 +129,17 @@ class EulerTurn(AbstractProgram):
     @property
     def angle(self) -> Scalar:
         """The angle of the slew [rad], from 0 to π; any positive angle for a slew that `about` created."""
-        return _length(self.start_q, self.end_q) if self.vector is None else _norm(self.vector)
+        return length(self.start_q, self.end_q) if self.vector is None else size(self.vector)
 
     @property
     def rotation_vector(self) -> Vec3:
         """The rotation vector of the slew, angle times axis [rad], body axes."""
-        return _shorter_rotation(self.start_q, self.end_q) if self.vector is None else self.vector
+        return shorter_rotation(self.start_q, self.end_q) if self.vector is None else self.vector
 
     @property
     def end(self) -> Quat:
         """The unit quaternion at the end of the program, ±end_q/|end_q|."""
-        return _turned(self.start_q, self.rotation_vector)
+        return turned(self.start_q, self.rotation_vector)
 
     def axis(self, axes: str = "body") -> Vec3:
         """Return the unit vector e of the slew in `axes`, "body" or "inertial"; for equal attitudes, the body x axis.
@@ -143,7 +147,7 @@ class EulerTurn(AbstractProgram):
         **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         require_axes(axes)
-        e = _axis(self.rotation_vector)
+        e = axis_of(self.rotation_vector)
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
 
 
@@ -156,7 +160,7 @@ class PreparedSlew(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return _slewed(self.start, self.rotation_vector, self.profile, one_instant(t))
+        return attitude_after(self.start, self.rotation_vector, self.profile, one_instant(t))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -197,7 +201,7 @@ class SlewSequence(AbstractProgram):
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
         start, end, elapsed = _part(self.attitudes, self.times, one_instant(t))
-        return _slew(start, end, self.law.profile(_length(start, end)), elapsed)
+        return attitude_between(start, end, self.law.profile(length(start, end)), elapsed)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -255,26 +259,8 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 
 
 @of_arrays
-def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
-    """Return the vector [rad] of the shorter rotation from `start` to `end`, body axes.
-
-    The vector is smooth for equal attitudes, and parallel to a_v for a0 = 0 (see `EulerTurn`).
-    """
-    a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
-    vector = 2 * quaternion.log(xp.where(a[..., :1] < 0, -a, a))
-    # Round-off between equal attitudes must not cause a slew, so the value, but not the derivative, is set to 0.
-    round_off = norm(vector)[..., None] <= ROUND_OFF * float(xp.finfo(vector.dtype).eps)
-    return vector - stop_gradient(xp.where(round_off, vector, 0.0))
-
-
-@of_arrays
-def _length(start: Quat, end: Quat) -> Scalar:
-    return norm(_shorter_rotation(start, end))
-
-
-@of_arrays
 def _lengths(attitudes: Float[Array, "n 4"]) -> Float[Array, " _"]:
-    return _length(attitudes[:-1], attitudes[1:])
+    return length(attitudes[:-1], attitudes[1:])
 
 
 @of_arrays
@@ -302,57 +288,3 @@ def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, 
     """Return the end times [s] of all segments of consecutive slews of the `angles` [rad]."""
     within = mapped(lambda angle: law.profile(angle).switches)(angles)
     return xp.sort((_arrivals(law, angles)[:-1, None] + within).ravel())  # round-off may exchange equal instants
-
-
-def _direction(vector: Vec3) -> Vec3:
-    return unit(vector, np.eye(3, dtype=vector.dtype)[0])
-
-
-_axis = of_arrays(_direction)
-_norm = of_arrays(norm)
-
-
-@of_arrays
-def _rotation_about(axis: Vec3, angle: Scalar) -> Vec3:
-    return angle * unit(axis, xp.full_like(axis, np.nan))
-
-
-@of_arrays
-def _turned(start: Quat, vector: Vec3) -> Quat:
-    """Return the unit quaternion after the rotation `vector` [rad] in body axes."""
-    return quaternion.product(quaternion.unit(start), rotation.from_rotation_vector(vector))
-
-
-def _require_end(start: Quat, vector: Vec3, end: Quat) -> None:
-    """Raise a ValueError if a concrete rotation `vector` [rad] does not lead from `start` to `end`."""
-    error = concrete(rotation.angle_between(_turned(start, vector), end))
-    if error is not None and not error <= SAME_END:
-        raise ValueError(
-            f"vector must be a rotation from start_q to end_q, but it ends {float(error):.3g} rad from end_q: use "
-            "EulerTurn.about(axis, angle, start_q, law)"
-        )
-
-
-@in_numpy_or_jit
-def _slew(start: Quat, end: Quat, profile: Profile, t: Scalar) -> Attitude:
-    """Return the attitude at the time `t` [s] since the start of the shorter slew from `start` to `end`."""
-    return _slewed(quaternion.unit(start), _shorter_rotation(start, end), profile, t)
-
-
-@in_numpy_or_jit
-def _turn(start: Quat, vector: Vec3, profile: Profile, t: Scalar) -> Attitude:
-    """Return the attitude at the time `t` [s] since the start of a slew by any rotation `vector` [rad]."""
-    return _slewed(quaternion.unit(start), vector, profile, t)
-
-
-@in_numpy_or_jit
-def _slewed(start: Quat, vector: Vec3, profile: Profile, t: Scalar) -> Attitude:
-    """Return the attitude of a slew from the unit quaternion `start` by the rotation `vector` [rad]."""
-    # A proportional shape multiplies the whole rotation vector, so the attitude is smooth at a zero vector.
-    along = vector if profile.proportional else _direction(vector)
-    angle, rate, acceleration = profile.shape(t, 2)
-    return Attitude(
-        quaternion=quaternion.product(start, rotation.from_rotation_vector(angle * along)),
-        rate=rate * along,
-        acceleration=acceleration * along,
-    )
