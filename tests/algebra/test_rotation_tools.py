@@ -351,3 +351,16 @@ def test_arguments_of_wrong_types_are_named():
     for wrong in ([[1, 2, 3], [1, 2]], [1j, 0, 0], ["a", "b", "c"]):
         with pytest.raises(ValueError, match="numbers in rows of equal length were expected, but the list"):
             rotation.between_vectors(wrong, [0, 1, 0])
+
+
+def test_the_nearest_rotation_is_differentiable_at_a_rotation():
+    """Its singular values are equal, where those of the decomposition have no derivatives."""
+    exact = np.asarray(rotation.to_dcm(unit((), 4)))
+    stretched = exact @ np.diag([1.3, 0.7, 2.0])
+    for at in (exact, stretched, stretched @ np.diag([1.0, -1.0, 1.0])):
+        h = 1e-6
+        steps = h * np.eye(9).reshape(9, 3, 3)
+        numeric = (rotation.nearest_dcm(at + steps) - rotation.nearest_dcm(at - steps)) / (2 * h)
+        for derivative in (jax.jacfwd, jax.jacrev):
+            found = np.moveaxis(np.asarray(jax.jit(derivative(rotation.nearest_dcm))(at)).reshape(3, 3, 9), -1, 0)
+            np.testing.assert_allclose(found, numeric, atol=1e-8)
