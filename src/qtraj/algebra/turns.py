@@ -98,7 +98,7 @@ def random(key: Any, shape: int | tuple[int, ...] = ()) -> Float[Array, "*shape 
 
     **Raises:** ValueError for another key, and for a shape that does not consist of whole numbers.
     """
-    size = (*(shape if isinstance(shape, tuple | list) else (shape,)), 4)
+    size: Any = (*(shape if isinstance(shape, tuple | list) else (shape,)), 4)
     for count in size:
         require_whole(count, "each element of shape")
     if isinstance(key, np.random.Generator):

@@ -97,8 +97,8 @@ class AxesFrame(AbstractFrame):
 
 def _require_rotation(dcm: Mat3) -> None:
     """Raise a ValueError if the axes of a sample are finite, but not right-handed unit vectors at right angles."""
-    values = concrete(dcm)
-    if values is not None and rotation_defect(np.asarray(values)) > TOLERANCE:
+    values: Any = concrete(dcm)
+    if values is not None and rotation_defect(values) > TOLERANCE:
         raise ValueError(
             "the axes of a frame must be right-handed unit vectors at right angles, in rows, but for the position, "
             f"velocity and acceleration {SAMPLE} the function returned {np.round(values, 6).tolist()}"

@@ -1,5 +1,7 @@
 """Define a circular orbit, the usual position of a satellite in its torques."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -86,6 +88,6 @@ class CircularOrbit(eqx.Module):
         return along / norm(along), side / norm(side)
 
 
-def _parallel(a: np.ndarray, b: np.ndarray) -> bool:
+def _parallel(a: Any, b: Any) -> bool:
     """Return whether two vectors are parallel up to round-off, or one of them is zero."""
     return bool(np.linalg.norm(np.cross(a, b)) <= PARALLEL * np.linalg.norm(a) * np.linalg.norm(b))
