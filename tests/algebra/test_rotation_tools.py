@@ -316,3 +316,51 @@ def test_scipy_there_and_back():
         rotation.from_scipy([1, 0, 0, 0])
     with pytest.raises(ValueError, match="to_scipy needs concrete quaternions"):
         jax.jit(lambda q: rotation.to_dcm(q) + rotation.to_scipy(q).as_matrix())(jnp.ones(4))
+
+
+def test_parallel_directions_and_single_weights_do_not_determine_an_attitude():
+    """NumPy must not report a singular matrix instead."""
+    line = [[1, 0, 0], [2, 0, 0], [-1, 0, 0]]
+    for body, weights in ((line, None), (np.eye(3), [1, 0, 0])):
+        with pytest.raises(ValueError, match="the directions do not determine the attitude"):
+            rotation.align(body, body, weights)
+    with pytest.raises(ValueError, match="weights must not be negative, infinite or all zero"):
+        rotation.align(np.eye(3), np.eye(3), [1.0, np.inf, 1.0])
+
+
+def test_signs_are_continuous_in_every_sequence_of_a_batch():
+    qs = RNG.normal(size=(2, 3, 9, 4))
+    found = rotation.continuous(qs)
+    assert (np.sum(found[..., 1:, :] * found[..., :-1, :], axis=-1) >= 0).all()
+    np.testing.assert_array_equal(found[1, 2], rotation.continuous(qs[1, 2]))
+    np.testing.assert_array_equal(found[..., 0, :], qs[..., 0, :])
+    for wrong in (qs[0, 0, 0], np.ones((3, 3))):
+        with pytest.raises(ValueError, match=r"continuous: qs must have shape \(..., n, 4\)"):
+            rotation.continuous(wrong)
+
+
+def test_arguments_of_wrong_types_are_named():
+    for shape, size in ((5, (5, 4)), ([2, 3], (2, 3, 4))):
+        assert rotation.random(np.random.default_rng(0), shape).shape == size
+    with pytest.raises(ValueError, match="each element of shape must be a whole number"):
+        rotation.random(np.random.default_rng(0), 2.5)
+    with pytest.raises(ValueError, match=r"key must be a key of JAX.*a JAX array of shape \(3,\)"):
+        rotation.random(jnp.ones(3))
+    with pytest.raises(ValueError, match="an Euler sequence must be three of the letters"):
+        rotation.euler_rates_to_body(3, [1, 2, 3], [1, 2, 3])
+    for wrong in ([[1, 2, 3], [1, 2]], [1j, 0, 0], ["a", "b", "c"]):
+        with pytest.raises(ValueError, match="numbers in rows of equal length were expected, but the list"):
+            rotation.between_vectors(wrong, [0, 1, 0])
+
+
+def test_the_nearest_rotation_is_differentiable_at_a_rotation():
+    """Its singular values are equal, where those of the decomposition have no derivatives."""
+    exact = np.asarray(rotation.to_dcm(unit((), 4)))
+    stretched = exact @ np.diag([1.3, 0.7, 2.0])
+    for at in (exact, stretched, stretched @ np.diag([1.0, -1.0, 1.0])):
+        h = 1e-6
+        steps = h * np.eye(9).reshape(9, 3, 3)
+        numeric = (rotation.nearest_dcm(at + steps) - rotation.nearest_dcm(at - steps)) / (2 * h)
+        for derivative in (jax.jacfwd, jax.jacrev):
+            found = np.moveaxis(np.asarray(jax.jit(derivative(rotation.nearest_dcm))(at)).reshape(3, 3, 9), -1, 0)
+            np.testing.assert_allclose(found, numeric, atol=1e-8)

@@ -15,7 +15,7 @@ from qtraj.motion.programs.slew_history import fine_times
 from qtraj.scenario.reader import read_scenario
 from qtraj.scenario.slew import SlewPart
 
-from .slew_scenarios import LAW, REST
+from .slew_scenarios import ABOUT, LAW, REST
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["program.toml", "table.nc", "table.csv", "slew.png", "slew.svg"]
@@ -134,6 +134,19 @@ def test_a_polynomial_in_too_short_a_time_is_written_and_judged(qtraj, tmp_path)
     assert found["least_duration"] == pytest.approx(15 / 8 * 90)  # at 1°/s
     assert "max_rate by 12.5 %" in found["result"]
     assert "168.75 s" in found["result"]
+
+
+def test_more_than_a_whole_turn(qtraj, tmp_path):
+    """450° at 1°/s with 0.05°/s²: 450 s, and 20 s to accelerate; the same attitude as after 90°."""
+    scenario = tmp_path / "turn.toml"
+    scenario.write_text(ABOUT + LAW, encoding="utf-8")
+    result = qtraj("slew", scenario, "--json", "--out", tmp_path / "new")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["verdict"]["met"] is True
+    program = qt.load(tmp_path / "new" / "program.toml")
+    assert float(program.duration) == pytest.approx(470.0, rel=ROUND_OFF)
+    assert float(program.angle) == pytest.approx(np.radians(450.0), rel=ROUND_OFF)
+    np.testing.assert_allclose(program.end, np.cos(np.pi / 4) * np.array([-1.0, 0.0, 0.0, -1.0]), atol=ROUND_OFF)
 
 
 def test_no_turn_at_all(qtraj, tmp_path):

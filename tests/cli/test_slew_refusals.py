@@ -5,7 +5,7 @@ import pytest
 from qtraj.scenario import KINDS
 from qtraj.scenario.slew import SlewLawPart
 
-from .slew_scenarios import LAW, REST
+from .slew_scenarios import ABOUT, LAW, REST
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,9 @@ BAD = {
     ),
     "no law": (REST, ["the key 'law' is missing", "a table [law]"]),
     "no end": (REST.split("[end]")[0] + LAW, ["the key 'end' is missing"]),
+    "no angle": (ABOUT.replace("angle = 450", "") + LAW, ["axis and angle must be specified together"]),
+    "no axis": (ABOUT.replace("[0, 0, 2]", "[0, 0, 0]") + LAW, ["axis must not be zero"]),
+    "an end twice": (ABOUT + "[end]\ngibbs = [0, 0, 1]\n" + LAW, ["axis and angle describe the whole slew"]),
     "no attitude": (REST.replace("quaternion = [1, 0, 0, 0]", "") + LAW, ["[start]: there is no attitude"]),
     "two attitudes": (
         REST.replace("[end]", "[end]\ngibbs = [0, 0, 1]") + LAW,

@@ -137,7 +137,7 @@ def _assessed(q: Quat, u: Vectors, v: Vectors, w: Float[Array, "*batch n"], esti
     loss, count = xp.sum(w * dot(difference, difference), axis=-1), u.shape[-2]
     outer = u[..., :, None] * u[..., None, :]
     information = xp.sum(w[..., None, None] * (xp.broadcast_to(np.eye(3, dtype=u.dtype), outer.shape) - outer), axis=-3)
-    covariance = namespace(information).linalg.inv(information)
+    covariance = namespace(information).linalg.inv(xp.where(xp.isnan(q[..., :1, None]), np.nan, information))
     if estimated:
         covariance = covariance * (loss / (2 * count - 3))[..., None, None]
     square = loss / xp.sum(w, axis=-1)
@@ -170,6 +170,6 @@ def _require_weights(name: str, weights: Any, count: int) -> None:
     if np.ndim(weights) < 1 or np.shape(weights)[-1] != count:
         raise ValueError(f"{name}: weights must have shape (..., {count}), but shape {np.shape(weights)} was given")
     if not is_traced(weights):
-        values = np.asarray(weights)
-        if not (values >= 0).all() or not (values.sum(axis=-1) > 0).all():
-            raise ValueError(f"{name}: weights must not be negative, and not all zero, but {weights!r} was given")
+        values = np.asarray(weights, float)
+        if not (np.isfinite(values).all() and (values >= 0).all() and (values.sum(axis=-1) > 0).all()):
+            raise ValueError(f"{name}: weights must not be negative, infinite or all zero, but {weights!r} was given")

@@ -5,7 +5,7 @@ import numpy as np
 from qtraj.algebra.quaternion import canonical, components, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced, cross
 from qtraj.foundation.arrays import is_traced
-from qtraj.foundation.namespace import namespace, of_arrays, xp
+from qtraj.foundation.namespace import is_host, matmul, namespace, of_arrays, stop_gradient, xp
 from qtraj.foundation.types import Mat3, Quat, Scalar
 
 TOLERANCE = 1e-3
@@ -44,7 +44,7 @@ def from_dcm(C: Mat3) -> Quat:
 
     **Raises:** ValueError for a concrete matrix that is not a rotation to within 1e-3.
     """
-    defect = _defect(C)
+    defect = rotation_defect(C)
     if not is_traced(defect):
         _require_rotations(np.asarray(C), np.asarray(defect))
         return from_rotation(C)
@@ -62,17 +62,42 @@ def nearest_dcm(C: Mat3) -> Mat3:
     """Return the rotation with the smallest sum of squared differences from the elements of the matrix `C`.
 
     The result is R = U diag(1, 1, det U det V) Vᵀ from the singular value decomposition C = U S Vᵀ. It is unique, and
-    differentiable, unless the smallest singular value is zero or, for a negative determinant, repeated.
+    differentiable, unless the smallest singular value is zero or, for a negative determinant, repeated. The first
+    derivative is exact, also at a rotation, where the derivatives of the decomposition are not finite.
     """
+    constant = stop_gradient(C)
+    R = _polar(constant)
+    return R if is_host(C) else matmul(R, _turn(R, C, constant))
+
+
+def _turn(R: Mat3, C: Mat3, constant: Mat3) -> Mat3:
+    """Return the identity, with the derivative RᵀṘ = [ω]× of the nearest rotation R.
+
+    With the symmetric matrix P = RᵀC, (tr P − P) ω is the vector of the skew-symmetric matrix RᵀĊ − ĊᵀR.
+    """
+    identity = xp.broadcast_to(np.eye(3, dtype=constant.dtype), constant.shape)
+    transposed = xp.swapaxes(R, -1, -2)
+    P = matmul(transposed, constant)
+    X = matmul(transposed, C - constant)  # zero
+    skew = X - xp.swapaxes(X, -1, -2)
+    vector = xp.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    system = xp.trace(P, axis1=-2, axis2=-1)[..., None, None] * identity - 0.5 * (P + xp.swapaxes(P, -1, -2))
+    regular = (abs(namespace(system).linalg.det(system)) > 0)[..., None, None]
+    omega = namespace(system).linalg.solve(xp.where(regular, system, identity), vector[..., None])
+    columns = [cross(omega[..., 0], identity[..., k]) for k in range(3)]
+    return identity + xp.stack(columns, axis=-1)
+
+
+def _polar(C: Mat3) -> Mat3:
     linalg = namespace(C).linalg
     u, _, v = linalg.svd(C)
     sign = xp.sign(linalg.det(u) * linalg.det(v))
     last = xp.stack([xp.ones_like(sign), xp.ones_like(sign), sign], axis=-1)
-    return (u * last[..., None, :]) @ v
+    return matmul(u * last[..., None, :], v)
 
 
 @of_arrays
-def _defect(C: Mat3) -> Scalar:
+def rotation_defect(C: Mat3) -> Scalar:
     """Return the largest element of |C Cᵀ − 1| and |det C − 1|."""
     rows = [C[..., k, :] for k in range(3)]
     products = [[(a * b).sum(axis=-1) - float(i == j) for j, b in enumerate(rows)] for i, a in enumerate(rows)]

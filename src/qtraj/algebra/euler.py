@@ -105,11 +105,12 @@ def turn(axis: int, angle: Scalar) -> Quat:
 
 def parse(seq: str) -> tuple[list[int], bool]:
     """Return the indices of the three axes of a sequence, and whether it is intrinsic (upper case)."""
-    axes = ["xyz".find(letter) for letter in seq.lower()]
-    one_case = seq in (seq.lower(), seq.upper())
+    letters = seq if isinstance(seq, str) else ""
+    axes = ["xyz".find(letter) for letter in letters.lower()]
+    one_case = letters in (letters.lower(), letters.upper())
     if len(axes) != 3 or min(axes) < 0 or not one_case or axes[0] == axes[1] or axes[1] == axes[2]:
         raise ValueError(
             f"an Euler sequence must be three of the letters xyz (extrinsic) or XYZ (intrinsic), none twice in a row, "
             f"such as 'ZYX' or 'zxz', but {seq!r} was given"
         )
-    return axes, seq.isupper()
+    return axes, letters.isupper()

@@ -6,6 +6,7 @@ finite at every attitude, with two exceptions: the Gibbs vector of a half turn i
 of `gibbs_ratios` are not finite if one of their denominators is zero.
 """
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton
@@ -84,12 +85,20 @@ def from_rotation_vector(v: Vec3) -> Quat:
 
 
 @of_arrays
-def continuous(qs: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """Return the quaternions `qs` with signs that make their sequence continuous; the first quaternion is unchanged.
+def _continuous(qs: Quat) -> Quat:
+    directions = qs / xp.max(abs(qs), axis=-1, keepdims=True)  # the products of small quaternions would underflow
+    alignment = xp.sum(directions[..., 1:, :] * directions[..., :-1, :], axis=-1)
+    return qs * hamilton.continuous_signs(alignment)[..., None]
 
-    The scalar product of two consecutive quaternions of the result is not negative. The signs are treated as constants
-    in differentiation.
+
+def continuous(qs: Float[Array, "*batch n 4"]) -> Float[Array, "*batch n 4"]:
+    """Return quaternions `qs` (..., n, 4) with signs that make them continuous along the axis before the last.
+
+    The first quaternion is unchanged. The scalar product of two consecutive quaternions of the result is not negative.
+    The signs are treated as constants in differentiation.
+
+    **Raises:** ValueError for another shape.
     """
-    directions = qs / xp.max(abs(qs), axis=1, keepdims=True)  # the products of small quaternions would underflow
-    alignment = xp.sum(directions[1:] * directions[:-1], axis=1)
-    return qs * hamilton.continuous_signs(alignment)[:, None]
+    if np.ndim(qs) < 2 or np.shape(qs)[-1] != 4:
+        raise ValueError(f"continuous: qs must have shape (..., n, 4), but shape {np.shape(qs)} was given")
+    return _continuous(qs)

@@ -3,11 +3,13 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import canonical, conjugate, exp, log, product, unit as unit_quaternion
 from qtraj.algebra.vector import cross, norm, unit
+from qtraj.foundation.argument import described, require_whole
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import of_arrays, stop_gradient, xp
 from qtraj.foundation.types import Quat, Scalar, Vec3
@@ -88,24 +90,32 @@ def _times(s: Scalar, v: Vec3) -> Vec3:
     return xp.broadcast_to(s, shape)[..., None] * xp.broadcast_to(v, (*shape, 3))
 
 
-def random(key: Any, shape: tuple[int, ...] = ()) -> Float[Array, "*shape 4"]:
+def random(key: Any, shape: int | tuple[int, ...] = ()) -> Float[Array, "*shape 4"]:
     """Return unit quaternions (*shape, 4) of attitudes that are distributed uniformly over all attitudes (Haar).
 
-    `key` is a key of JAX, `jax.random.key(0)`, or a `numpy.random.Generator`, for JAX or NumPy arrays.
+    `key` is a key of JAX, `jax.random.key(0)`, or a `numpy.random.Generator`, for JAX or NumPy arrays. An integer
+    `shape` is the number of quaternions.
 
-    **Raises:** ValueError for another key.
+    **Raises:** ValueError for another key, and for a shape that does not consist of whole numbers.
     """
-    size = (*shape, 4)
+    size: Any = (*(shape if isinstance(shape, tuple | list) else (shape,)), 4)
+    for count in size:
+        require_whole(count, "each element of shape")
     if isinstance(key, np.random.Generator):
         components: Any = key.normal(size=size)
-    elif isinstance(key, jax.Array):
+    elif isinstance(key, jax.Array) and _is_key(key):
         components = jax.random.normal(key, size)
     else:
         raise ValueError(
-            "key must be a key of JAX, such as jax.random.key(0), or a numpy.random.Generator, but "
-            f"{type(key).__name__} was given"
+            f"key must be a key of JAX, such as jax.random.key(0), or a numpy.random.Generator, but {described(key)} "
+            "was given"
         )
     return unit_quaternion(components)
+
+
+def _is_key(key: jax.Array) -> bool:
+    """Return whether an array is a key of random numbers, of the new or the old kind."""
+    return jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or (key.dtype == np.uint32 and key.shape == (2,))
 
 
 def to_scipy(q: Any) -> Any:

@@ -45,7 +45,7 @@ def slew(
     part, program = loaded.scenario, KINDS["slew"].build(loaded)
     body = part.body
     inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
-    limits, end = part.law.limits(part.angles), part.end.unit_quaternion(part.angles)
+    limits, end = part.law.limits(part.angles), part.end and part.end.unit_quaternion(part.angles)
     verdict = judge_slew(program, limits, inertia, max_torque, end)
     times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
     both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one call, to compile once

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from qtraj.foundation.argument import described
 from qtraj.foundation.trailing_axes import require_trailing, trailing_shapes
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -224,7 +225,10 @@ def as_floats(x: Any) -> Any:
     """Convert lists and arrays of integers to floats; any other value is unchanged."""
     kind = type(x)
     if kind in (list, tuple) or (kind is np.ndarray and x.dtype.kind in "iub"):
-        return np.asarray(x, np.float64) if is_host(x) else jnp.asarray(x, jnp.result_type(float))
+        try:
+            return np.asarray(x, np.float64) if is_host(x) else jnp.asarray(x, jnp.result_type(float))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"numbers in rows of equal length were expected, but {described(x)} was given") from error
     if not _in_numpy[kind] and x.dtype.kind in "iub":
         return x.astype(jnp.result_type(float))
     return x

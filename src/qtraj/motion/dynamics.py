@@ -14,7 +14,7 @@ import numpy as np
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.algebra.vector import cross, dot, norm
 from qtraj.foundation.arrays import as_float, real_vector, require_finite, require_positive
-from qtraj.foundation.namespace import as_floats, in_numpy, matmul, namespace, of_arrays, xp
+from qtraj.foundation.namespace import in_numpy, matmul, namespace, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
@@ -45,27 +45,27 @@ def __dir__() -> list[str]:
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """Return the torque M = Jε + ω×Jω [N m] in body axes; M = Jε for a spherical body (paper C, remark 2).
 
-    J is the inertia; ω and ε are the rate and the acceleration of the attitude.
+    J is the inertia; ω and ε are the rate and the acceleration (..., 3) of the attitude.
 
     **Raises:** ValueError for an attitude in inertial axes, and for an inertia that has another shape or is not
     symmetric and positive definite.
     """
     require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
-    return matmul(J, attitude.acceleration) + cross(attitude.rate, matmul(J, attitude.rate))
+    return _times(J, attitude.acceleration) + cross(attitude.rate, _times(J, attitude.rate))
 
 
-@in_numpy
+@of_arrays
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
     """Return the angular acceleration ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes, the inverse of `torque`.
 
-    M = `torque` [N m] and ω = `rate` [rad/s] are in body axes. J is the inertia.
+    M = `torque` [N m] and ω = `rate` [rad/s] (..., 3) are in body axes. J is the inertia.
 
     **Raises:** ValueError for an inertia that has another shape or is not symmetric and positive definite.
     """
-    torque, rate = as_floats(torque), as_floats(rate)
     J = inertia_matrix(inertia).astype(torque.dtype)
-    return namespace(J, torque, rate).linalg.solve(J, torque - cross(rate, matmul(J, rate)))
+    net = torque - cross(rate, _times(J, rate))
+    return namespace(J, net).linalg.solve(J, net[..., None])[..., 0]
 
 
 @in_numpy
@@ -74,7 +74,12 @@ def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
 
     **Raises:** ValueError in the same cases as `torque`.
     """
-    return torque(attitude, inertia) @ attitude.rate
+    return dot(torque(attitude, inertia), attitude.rate)
+
+
+def _times(J: Mat3, v: Vec3) -> Vec3:
+    """Return J v for one vector or a batch (..., 3)."""
+    return matmul(v, J.T)
 
 
 def forces(

@@ -70,19 +70,39 @@ class BodyPart(Part):
 
 
 class SlewPart(Part):
-    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
+    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis.
+
+    With axis and angle instead of [end], one slew about this axis by any angle, also of several whole turns.
+    """
 
     start: KnownAttitudePart = key("the first attitude", values="a table [start] with an attitude")
     via: list[KnownAttitudePart] = key(
         "intermediate attitudes, at which the body comes to rest", [], values="tables [[via]] with one attitude each"
     )
-    end: KnownAttitudePart = key("the last attitude", values="a table [end] with an attitude")
+    end: KnownAttitudePart | None = key(
+        "the last attitude; required without 'axis' and 'angle'", None, values="a table [end] with an attitude"
+    )
+    axis: keys.Vector | None = key(
+        "axis of a slew without [end], in body axes", None, values=f"{keys.THREE}, not all zero, of any length"
+    )
+    angle: keys.Number | None = key("angle of a slew about 'axis', of any size and either sign", None, unit="angle")
     law: SlewLawPart = key("the motion profile")
     body: BodyPart | None = key("the body; required for torques and for a limit on the torque", None)
 
+    def _faults(self) -> Iterator[str]:
+        if (self.axis is None) != (self.angle is None):
+            yield "axis and angle must be specified together: a slew turns by the angle about the axis"
+        if self.end is None and self.axis is None:
+            yield "the key 'end' is missing: specify [end], or axis and angle"
+        if self.axis is not None and (self.end is not None or self.via):
+            yield "axis and angle describe the whole slew: omit them, or omit [end] and [[via]]"
+        if self.axis is not None and not any(self.axis):
+            yield "axis must not be zero, because it is then not an axis"
+
     def attitudes(self) -> dict[str, KnownAttitudePart]:
-        """Return all attitudes in order of time, by the names of their tables."""
-        return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
+        """Return all specified attitudes in order of time, by the names of their tables."""
+        end = {} if self.end is None else {"end": self.end}
+        return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | end
 
     def program(self, angles: str) -> EulerTurn | SlewSequence:
         """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
@@ -95,7 +115,7 @@ class SlewPart(Part):
         attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
         with naming("[law]: "):
             law = self.law.law(angles)
-            program = SlewSequence(attitudes, law) if self.via else EulerTurn(attitudes[0], attitudes[1], law)
+            program = self._slews(attitudes, law, angles)
             if self.body is None or self.body.max_torque is None or has_end_rates(law):
                 return program
             try:
@@ -104,6 +124,11 @@ class SlewPart(Part):
                 if law.duration is None:
                     raise
                 return program
+
+    def _slews(self, attitudes: np.ndarray, law: AbstractProfile, angles: str) -> EulerTurn | SlewSequence:
+        if self.axis is not None and self.angle is not None:
+            return EulerTurn.about(self.axis, radians(angles) * self.angle, attitudes[0], law)
+        return SlewSequence(attitudes, law) if self.via else EulerTurn(attitudes[0], attitudes[1], law)
 
     def program_within_limits(self, angles: str) -> EulerTurn | SlewSequence:
         """Return the program, or raise a ValueError if it violates its limits."""
@@ -116,7 +141,10 @@ class SlewPart(Part):
 
 
 class SlewScenario(NamedPart, SlewPart):
-    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
+    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis.
+
+    With axis and angle instead of [end], one slew about this axis by any angle, also of several whole turns.
+    """
 
     angles: keys.Angles = key("the unit of angles", values=ANGLES)
 

@@ -72,3 +72,36 @@ def test_derivatives_and_batches_with_respect_to_parameters():
 def test_invalid_functions_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda t: jnp.where(t < 0.5, 0.0, 1.0),
+        lambda t: jnp.abs(t - 0.3),
+        lambda t: t + 0.01 * jnp.sin(200 * t),
+    ],
+    ids=["step", "kink", "fast"],
+)
+def test_a_function_that_its_polynomials_do_not_follow_is_refused(function):
+    with pytest.raises(ValueError, match=r"is not smooth in cell \d+ of 16: .* Increase cells"):
+        qt.FunctionProfile(function, 1.0)
+
+
+def test_more_cells_follow_a_fast_function():
+    profile = qt.FunctionProfile(lambda t: t + 0.01 * jnp.sin(200 * t), 1.0, cells=256).profile(1.0)
+    times = np.linspace(0, 1, 11)
+    right = (times + 0.01 * np.sin(200 * times)) / (1 + 0.01 * np.sin(200.0))
+    np.testing.assert_allclose([float(profile.angle(t)) for t in times], right, atol=1e-9)
+
+
+def test_values_that_are_not_real_scalars_are_refused():
+    for function, given in (
+        (lambda t: jax.lax.complex(t, t), "complex"),
+        (lambda t: [t], "the list"),
+        (lambda t: None, "None"),
+    ):
+        with pytest.raises(ValueError, match=f"must return a scalar, but returned {given}"):
+            qt.FunctionProfile(function, 1.0)
+    with pytest.raises(ValueError, match="cells must be a positive integer, but the bool True"):
+        qt.FunctionProfile(lambda t: t, 1.0, True)

@@ -233,3 +233,54 @@ def test_programs_are_stored_exactly(suffix, tmp_path):
 def test_bad_input_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("angle", [4.0, -4.0, 2 * math.pi, 20.0, 0.5, 0.0])
+@pytest.mark.parametrize("axes", ["body", "inertial"])
+def test_a_slew_about_an_axis_turns_by_any_angle(angle, axes):
+    """SciPy is the oracle for the attitude; the rate is the derivative of the angle along the axis."""
+    start, axis = quaternions(seed=5), np.array([1.0, -2.0, 0.5])
+    program = EulerTurn.about(axis, angle, 3 * start, Quintic(duration=8.0), axes)
+    assert float(program.angle) == pytest.approx(abs(angle), abs=1e-15)
+    body = axis if axes == "body" else quaternion.rotate(quaternion.conjugate(start), axis)
+    e = np.asarray(body) / np.linalg.norm(body)
+    first = Rotation.from_quat(start, scalar_first=True)
+    for t in (0.0, 1.7, 4.0, 8.0, 9.0):
+        share = float(Quintic(duration=8.0).profile(1.0).angle(t))
+        right = (first * Rotation.from_rotvec(share * angle * e)).as_quat(scalar_first=True)
+        at = program(t)
+        assert abs(np.dot(at.quaternion, right)) == pytest.approx(1.0, abs=ROUND_OFF)
+        np.testing.assert_allclose(at.rate, angle * e * float(Quintic(duration=8.0).profile(1.0).rate(t)), atol=1e-13)
+        at, derivative, second = kinematics(program, jnp.asarray(t))
+        np.testing.assert_allclose(derivative, 0, atol=1e-13)
+        np.testing.assert_allclose(second, 0, atol=1e-13)
+    np.testing.assert_allclose(program.end, program(8.0).quaternion, atol=1e-14)
+
+
+def test_a_slew_about_an_axis_is_continuous_saved_and_differentiable(tmp_path):
+    start = np.array([1.0, 0.0, 0.0, 0.0])
+    program = EulerTurn.about([0, 0, 2], 2 * math.pi, start, SCurve(1.0, 0.5, 1.0))
+    np.testing.assert_allclose(program.end, -start, atol=1e-15)  # a whole turn changes the sign of λ
+    program.save(tmp_path / "turn.toml")
+    np.testing.assert_array_equal(load(tmp_path / "turn.toml")(2.0).quaternion, program(2.0).quaternion)
+
+    def third(angle):
+        return EulerTurn.about([0.0, 1.0, 2.0], angle, start, Quintic(duration=8.0))(3.0).quaternion[3]
+
+    for angle in (0.0, 5.0):
+        slope = (float(third(angle + 1e-5)) - float(third(angle - 1e-5))) / 2e-5
+        for derivative in (jax.jacfwd, jax.jacrev):
+            assert float(jax.jit(derivative(third))(angle)) == pytest.approx(slope, abs=GRADIENT)
+    np.testing.assert_allclose(jax.vmap(third)(jnp.array([1.0, 5.0])), [third(1.0), third(5.0)], atol=1e-15)
+
+
+def test_slews_about_no_axis_or_to_another_end_are_refused():
+    start, law = [1.0, 0.0, 0.0, 0.0], Quintic(duration=8.0)
+    with pytest.raises(ValueError, match="axis must not be zero"):
+        EulerTurn.about([0, 0, 0], 1.0, start, law)
+    with pytest.raises(ValueError, match="the angle of a slew must be finite"):
+        EulerTurn.about([0, 0, 1], math.nan, start, law)
+    with pytest.raises(ValueError, match="vector must be a rotation from start_q to end_q, but it ends"):
+        EulerTurn(start, [0.0, 1.0, 0.0, 0.0], law, [0.0, 0.0, 1.0])
+    with pytest.raises(ValueError, match="needs at least"):
+        EulerTurn.about([0, 0, 1], 20.0, start, TimeOptimal(0.5, 0.3, duration=5.0))

@@ -65,3 +65,30 @@ def test_refusals():
         qt.monte_carlo(flight, {"torque": 1.0, "tilt": 1.0}, 0)
     with pytest.raises(TypeError, match="must return the Solution of simulate"):
         qt.monte_carlo(lambda x: x, {"x": 1.0}, 2)
+
+
+def test_draws_that_are_the_same_for_all_flights_are_refused():
+    """A draw of NumPy happens once, when the flights are compiled."""
+    numbers = np.random.default_rng(0)
+    spreads = {"torque": lambda key: jnp.asarray(numbers.normal(size=3)), "tilt": np.zeros(3)}
+    with pytest.raises(ValueError, match="drew the same value for all flights: draw with jax"):
+        qt.monte_carlo(flight, spreads, 3)
+    with pytest.raises(ValueError, match="all flights would be the same"):
+        qt.monte_carlo(lambda: flight(np.zeros(3), np.zeros(3)), {}, 3)
+
+
+def test_arguments_of_wrong_kinds_are_refused(study):
+    spreads = {"torque": np.ones(3), "tilt": np.ones(3)}
+    for options, message in (
+        ({"key": 1.5}, "key must be a key of jax.random or a whole number, but the float 1.5"),
+        ({"settled": -1.0}, "settled must be positive"),
+        ({"metric": lambda motion: motion.angle}, r"metric must return a number, but returned shape \(13,\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            qt.monte_carlo(flight, spreads, 2, **options)
+    with pytest.raises(ValueError, match="spreads must be a dictionary"):
+        qt.monte_carlo(flight, ["torque"], 2)
+    with pytest.raises(ValueError, match="count must be a whole number"):
+        study.worst(-1)
+    with pytest.raises(IndexError, match=r"but 1\.5 was given"):
+        study.draw(1.5)

@@ -145,3 +145,25 @@ def test_torques_are_saved_and_loaded(tmp_path):
     loaded = qt.load(tmp_path / "body.toml").torque
     t, q, w = jnp.asarray(100.0), jnp.array([1.0, 0.2, 0.3, 0.4]), jnp.zeros(3)
     np.testing.assert_array_equal(loaded(t, q, w), torque(t, q, w))
+
+
+def test_torques_accept_lists_and_integers():
+    """A torque alone, as a user tries it: the value of floats."""
+    orbit, whole, floats = qt.torques.CircularOrbit(7e6), [1, 0, 1, 0], np.array([1.0, 0.0, 1.0, 0.0])
+    for torque in (
+        qt.torques.GravityGradient([10, 12, 5], orbit),
+        qt.torques.MagneticDipole([0, 0, 2], [3e-5, 0, 0]),
+        qt.torques.AerodynamicTorque([1, 0, 0], 1, 1e-11, orbit.velocity),
+    ):
+        right = torque(1.0, floats, np.zeros(3))
+        for given in (whole, np.array(whole), jnp.asarray(whole)):
+            np.testing.assert_allclose(torque(1, given, [0, 0, 0]), right, rtol=1e-14)
+
+
+def test_orbits_and_positions_that_define_no_torque_are_refused():
+    with pytest.raises(ValueError, match="normal must not be zero or along start"):
+        qt.torques.CircularOrbit(7e6, [0.1, 0.2, 0.3], [0.2, 0.4, 0.6])  # parallel, with a cross product of round-off
+    with pytest.raises(ValueError, match="the position must not be zero"):
+        qt.torques.GravityGradient([10.0, 12.0, 5.0], np.zeros(3))
+    with pytest.raises(ValueError, match="one instant t was expected"):
+        qt.torques.CircularOrbit(7e6)([0.0, 1.0])

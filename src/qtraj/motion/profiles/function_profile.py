@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.foundation.argument import described, is_whole
 from qtraj.foundation.arrays import concrete, real_scalar, require_positive
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.namespace import xp
@@ -29,6 +30,8 @@ from qtraj.motion.profiles.profile import AbstractProfile, Profile
 SMOOTH = 4
 """Order of the derivatives that are continuous between cells."""
 CELLS = 16
+ACCURACY = 1e-5
+"""Largest interpolation error in the middle of a cell, as a fraction of the whole angle."""
 REST = 1e-9
 """A function is at rest at an end if its rate there is below this fraction of its mean rate."""
 
@@ -61,7 +64,7 @@ class FunctionProfile(AbstractProfile):
 
     Raises:
         ValueError: If JAX cannot trace the function, its value is not a scalar or not finite, its values at both ends
-            are equal, or the duration is not positive.
+            are equal, the polynomials differ from it by more than 1e-5 of the angle, or the duration is not positive.
 
     Example:
         >>> profile = FunctionProfile(lambda t: t - jnp.sin(t), 2 * jnp.pi).profile(1.0)
@@ -85,9 +88,9 @@ class FunctionProfile(AbstractProfile):
         span = real_scalar(seconds(duration), "the duration of a profile")
         require_positive(span, "the duration of a profile", "s")
         self.duration = span
-        if not isinstance(cells, int) or cells < 1:
-            raise ValueError(f"cells must be a positive integer, but {cells!r} was given")
-        rows = _derivatives(wrapped, span, cells)
+        if not is_whole(cells) or cells < 1:
+            raise ValueError(f"cells must be a positive integer, but {described(cells)} was given")
+        rows, middles = _derivatives(wrapped, span, cells)
         rise = rows[-1, 0] - rows[0, 0]
         values = concrete(rows)
         if values is not None and not (np.isfinite(values).all() and values[-1, 0] != values[0, 0]):
@@ -96,6 +99,7 @@ class FunctionProfile(AbstractProfile):
                 f"at the duration, but f(0) = {values[0, 0]:.6g} and f(duration) = {values[-1, 0]:.6g}"
             )
         self.pieces = _pieces(rows.at[:, 0].add(-rows[0, 0]) / rise)
+        _require_accurate(self.pieces, (middles - rows[0, 0]) / rise)
         self.end_rate = rows[-1, 1] / rise * cells / span
         ends = None if values is None else np.abs(values[[0, -1], 1] * cells / (values[-1, 0] - values[0, 0]))
         self.at_rest = ends is not None and bool((ends < REST).all())
@@ -125,8 +129,10 @@ class FunctionProfile(AbstractProfile):
         return profile, duration
 
 
-def _derivatives(function: Callable[..., Any], duration: Scalar, cells: int) -> Float[Array, "n+1 5"]:
-    """Return f and its first four derivatives at the ends of the cells, in the variable u of a cell."""
+def _derivatives(
+    function: Callable[..., Any], duration: Scalar, cells: int
+) -> tuple[Float[Array, "n+1 5"], Float[Array, " n"]]:
+    """Return f and its first four derivatives at the ends of the cells, in the variable u, and f at their middles."""
     width = jnp.asarray(duration) / cells
 
     def jet(order: int) -> Callable[[Scalar], tuple[Array, ...]]:
@@ -140,7 +146,9 @@ def _derivatives(function: Callable[..., Any], duration: Scalar, cells: int) -> 
         return extended
 
     try:
-        return jax.vmap(lambda x: jnp.stack(jet(SMOOTH)(x)))(jnp.arange(cells + 1).astype(width.dtype))
+        ends = jnp.arange(cells + 1).astype(width.dtype)
+        rows = jax.vmap(lambda x: jnp.stack(jet(SMOOTH)(x)))(ends)
+        return rows, jax.vmap(lambda x: jet(0)(x)[0])(ends[:-1] + 0.5)
     except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
         raise ValueError(
             "the function of a profile cannot be traced by JAX: write it with jax.numpy, as a function of one instant "
@@ -149,10 +157,28 @@ def _derivatives(function: Callable[..., Any], duration: Scalar, cells: int) -> 
 
 
 def _scalar(value: Any) -> Array:
+    if value is None or isinstance(value, list | tuple | dict | str):
+        raise ValueError(f"the function of a profile must return a scalar, but returned {described(value)}")
     array = jnp.asarray(value)
-    if array.shape != ():
-        raise ValueError(f"the function of a profile must return a scalar, but returned shape {array.shape}")
+    if array.shape != () or array.dtype.kind not in "fiub":
+        raise ValueError(
+            f"the function of a profile must return a scalar, but returned {array.dtype} of shape {array.shape}"
+        )
     return array.astype(jnp.result_type(float)) if array.dtype.kind != "f" else array
+
+
+def _require_accurate(pieces: Float[Array, "n 10"], middles: Float[Array, " n"]) -> None:
+    """Raise a ValueError if concrete polynomials differ from the function in the middle of their cells."""
+    values, expected = concrete(pieces), concrete(middles)
+    if values is None or expected is None:
+        return
+    errors = np.abs(values @ 0.5 ** np.arange(values.shape[1]).astype(values.dtype) - expected)
+    worst = int(np.argmax(np.where(np.isnan(errors), np.inf, errors)))
+    if not errors[worst] <= ACCURACY * max(1.0, float(np.abs(expected).max())):
+        raise ValueError(
+            f"the function of a profile is not smooth in cell {worst} of {len(errors)}: its polynomial there is off by "
+            f"{errors[worst]:.1e} of the whole angle. Increase cells, or use a function without steps and kinks."
+        )
 
 
 def _pieces(rows: Float[Array, "n+1 5"]) -> Float[Array, "n 10"]:

@@ -1,21 +1,29 @@
-"""Define eigenaxis slews, rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
+"""Define eigenaxis slews, rotations about a fixed axis (Euler's theorem; paper C, (3.1)–(3.15))."""
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
-from qtraj.algebra.vector import norm, unit
-from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
+from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
-from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, stop_gradient, xp
+from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import require_axes
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
-
-ROUND_OFF = 8
-"""Two attitudes that differ by less than this angle, in machine epsilons [rad], are equal up to round-off."""
+from qtraj.motion.programs.eigenaxis import (
+    attitude_about,
+    attitude_after,
+    attitude_between,
+    axis_of,
+    length,
+    require_end,
+    rotation_about,
+    shorter_rotation,
+    size,
+    turned,
+)
 
 
 @storable
@@ -32,29 +40,71 @@ class EulerTurn(AbstractProgram):
     for half turns. Both senses of rotation are then equally short, and e has the direction of a_v, the vector part of
     a.
 
-    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a
-    motion profile, and if the slew is not possible with this profile.
+    `about` creates slews of any angle, such as the longer way and whole turns. The field `vector` is then their
+    rotation vector (3,) [rad] in body axes, from `start_q` to `end_q`; it is None for the shorter rotation.
+
+    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `vector` that does not
+    lead from `start_q` to `end_q`, for a `law` that is not a motion profile, and if the slew is not possible with this
+    profile.
     """
 
     start_q: Quat
     end_q: Quat
     law: AbstractProfile
+    vector: Vec3 | None
 
-    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile"):
+    def __init__(
+        self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile", vector: ArrayInput | None = None
+    ):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = np.promote_types(start.dtype, end.dtype)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_profile(law)
         _require_attitudes(start[None], "start_q")
         _require_attitudes(end[None], "end_q")
+        self.vector = None if vector is None else real_vector(vector, "vector", 3).astype(dtype)
+        if self.vector is not None:
+            require_end(self.start_q, self.vector, self.end_q)
         law.profile(self.angle, unit="rad")
+
+    @classmethod
+    def about(
+        cls, axis: ArrayInput, angle: ArrayInput, start_q: ArrayInput, law: "AbstractProfile", axes: str = "body"
+    ) -> "EulerTurn":
+        """Return the slew from `start_q` (4,) about `axis` (3,) by any `angle` [rad], also of several whole turns.
+
+        `axis` need not be a unit vector; it is in `axes`, "body" or "inertial". A negative angle turns the other way.
+        `end_q` is then the continuous final quaternion, so a whole turn ends at −λ_0.
+
+        **Raises:** ValueError for an axis that is zero, values that are not finite or of another shape, unknown `axes`,
+        and in the same cases as `EulerTurn`.
+
+        Example:
+            >>> import qtraj as qt
+            >>> roll = EulerTurn.about([1, 0, 0], 3 * np.pi, [1, 0, 0, 0], qt.Quintic(duration=10.0))
+            >>> print(f"{float(roll.angle):.4f} rad, λ1 = {roll.end[1]:.4f}")
+            9.4248 rad, λ1 = -1.0000
+        """
+        require_axes(axes)
+        e, total = real_vector(axis, "axis", 3), real_scalar(angle, "the angle of a slew")
+        require_finite(total, "the angle of a slew")
+        start = real_vector(start_q, "start_q", 4)
+        _require_attitudes(start[None], "start_q")
+        value = concrete(e)
+        if value is not None and not value.any():
+            raise ValueError("axis must not be zero: pass a vector along the axis of the slew")
+        vector = rotation_about(e if axes == "body" else quaternion.rotate(quaternion.conjugate(start), e), total)
+        return cls(start, turned(start, vector), law, vector)
 
     def __repr__(self) -> str:
         return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return _slew(self.start_q, self.end_q, self.law.profile(self.angle), one_instant(t))
+        t = one_instant(t)
+        if self.vector is not None:
+            return attitude_about(self.start_q, self.vector, self.profile, t)
+        return attitude_between(self.start_q, self.end_q, self.law.profile(self.angle), t)
 
     def prepared(self) -> "PreparedSlew":
         """Return the slew with its start, its rotation vector and its profile already computed."""
@@ -78,18 +128,18 @@ class EulerTurn(AbstractProgram):
 
     @property
     def angle(self) -> Scalar:
-        """The angle of the slew [rad], from 0 to π."""
-        return _length(self.start_q, self.end_q)
+        """The angle of the slew [rad], from 0 to π; any positive angle for a slew that `about` created."""
+        return length(self.start_q, self.end_q) if self.vector is None else size(self.vector)
 
     @property
     def rotation_vector(self) -> Vec3:
         """The rotation vector of the slew, angle times axis [rad], body axes."""
-        return _shorter_rotation(self.start_q, self.end_q)
+        return shorter_rotation(self.start_q, self.end_q) if self.vector is None else self.vector
 
     @property
     def end(self) -> Quat:
         """The unit quaternion at the end of the program, ±end_q/|end_q|."""
-        return quaternion.product(quaternion.unit(self.start_q), rotation.from_rotation_vector(self.rotation_vector))
+        return turned(self.start_q, self.rotation_vector)
 
     def axis(self, axes: str = "body") -> Vec3:
         """Return the unit vector e of the slew in `axes`, "body" or "inertial"; for equal attitudes, the body x axis.
@@ -97,7 +147,7 @@ class EulerTurn(AbstractProgram):
         **Raises:** ValueError if `axes` is neither "body" nor "inertial".
         """
         require_axes(axes)
-        e = _axis(self.rotation_vector)
+        e = axis_of(self.rotation_vector)
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
 
 
@@ -110,7 +160,7 @@ class PreparedSlew(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return _slewed(self.start, self.rotation_vector, self.profile, one_instant(t))
+        return attitude_after(self.start, self.rotation_vector, self.profile, one_instant(t))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -151,7 +201,7 @@ class SlewSequence(AbstractProgram):
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
         start, end, elapsed = _part(self.attitudes, self.times, one_instant(t))
-        return _slew(start, end, self.law.profile(_length(start, end)), elapsed)
+        return attitude_between(start, end, self.law.profile(length(start, end)), elapsed)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -209,26 +259,8 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 
 
 @of_arrays
-def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
-    """Return the vector [rad] of the shorter rotation from `start` to `end`, body axes.
-
-    The vector is smooth for equal attitudes, and parallel to a_v for a0 = 0 (see `EulerTurn`).
-    """
-    a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
-    vector = 2 * quaternion.log(xp.where(a[..., :1] < 0, -a, a))
-    # Round-off between equal attitudes must not cause a slew, so the value, but not the derivative, is set to 0.
-    round_off = norm(vector)[..., None] <= ROUND_OFF * float(xp.finfo(vector.dtype).eps)
-    return vector - stop_gradient(xp.where(round_off, vector, 0.0))
-
-
-@of_arrays
-def _length(start: Quat, end: Quat) -> Scalar:
-    return norm(_shorter_rotation(start, end))
-
-
-@of_arrays
 def _lengths(attitudes: Float[Array, "n 4"]) -> Float[Array, " _"]:
-    return _length(attitudes[:-1], attitudes[1:])
+    return length(attitudes[:-1], attitudes[1:])
 
 
 @of_arrays
@@ -256,29 +288,3 @@ def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, 
     """Return the end times [s] of all segments of consecutive slews of the `angles` [rad]."""
     within = mapped(lambda angle: law.profile(angle).switches)(angles)
     return xp.sort((_arrivals(law, angles)[:-1, None] + within).ravel())  # round-off may exchange equal instants
-
-
-def _direction(vector: Vec3) -> Vec3:
-    return unit(vector, np.eye(3, dtype=vector.dtype)[0])
-
-
-_axis = of_arrays(_direction)
-
-
-@in_numpy_or_jit
-def _slew(start: Quat, end: Quat, profile: Profile, t: Scalar) -> Attitude:
-    """Return the attitude at the time `t` [s] since the start of the shorter slew from `start` to `end`."""
-    return _slewed(quaternion.unit(start), _shorter_rotation(start, end), profile, t)
-
-
-@in_numpy_or_jit
-def _slewed(start: Quat, vector: Vec3, profile: Profile, t: Scalar) -> Attitude:
-    """Return the attitude of a slew from the unit quaternion `start` by the rotation `vector` [rad]."""
-    # A proportional shape multiplies the whole rotation vector, so the attitude is smooth at a zero vector.
-    along = vector if profile.proportional else _direction(vector)
-    angle, rate, acceleration = profile.shape(t, 2)
-    return Attitude(
-        quaternion=quaternion.product(start, rotation.from_rotation_vector(angle * along)),
-        rate=rate * along,
-        acceleration=acceleration * along,
-    )

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.argument import described, is_whole, require_type
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_positive
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.simulation.loop_verdict import SETTLED
@@ -54,15 +55,23 @@ def monte_carlo(
         values; `to_xarray()` converts it to a dataset.
 
     Raises:
-        ValueError: For a spread that is negative or not finite, or `n` or `block` that is not a positive integer.
+        ValueError: For a spread that is negative or not finite, a function that draws the same value for all flights,
+            no spread at all, or `n` or `block` that is not a positive integer.
         TypeError: If `flight` lacks an argument for a spread, or does not return a `Solution`.
     """
     for value, name in ((n, "n"), (block, "block")):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        if not is_whole(value) or value < 1:
             raise ValueError(f"{name} must be a positive integer, but {value!r} was given")
+    require_type(spreads, Mapping, "spreads", "a dictionary from argument to spread")
+    require_positive(real_scalar(settled, "settled"), "settled", "rad")
+    if not callable(flight):
+        raise TypeError(f"flight must be a function that returns the Solution of simulate, but is {described(flight)}")
     with_key = _accepts_key(flight, [*spreads])
     sources = {name: _source(name, spread) for name, spread in spreads.items()}
-    first = jax.random.key(key) if isinstance(key, int) else key
+    if not sources and not with_key:
+        raise ValueError("all flights would be the same: pass spreads, or a flight with an argument key")
+    first = jax.random.key(key) if is_whole(key) else key
+    require_type(first, jax.Array, "key", "a key of jax.random or a whole number")
 
     def draw(number: Any) -> dict[str, Any]:
         own = jax.random.fold_in(first, number)
@@ -71,12 +80,16 @@ def monte_carlo(
         return values | ({"key": _raw(keys[-1])} if with_key else {})
 
     draws = jax.jit(jax.vmap(draw))(jnp.arange(n))
+    for name, spread in spreads.items():
+        _require_random(name, spread, draws[name])
 
     def run(values: dict[str, Any]) -> tuple[Any, ...]:
         motion = flight(**values)
         if not isinstance(motion, Solution) or motion.angle is None:
             raise TypeError(f"flight must return the Solution of simulate, but returned {type(motion).__name__}")
         measure = motion.angle[-1] if metric is None else jnp.asarray(metric(motion))
+        if measure.shape != ():
+            raise ValueError(f"metric must return a number, but returned shape {measure.shape}")
         times = motion.settling_time(settled), motion.peak_command
         return motion.times, motion.angle, measure, *times, motion.code
 
@@ -108,6 +121,16 @@ def _source(name: str, spread: Spread) -> Callable[[jax.Array], Any]:
     return lambda key: sigma * jax.random.normal(key, sigma.shape, jnp.result_type(float))
 
 
+def _require_random(name: str, spread: Spread, values: Any) -> None:
+    """Raise a ValueError if a function drew the same numbers for all flights, as one of NumPy does."""
+    drawn = np.asarray(values)
+    if callable(spread) and len(drawn) > 1 and drawn.dtype.kind == "f" and (drawn == drawn[0]).all():
+        raise ValueError(
+            f"the function of the spread {name!r} drew the same value for all flights: draw with jax.random and "
+            "the key that it receives, not with numpy.random"
+        )
+
+
 def _sizes(values: Any, spread: Spread) -> np.ndarray:
     """Return the size of each draw: its norm in standard deviations, for a function in those of the sample."""
     flat = np.asarray(values, float).reshape(len(values), -1)
@@ -136,4 +159,5 @@ def _accepts_key(flight: Callable[..., Any], names: list[str]) -> bool:
         except TypeError:
             continue
         return bool(options)
-    raise TypeError(f"flight must have the arguments {', '.join(names)}, one for each spread, but has {signature}")
+    expected = f"the arguments {', '.join(names)}, one for each spread," if names else "no arguments without a default"
+    raise TypeError(f"flight must have {expected} but its signature is {signature}")

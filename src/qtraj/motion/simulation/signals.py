@@ -12,6 +12,7 @@ from typing_extensions import TypeAliasType
 
 from qtraj.algebra.quaternion import unit
 from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.signature import accepts
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 
 Signal = Callable[..., Vec3] | Vec3
@@ -30,24 +31,11 @@ def checked_signal(signal: SignalInput, name: str, of_state: bool = False) -> An
     """
     if not callable(signal):
         return real_vector(signal, name, 3)
-    if not (_accepts(signal, 1) or (of_state and _accepts(signal, 3))):
+    if not (accepts(signal, 1) or (of_state and accepts(signal, 3))):
         raise ValueError(
             f"{name} must be {OF_STATE if of_state else OF_TIME}, but its signature is {inspect.signature(signal)}"
         )
     return signal if isinstance(signal, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(signal)
-
-
-def _accepts(function: Callable[..., Any], count: int) -> bool:
-    """Return whether a function can be called with `count` arguments."""
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        return count == 1  # functions written in C may have no signature; if the argument is wrong, the call fails
-    try:
-        signature.bind(*range(count))
-    except TypeError:
-        return False
-    return True
 
 
 def at_instant(signal: Signal, t: Scalar) -> Vec3:
@@ -60,7 +48,7 @@ def at_state(signal: Signal, t: Scalar, quaternion: Quat | None, rate: Float[Arr
 
     A function of the state receives the unit quaternion λ/|λ| and the physical rate (3,) in body axes.
     """
-    if not callable(signal) or _accepts(signal, 1):
+    if not callable(signal) or accepts(signal, 1):
         return at_instant(signal, t)
     if quaternion is None or rate is None:
         raise ValueError("this signal depends on the state, so it needs a quaternion (4,) and a rate (3,) [rad/s] too")

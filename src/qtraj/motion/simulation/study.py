@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.foundation.argument import is_whole, require_whole
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
@@ -63,6 +64,7 @@ class Study(AbstractResult):
 
         The cause is the spread with the largest product of influence and rank of the draw.
         """
+        require_whole(count, "count")
         influence, metric = self.influence, np.asarray(self.metric)
         ranks = {name: (_ranks(size) + 1) / len(metric) for name, size in self.sizes.items()}
         flights = []
@@ -78,7 +80,7 @@ class Study(AbstractResult):
         **Raises:** IndexError for a number that does not exist.
         """
         count = len(self.metric)
-        if not 0 <= seed < count:
+        if not is_whole(seed) or not 0 <= seed < count:
             raise IndexError(f"the study has the flights 0 to {count - 1}, but {seed} was given")
         return {name: values[seed] for name, values in self.draws.items()}
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import real_scalar, real_vector, require_positive
+from qtraj.foundation.arrays import as_float, real_scalar, real_vector, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
@@ -67,6 +67,7 @@ class AerodynamicTorque(eqx.Module):
 
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes at the attitude `quaternion`; `rate` has no effect."""
+        quaternion = as_float(quaternion)
         velocity = rotate(conjugate(quaternion), at_instant(self.velocity, t).astype(quaternion.dtype))
         factor = 0.5 * (self.density * self.drag * self.area).astype(velocity.dtype) * norm(velocity)
         return -factor * jnp.cross(self.centre.astype(velocity.dtype), velocity)

@@ -1,14 +1,20 @@
 """Define a circular orbit, the usual position of a satellite in its torques."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import concrete, real_scalar, real_vector, require_positive
+from qtraj.foundation.arrays import concrete, one_instant, real_scalar, real_vector, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Scalar, Vec3
+from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
+
+PARALLEL = 1e-9
+"""Two vectors are parallel if the sine of the angle between them is at most this."""
 
 EARTH = 3.986004418e14
 """The gravitational parameter of the Earth [m³/s²] (WGS 84)."""
@@ -51,8 +57,8 @@ class CircularOrbit(eqx.Module):
         require_positive(self.radius, "the radius", "m")
         require_positive(self.mu, "mu", "m³/s²")
         self.start, self.normal = real_vector(start, "start", 3), real_vector(normal, "normal", 3)
-        side = concrete(jnp.cross(self.normal, self.start))
-        if side is not None and not side.any():
+        start, normal = concrete(self.start), concrete(self.normal)
+        if start is not None and normal is not None and _parallel(start, normal):
             raise ValueError("normal must not be zero or along start, because the orbit is then not defined")
 
     def __repr__(self) -> str:
@@ -63,14 +69,16 @@ class CircularOrbit(eqx.Module):
         """The angular rate n [rad/s]."""
         return jnp.sqrt(self.mu / self.radius**3)
 
-    def __call__(self, t: Scalar) -> Vec3:
+    def __call__(self, t: ScalarLike) -> Vec3:
         """Return the position (3,) [m] at the time `t` [s]."""
+        t = one_instant(t)
         along, ahead = self._axes()
         angle = self.rate * t
         return self.radius * (jnp.cos(angle) * along + jnp.sin(angle) * ahead)
 
-    def velocity(self, t: Scalar) -> Vec3:
+    def velocity(self, t: ScalarLike) -> Vec3:
         """Return the velocity (3,) [m/s] at the time `t` [s]."""
+        t = one_instant(t)
         along, ahead = self._axes()
         angle = self.rate * t
         return self.radius * self.rate * (jnp.cos(angle) * ahead - jnp.sin(angle) * along)
@@ -78,3 +86,8 @@ class CircularOrbit(eqx.Module):
     def _axes(self) -> tuple[Array, Array]:
         along, side = jnp.asarray(self.start), jnp.cross(self.normal, self.start)
         return along / norm(along), side / norm(side)
+
+
+def _parallel(a: Any, b: Any) -> bool:
+    """Return whether two vectors are parallel up to round-off, or one of them is zero."""
+    return bool(np.linalg.norm(np.cross(a, b)) <= PARALLEL * np.linalg.norm(a) * np.linalg.norm(b))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import real_scalar, require_positive
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
@@ -29,8 +29,8 @@ class GravityGradient(eqx.Module):
         mu: The gravitational parameter μ [m³/s²]; by default that of the Earth.
 
     Raises:
-        ValueError: For an inertia that is not symmetric and positive definite, another shape of the position, or a
-            `mu` that is not positive.
+        ValueError: For an inertia that is not symmetric and positive definite, a position of another shape or
+            zero, or a `mu` that is not positive.
 
     Example:
         >>> gravity = GravityGradient([10.0, 12.0, 5.0], [7e6, 0.0, 0.0])
@@ -45,6 +45,9 @@ class GravityGradient(eqx.Module):
     def __init__(self, inertia: ArrayInput, position: SignalInput, mu: ArrayInput = EARTH):
         self.inertia = inertia_matrix(inertia)
         self.position = checked_signal(position, "the position")
+        value = None if callable(self.position) else concrete(self.position)
+        if value is not None and not value.any():
+            raise ValueError("the position must not be zero, because the torque of the planet is then not defined")
         self.mu = real_scalar(mu, "mu")
         require_positive(self.mu, "mu", "m³/s²")
 
@@ -53,6 +56,7 @@ class GravityGradient(eqx.Module):
 
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes at the attitude `quaternion`; `rate` has no effect."""
+        quaternion = as_float(quaternion)
         position = at_instant(self.position, t).astype(quaternion.dtype)
         distance = norm(position)
         down = rotate(conjugate(quaternion), position / distance)

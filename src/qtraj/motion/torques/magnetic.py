@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, rotate
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Quat, Scalar, Vec3
@@ -41,5 +42,6 @@ class MagneticDipole(eqx.Module):
 
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes."""
+        quaternion = as_float(quaternion)
         field = rotate(conjugate(quaternion), at_instant(self.field, t).astype(quaternion.dtype))
         return jnp.cross(at_state(self.dipole, t, quaternion, rate).astype(field.dtype), field)
