@@ -7,7 +7,7 @@ import numpy as np
 
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
-from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
 from qtraj.path.vehicle import Vehicle, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
 
@@ -28,7 +28,7 @@ def require_shapes(limits: Mapping[str, Any], vehicle: Vehicle | None, batch: tu
 def refuse_unknown(names: Collection[str]) -> None:
     """Raise a TypeError for the first of `names`, which are no limits."""
     for name in names:
-        advice = suggestion(name, list(QUANTITIES), "limits")
+        advice = suggestion(name, [*QUANTITIES, COMBINED], "limits")
         if name in SIDES:
             entry = SIDES[name]
             advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"

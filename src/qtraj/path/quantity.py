@@ -259,11 +259,26 @@ d is at least the distance between the paths, because a chord is shorter than it
 
 def bound_speed(names: Collection[str]) -> bool:
     """Return whether limits with these names bound the speed on every path; a pair does if a number does."""
-    bounding = [entry for entry in QUANTITIES.values() if entry.bounds_speed]
+    bounding = [entry for entry in (*QUANTITIES.values(), _COMBINED) if entry.bounds_speed]
     return any(x.name in names or {x.name + LOWER, upper_side(x)} <= set(names) for x in bounding)
 
 
-_KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR}
+COMBINED = "combined_acceleration"
+"""The name of the combined acceleration relative to an ellipse; the limit itself contains the ellipse."""
+
+_COMBINED = PathQuantity(
+    COMBINED,
+    "a/a_max",
+    "1",
+    2,
+    "longitudinal and lateral acceleration relative to an ellipse; 1 on the ellipse",
+    numerator=lambda i: i.A,
+    denominator=lambda i: i.S,
+    divisor="speed",
+    bounds_speed=True,
+)
+
+_KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR, COMBINED: _COMBINED}
 """All quantities and sides of limits by name."""
 
 

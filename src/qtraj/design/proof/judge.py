@@ -28,6 +28,7 @@ from qtraj.design.proof.limit_claims import (
 )
 from qtraj.design.proof.maxima import find_maxima, local_maxima
 from qtraj.design.proof.sources import Source
+from qtraj.design.proof.speed_claims import compared
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD
@@ -79,7 +80,7 @@ class _Task:
         proved, refuted, hints = self._decided(limit, provable)
         at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
         with np.errstate(invalid="ignore"):
-            bounds = limit.at(at)
+            bounds = self._bounds_at(limit, at)
             excess = entry.side * (values - bounds)
             if entry.tangent_of:  # the tangent of the limit is rounded to the strict side
                 refuted = refuted & ~(excess <= 0)
@@ -99,6 +100,9 @@ class _Task:
         entry, factors, bounds = limit.entry, limit.factors, limit.entry.strict_tangent(limit.bounds)
 
         def in_floats() -> Any:
+            if limit.by_speed is not None:
+                constant = lambda x, n: self._in_floats(np.full(self.source.count, x), 1, n)  # noqa: E731
+                return self._bounded and self._bounded.within(entry, Bound(limit.by_speed, None, constant))
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
             bound = self._in_floats(bounds, entry.length, entry.per_time)
             if limit.line is not None:
@@ -108,6 +112,10 @@ class _Task:
 
         def in_integers(k: int) -> Any:
             formulas = self._exact_formulas(k)
+            if limit.by_speed is not None:
+                unit = self._unit(formulas.span, k)
+                constant = lambda x, n: _times_power(ExactPolynomial.of(x), unit, n)  # noqa: E731
+                return formulas.within(entry, Bound(limit.by_speed, None, constant))
             bound = ExactPolynomial.of(bounds[k])
             if limit.line is not None:
                 start, end = map(ExactPolynomial.of, limit.line[k])
@@ -200,6 +208,9 @@ class _Task:
         entry, source, grid = limit.entry, self.source, self._grid(provable)
         unit = limit.factors * source.length**entry.length / source.duration**entry.per_time
 
+        if limit.by_speed is not None:
+            return self._nearest_to_limit(limit, hints)
+
         def limit_at(u: np.ndarray) -> Any:
             return 0.0 if limit.line is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit
 
@@ -212,6 +223,27 @@ class _Task:
         at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
             return at, (entry.side * values + (0.0 if limit.line is None else limit.at(at) / unit)) * unit
+
+    def _nearest_to_limit(self, limit: Limit, hints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the instant at which a quantity exceeds a limit by speed most, or is nearest to it, and its value."""
+
+        def function(u: np.ndarray) -> np.ndarray:
+            with np.errstate(all="ignore"):
+                value, bound = self._compared(limit, u)
+                return xp.broadcast_to(limit.entry.side * (value - bound), (len(u), self.source.count))
+
+        at, _ = find_maxima(function, self.grid, function(self.grid), None if hints is None else hints[None])
+        with np.errstate(all="ignore"):
+            return at, self._compared(limit, at[None])[0][0]
+
+    def _compared(self, limit: Limit, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the value and the limit by speed at the fractions `u`, in SI units."""
+        h, length = self.source.duration, self.source.length
+        return compared(self._at(u), limit.entry.name, limit.by_speed, (length / h, length / h**2))
+
+    def _bounds_at(self, limit: Limit, at: np.ndarray) -> np.ndarray:
+        """Return the limits at the fractions `at` of the window."""
+        return limit.at(at) if limit.by_speed is None else self._compared(limit, at[None])[1][0]
 
     def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
         """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""

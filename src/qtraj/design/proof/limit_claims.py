@@ -10,8 +10,10 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.sparse import is_one, is_zero, mul
 from qtraj.algebra.surd import Claim, Surd
+from qtraj.design.proof import speed_claims
 from qtraj.design.proof.sources import Derivatives
 from qtraj.path.contact import Contact
 from qtraj.path.frenet import Invariants
@@ -36,10 +38,14 @@ UPRIGHT_DIVISORS = ("level", LOAD, FORCE, UPRIGHT_FORCE)
 
 
 class Bound(NamedTuple):
-    """A limit as a polynomial, in the units of the derivatives, and the factor of the quantity or None."""
+    """A limit as a polynomial, in the units of the derivatives, and the factor of the quantity or None.
+
+    For a limit that depends on the speed, it is the limit itself, and a function that returns constant polynomials.
+    """
 
     limit: Any
     factor: Any = None
+    constant: Any = None
 
 
 class RootedInvariants(Invariants):
@@ -111,9 +117,14 @@ class Formulas:
             self._road = RoadInvariants(self.invariants)
         return self._road
 
-    def within(self, entry: PathQuantity, bound: Bound) -> Claim:
+    def within(self, entry: PathQuantity, bound: Bound) -> AnyClaim:
         """Return the claim that a quantity satisfies its limit."""
         i: Any = self.road if entry.on_road else self.invariants
+        if bound.constant is not None:
+            speed = i.S if is_one(i.pace) else i.pace * i.pace * i.S
+            motion = speed_claims.Motion(i.B, i.N, i.S, speed)
+            longitudinal = entry.base == "longitudinal_acceleration"
+            return self._in_fraction(speed_claims.within(bound.limit, entry.side, longitudinal, motion, bound.constant))
         numerator = entry.numerator(i)
         if bound.factor is not None:
             numerator = bound.factor * bound.factor * numerator
@@ -121,7 +132,7 @@ class Formulas:
         scaled = limit if entry.denominator is None else limit * entry.denominator(i)
         return self._claim(numerator - scaled if entry.lower else scaled - numerator)
 
-    def divisor(self, name: str, fastest: Any) -> Claim:
+    def divisor(self, name: str, fastest: Any) -> AnyClaim:
         """Return the claim that a divisor does not vanish: it must be positive.
 
         The load and the part of the specific force upwards must be positive, and the relative size of any other divisor
@@ -135,9 +146,12 @@ class Formulas:
         square, scale = sizes(name, self.invariants, fastest, self._squared_span)
         return self._claim(square - self._threshold * scale)
 
-    def _claim(self, number: Any) -> Claim:
+    def _claim(self, number: Any) -> Any:
         """Return a claim about polynomials in u."""
-        claim = Claim(number)
+        return self._in_fraction(Claim(number))
+
+    def _in_fraction(self, claim: Any) -> Any:
+        """Return the claim with polynomials in u."""
         claim.polynomials = [self._constant(float(p)) if isinstance(p, int) else p for p in claim.polynomials]
         if self._in_time:
             claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]

@@ -1,4 +1,4 @@
-"""Certify limits that change along the way on one path that is not a route."""
+"""Certify limits that change along the way or with the speed, on one path that is not a route."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
+from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
@@ -20,6 +22,7 @@ from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
+from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters
 
 
@@ -34,11 +37,15 @@ def certify_varying(
     """
     require_known(path, limits)
     limits = limits.on(path)
-    whole, given = _divided(path, limits), limits.given()
+    given = limits.given()
+    whole = _divided(path, limits)
     factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     found = [certify(path, limits.only(list(limits.constant())))] if limits.constant() else []
     for name in limits.varying:
         along: Any = given[name]
+        if isinstance(along, OfSpeed):
+            found.append(_by_speed(path, name, along))
+            continue
         parts = judged_parts(whole, quantity(name), along, factors[name])
         row = parts.worst(quantity(name), 1)
         columns = (parts.codes, parts.times, parts.values, parts.bounds)
@@ -46,12 +53,28 @@ def certify_varying(
     return joined(found, tuple(given))
 
 
+def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate:
+    """Return the certificate of a limit that depends on the speed."""
+    arrays = polynomial_arrays(path)
+    one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path) if arrays is None else None
+    source = curve_source(one) if arrays is None else source_of([np.asarray(x)[None] for x in arrays])
+    codes, times, values = (x[0] for x in judge(source, [limit_by_speed(name, bound)]))
+    bounds = at_speed(bound, np.asarray(value(path, float(times[0]), "speed"), float))
+    return Certificate((name,), codes, times, values, np.atleast_1d(bounds))
+
+
+def limit_by_speed(name: str, bound: OfSpeed) -> Limit:
+    """Return a limit that depends on the speed; its number is the limit at rest."""
+    at_rest = np.atleast_1d(np.asarray(at_speed(bound, np.zeros(())), float))
+    return Limit(quantity(name), at_rest, np.ones(1), None, bound)
+
+
 def require_known(path: AbstractHodograph, limits: Limits) -> None:
     """Raise a ValueError for a batch of paths or traced values, with limits that change along the way."""
     if path.duration.ndim or is_traced(path, limits):
         raise ValueError(
-            f"the limit {limits.varying[0]} changes along the way, which certify supports for one path with concrete "
-            "values: call it outside jit, grad and vmap, once for each path"
+            f"the limit {limits.varying[0]} is not constant, which certify supports for one path with concrete values: "
+            "call it outside jit, grad and vmap, once for each path"
         )
 
 

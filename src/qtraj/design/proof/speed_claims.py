@@ -1,0 +1,139 @@
+"""Claims about limits that depend on the speed, for any arithmetic of polynomials.
+
+Such a limit is a line between two speeds. The claim is that the speed is outside of this range, or that the line is not
+exceeded; all ranges together cover all speeds. Lines are multiplied by the width of their range, so that no coefficient
+is rounded. The speed is the root of a polynomial, so the claims contain roots (see `algebra.surd`).
+
+With the velocity r' = w·q, let S = q·q. The longitudinal acceleration is a_τ = A/(d√S), and the lateral one a_n = √(C/S).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
+from qtraj.algebra.cpu import inverse_root
+from qtraj.algebra.sparse import is_zero, mul
+from qtraj.algebra.surd import Claim, Surd
+from qtraj.design.by_speed import BySpeed
+from qtraj.design.ellipse import Ellipse, OfSpeed
+from qtraj.path.quantity import quantity
+
+Constant = Callable[[float, int], Any]
+"""A function of a number and the negative exponent of the second in its unit, which returns a constant polynomial."""
+
+
+class Motion(NamedTuple):
+    """The polynomials A (`along`), C (`across`) and S (`square`), the squared speed, and the integer d (`divisor`)."""
+
+    along: Any
+    across: Any
+    square: Any
+    speed: Any
+    divisor: int = 1
+
+    def outside(self, line: Line) -> list[AnyClaim]:
+        """Return the claims of which one holds if the speed is outside of the range of a line."""
+        below = [] if line.low is None else [Claim(line.low * line.low - self.speed)]
+        return below if line.high is None else [*below, Claim(self.speed - line.high * line.high)]
+
+    def at(self, line: Line) -> Surd:
+        """Return the value of a line times its width at the speed."""
+        return Surd((line.start, line.slope, 0, 0), (self.speed, self.speed))
+
+
+class Line(NamedTuple):
+    """The line (`start` + `slope`·v)/`width` from the speed `low` to the speed `high`, as constant polynomials.
+
+    The ends are None if the range is unbounded; `speeds` are the ends as numbers.
+    """
+
+    start: Any
+    slope: Any
+    width: Any
+    low: Any
+    high: Any
+    speeds: tuple[float, float]
+
+
+def within(limit: OfSpeed, side: int, longitudinal: bool, m: Motion, constant: Constant) -> AnyClaim:
+    """Return the claim that a limit is satisfied.
+
+    `side` is −1 for a lower bound, and otherwise 1; `longitudinal` is whether a limit by speed bounds the longitudinal
+    acceleration instead of the lateral one.
+    """
+    if isinstance(limit, Ellipse):
+        return _combined(m, *(lines(x, constant) for x in (limit.braking, limit.accelerating, limit.lateral)))
+    own = lines(limit, constant)
+    return _longitudinal(m, own, side) if longitudinal else _lateral(m, own)
+
+
+def compared(i: Any, name: str, limit: OfSpeed, units: tuple[Any, Any] = (1.0, 1.0)) -> tuple[Any, Any]:
+    """Return the value of a quantity and its limit from invariants; `units` are those of speed and acceleration."""
+    speed, inverse = i.v * i.pace * units[0], inverse_root(i.S) * units[1]
+    if isinstance(limit, Ellipse):
+        return limit.usage(i.B * inverse, i.root(i.N) * inverse, speed), np.ones_like(speed)
+    return quantity(name).value(i) * units[1], np.asarray(limit.at(speed))
+
+
+def lines(limit: BySpeed, constant: Constant) -> list[Line]:
+    """Return the lines that a limit by speed consists of."""
+    v, f = (np.asarray(x, float).tolist() for x in (limit.speeds, limit.values))
+    ends = [*([(0.0, f[0])] if v[0] > 0 else []), *zip(v, f, strict=True), (np.inf, f[-1])]
+    result: list[Line] = []
+    for (low, first), (high, last) in zip(ends[:-1], ends[1:], strict=True):
+        if result and first == last and is_zero(result[-1].slope):  # the same constant
+            low = result.pop().speeds[0]
+        own = [None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high)]
+        first_value, last_value = constant(first, 2), constant(last, 2)
+        if first == last:
+            result.append(Line(first_value, 0, 1, *own, (low, high)))
+            continue
+        start = first_value * own[1] if own[0] is None else first_value * own[1] - last_value * own[0]
+        width = own[1] if own[0] is None else own[1] - own[0]
+        result.append(Line(start, last_value - first_value, width, *own, (low, high)))
+    return result
+
+
+def _longitudinal(m: Motion, own: list[Line], side: int) -> AnyClaim:
+    d = side * m.divisor
+
+    def claim(x: Line) -> AnyClaim:
+        along = -side * mul(x.width, m.along)
+        if m.speed is m.square:
+            terms = along if is_zero(x.slope) else along + d * (x.slope * m.square), d * x.start, 0, 0
+        else:
+            terms = along, d * x.start, 0, 0 if is_zero(x.slope) else d * x.slope
+        return any_of([*m.outside(x), Claim(Surd(terms, (m.square, m.speed)))])
+
+    return all_of([claim(x) for x in own])
+
+
+def _lateral(m: Motion, own: list[Line]) -> AnyClaim:
+    def claim(x: Line) -> AnyClaim:
+        value = m.at(x)
+        return any_of([*m.outside(x), Claim(value * value * m.square - mul(mul(x.width, x.width), m.across))])
+
+    return all_of([claim(x) for x in own])
+
+
+def _combined(m: Motion, braking: list[Line], accelerating: list[Line], lateral: list[Line]) -> AnyClaim:
+    """Return the claim for an ellipse.
+
+    The lateral claim is needed where the longitudinal acceleration is zero: there both others are not required.
+    """
+    claims = [_lateral(m, lateral)]
+    square, across = m.divisor**2 * m.square, m.divisor**2 * m.across
+    for direction, own in ((1, accelerating), (-1, braking)):
+        other = Claim(-direction * m.along)
+        for p in own:
+            for q in lateral:
+                if p.speeds[0] >= q.speeds[1] or q.speeds[0] >= p.speeds[1]:
+                    continue
+                x, y = (m.at(line) * m.at(line) for line in (p, q))
+                used = y * mul(mul(p.width, p.width), m.along * m.along) + x * mul(mul(q.width, q.width), across)
+                claims.append(any_of([other, *m.outside(p), *m.outside(q), Claim(x * y * square - used)]))
+    return all_of(claims)
