@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.along import Along, Changing
+from qtraj.design.along import Along, Variable
+from qtraj.design.ellipse import OfSpeed
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
@@ -149,11 +150,19 @@ def table(bounds: Bounds, names: tuple[str, ...], knots: Any) -> Float[np.ndarra
 
 
 def strictest(bounds: Bounds) -> dict[str, Any]:
-    """Return the limits with the strictest values on the whole path."""
-    return {name: x.strictest if isinstance(x, Varying) else x for name, x in bounds.items()}
+    """Return the limits with the strictest values on the whole path and at all speeds."""
+    return {name: _strictest(x, quantity(name).side) for name, x in bounds.items()}
+
+
+def _strictest(bound: Any, side: int) -> Any:
+    if isinstance(bound, OfSpeed):
+        return np.asarray(side * np.min(side * np.asarray(bound.values)))
+    return bound.strictest if isinstance(bound, Varying) else bound
 
 
 def all_values(bound: Any) -> Any:
     """Return the value, or all finite values, of a limit."""
-    values = bound.values if isinstance(bound, Varying | Changing) else bound
-    return np.asarray(values)[np.isfinite(values)] if isinstance(bound, Varying | Changing) else values
+    if not isinstance(bound, Varying | Variable):
+        return bound
+    values: Any = bound.values  # pyright: ignore[reportAttributeAccessIssue]
+    return np.asarray(values)[np.isfinite(values)]

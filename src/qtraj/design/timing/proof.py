@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
@@ -69,13 +71,14 @@ def prove(
     treated as if they were not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
-    names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
+    by_speed = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
+    names = tuple(name for name in known if name in bounds and name not in by_speed)
+    rest = np.asarray(timing[1])
 
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
-        return _judged(
-            path.directions, grid, rest, position, durations, powers, dict(zip(names, limits, strict=True)), road
-        )
+        given = dict(zip(names, limits, strict=True))
+        return _judged(path.directions, grid, rest, position, durations, powers, (given, by_speed), road)
 
     given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
@@ -89,7 +92,7 @@ def _judged(
     position: list[np.ndarray | None],
     durations: Float[Any, "batch segments"],
     powers: Float[Any, "batch cells 4"],
-    limits: dict[str, PerCell],
+    bounds: tuple[dict[str, PerCell], dict[str, OfSpeed]],
     road: RoadParameters | None,
 ) -> Int[Any, "batch limits cells"]:
     """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path."""
@@ -105,6 +108,7 @@ def _judged(
     columns = tuple(None if x is None else of_cells(x) for x in position)
     timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
     motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
+    limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
     vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
@@ -113,11 +117,15 @@ def _judged(
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
             own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
-            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, own)
+            codes[:, block] = _codes(
+                motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own
+            )
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 
-def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None) -> Int[Any, "limits n"]:
+def _codes(
+    motions: CellMotions, limits: dict[str, PerCell], by_speed: dict[str, OfSpeed], road: RoadParameters | None
+) -> Int[Any, "limits n"]:
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
@@ -133,6 +141,9 @@ def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameter
             positive[divisor] = forward & own.proved
         proved = (positive[divisor] & found.proved) | (forward & absent)
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
+    for name, limit in by_speed.items():
+        found = task.by_speed(finite & bool(np.isfinite(np.asarray(limit.values)).all()), name, limit)
+        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(forward & found.proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
 
@@ -170,6 +181,19 @@ class _Task:
             MAX_WORK,
             PATIENCE,
         )
+
+    def by_speed(self, wanted: Bool[Any, " n"], name: str, limit: OfSpeed) -> Decided:
+        """Decide whether a quantity satisfies a limit that depends on the speed."""
+
+        def in_floats(x: float, per_time: int) -> BoundedPolynomial:
+            return BoundedPolynomial.constant(x * self._unit**per_time, k=2 * per_time + 1)
+
+        def exact(k: int) -> AnyClaim:
+            constant = lambda x, n: _times_power(ExactPolynomial.of(x), self._unit[k], n)  # noqa: E731
+            return self._in_integers(k).within_speed(name, limit, constant)
+
+        floats = lambda: self._in_floats().within_speed(name, limit, in_floats)  # noqa: E731
+        return decided(wanted, floats, exact, False, MAX_WORK, PATIENCE)
 
     def _in_floats(self) -> CellClaims:
         if self._floats is None:

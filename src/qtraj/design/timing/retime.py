@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
@@ -177,7 +178,7 @@ def retime(
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):
-        bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
+        bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
         road, speeds = jax.tree.map(np.asarray, (road, speeds))
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
     duration = seconds(duration)

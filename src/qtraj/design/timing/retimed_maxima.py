@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import OfSpeed
+from qtraj.design.proof.speed_claims import compared
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_cells import Cells, motion_at
@@ -14,6 +16,7 @@ from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import at_places
 from qtraj.foundation.arrays import is_traced
+from qtraj.path.frenet import Invariants
 from qtraj.path.vehicle import RoadParameters
 
 PLACES = 17
@@ -68,8 +71,29 @@ def values_in(
     if any(np.ndim(x) for x in limited.bounds.values()):
         columns = np.searchsorted(limited.cells.columns, at[0])
         rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, at[1], strict=True)]
-    values = [value_of(largest[k], name, rows[k]) for k, name in enumerate(names)]
-    return xp.stack(values), xp.stack([rows[k][name] for k, name in enumerate(names)])
+    found = [
+        _by_speed(limited, at, k, name)
+        if isinstance(rows[k][name], OfSpeed)
+        else (value_of(largest[k], name, _numbers(rows[k])), rows[k][name])
+        for k, name in enumerate(names)
+    ]
+    values, limits = zip(*found, strict=True)
+    return xp.stack(values), xp.stack(limits)
+
+
+def _numbers(bounds: dict[str, Any]) -> dict[str, Any]:
+    return {name: x for name, x in bounds.items() if not isinstance(x, OfSpeed)}
+
+
+def _by_speed(limited: Limited, at: tuple[Any, Any], k: int, name: str) -> tuple[Any, Any]:
+    """Return the value of a quantity and its limit, which depends on the speed, at the place `k`."""
+    cell = np.searchsorted(limited.cells.columns, at[0][k : k + 1])
+    r, v = motion_at(limited.path, limited.cells, cell, at[1][k : k + 1])
+    r1, r2 = ([x[0] for x in row] for row in np.asarray(r)[:2])
+    a, slope = np.asarray(v)[:2, 0]
+    motion = [tuple(np.sqrt(a) * x for x in r1), tuple(a * y + 0.5 * slope * x for x, y in zip(r1, r2, strict=True))]
+    value, limit = compared(Invariants([None, *motion]), name, limited.bounds[name])
+    return np.asarray(value), np.asarray(limit)
 
 
 def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "limits moving"]:
