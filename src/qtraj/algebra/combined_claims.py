@@ -27,15 +27,29 @@ class _Combined:
 
     def sign(self, signs: Sequence[Signs]) -> Signs:
         """Return the signs of the largest or of the smallest function."""
-        own, start = [], 0
-        for claim in self._claims:
-            end = start + len(claim.polynomials)
-            own.append(claim.sign(signs[start:end]))
-            start = end
+        own = _split(self._claims, signs)
         some, every = ("ge", "gt"), ("le", "lt")
         some, every = (some, every) if self._largest else (every, some)
         found = {name: _joined(own, name, False) for name in some} | {name: _joined(own, name, True) for name in every}
         return Signs(**found)
+
+
+class Except:
+    """The claim that something holds, except where one of several functions is positive; it must hold where all are 0.
+
+    This is stricter than `any_of`, with which nothing would be claimed where one of the functions is zero.
+    """
+
+    def __init__(self, claim: AnyClaim, elsewhere: Sequence[AnyClaim]):
+        self.polynomials = [p for x in (claim, *elsewhere) for p in x.polynomials]
+        self._claims = claim, *elsewhere
+
+    def sign(self, signs: Sequence[Signs]) -> Signs:
+        """Return the signs of the claim; where a function is positive, the claim counts as positive, too."""
+        own, *others = _split(self._claims, signs)
+        for x in others:
+            own = Signs(ge=own.ge | x.gt, le=own.le & x.le, gt=own.gt | x.gt, lt=own.lt & x.le)
+        return own
 
 
 def all_of(claims: Sequence[AnyClaim]) -> AnyClaim:
@@ -53,3 +67,13 @@ def _joined(signs: list[Signs], name: str, every: bool) -> Any:
     for x in signs[1:]:
         result = result & getattr(x, name) if every else result | getattr(x, name)
     return result
+
+
+def _split(claims: Sequence[AnyClaim], signs: Sequence[Signs]) -> list[Signs]:
+    """Return the signs of each claim from those of the polynomials of all claims."""
+    own, start = [], 0
+    for claim in claims:
+        end = start + len(claim.polynomials)
+        own.append(claim.sign(signs[start:end]))
+        start = end
+    return own

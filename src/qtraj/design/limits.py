@@ -25,13 +25,9 @@ from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import VEHICLE
-from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
+from qtraj.path.quantity import LIMITED, quantity
 from qtraj.path.sides import LOWER
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
-
-
-LIMITED = (*QUANTITIES, COMBINED)
-"""The names of all limits."""
 
 
 @storable
@@ -59,8 +55,7 @@ class Limits(eqx.Module):
     - `vertical_speed` [m/s] and `vertical_acceleration` [m/s²], positive upwards.
     - `load_factor` |f|/g [-] of the specific force f = r̈ + g·up, its `tilt` [rad] from the vertical, and the
       `bank_angle` [rad] of a coordinated turn, positive in left turns; g is 9.80665 m/s² without a `vehicle`.
-
-    `combined_acceleration` is an `Ellipse`, which limits the longitudinal and the lateral acceleration together.
+    - `combined_acceleration`: an `Ellipse`, which limits the longitudinal and the lateral acceleration together.
 
     With a `vehicle` that has a wheelbase: `steering_angle` [rad] and `steering_rate` [rad/s], positive to the left.
 

@@ -282,6 +282,10 @@ _KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR, COMBINED: _COMBINED}
 """All quantities and sides of limits by name."""
 
 
+LIMITED = (*QUANTITIES, COMBINED)
+"""The names of the fields of `Limits`."""
+
+
 def quantity(name: str) -> PathQuantity:
     """Return the path quantity, or the side of a limit, with this name.
 

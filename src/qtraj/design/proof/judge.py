@@ -17,6 +17,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.sparse import is_one
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.exact_units import times_power
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.limit_claims import (
     DIVISOR_ORDER,
@@ -28,7 +29,7 @@ from qtraj.design.proof.limit_claims import (
 )
 from qtraj.design.proof.maxima import find_maxima, local_maxima
 from qtraj.design.proof.sources import Source
-from qtraj.design.proof.speed_claims import compared
+from qtraj.design.proof.speed_maxima import compared_at, nearest_to_limit
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import LOAD
@@ -75,12 +76,12 @@ class _Task:
 
     def finding(self, limit: Limit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return codes, times and values of one limit."""
-        entry = limit.entry
+        entry, source = limit.entry, self.source
         provable = self.source.provable(entry.upright)
         proved, refuted, hints = self._decided(limit, provable)
         at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
         with np.errstate(invalid="ignore"):
-            bounds = self._bounds_at(limit, at)
+            bounds = limit.at(at) if limit.by_speed is None else compared_at(self._at(at[None]), source, limit)[1][0]
             excess = entry.side * (values - bounds)
             if entry.tangent_of:  # the tangent of the limit is rounded to the strict side
                 refuted = refuted & ~(excess <= 0)
@@ -114,13 +115,13 @@ class _Task:
             formulas = self._exact_formulas(k)
             if limit.by_speed is not None:
                 unit = self._unit(formulas.span, k)
-                constant = lambda x, n: _times_power(ExactPolynomial.of(x), unit, n)  # noqa: E731
+                constant = lambda x, n: times_power(ExactPolynomial.of(x), unit, n)  # noqa: E731
                 return formulas.within(entry, Bound(limit.by_speed, None, constant))
             bound = ExactPolynomial.of(bounds[k])
             if limit.line is not None:
                 start, end = map(ExactPolynomial.of, limit.line[k])
                 bound = start + (end - start) * ExactPolynomial([0, 1])
-            bound = _times_power(bound, self._unit(formulas.span, k), entry.per_time)
+            bound = times_power(bound, self._unit(formulas.span, k), entry.per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
             return formulas.within(entry, Bound(bound, factor))
 
@@ -182,7 +183,7 @@ class _Task:
             if self.vehicle is not None:
                 vehicle = _constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
                 unit = self._unit(derivatives.span, k)
-                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, unit, 2))
+                vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, unit, 2))
             window = None if self.window is None else [float(x[k]) for x in self.window]
             self._exact[k] = Formulas(derivatives, ExactPolynomial.of, vehicle, window)
         return self._exact[k]
@@ -209,7 +210,7 @@ class _Task:
         unit = limit.factors * source.length**entry.length / source.duration**entry.per_time
 
         if limit.by_speed is not None:
-            return self._nearest_to_limit(limit, hints)
+            return nearest_to_limit(self._at, grid, source, limit, hints)
 
         def limit_at(u: np.ndarray) -> Any:
             return 0.0 if limit.line is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit
@@ -223,27 +224,6 @@ class _Task:
         at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
             return at, (entry.side * values + (0.0 if limit.line is None else limit.at(at) / unit)) * unit
-
-    def _nearest_to_limit(self, limit: Limit, hints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the instant at which a quantity exceeds a limit by speed most, or is nearest to it, and its value."""
-
-        def function(u: np.ndarray) -> np.ndarray:
-            with np.errstate(all="ignore"):
-                value, bound = self._compared(limit, u)
-                return xp.broadcast_to(limit.entry.side * (value - bound), (len(u), self.source.count))
-
-        at, _ = find_maxima(function, self.grid, function(self.grid), None if hints is None else hints[None])
-        with np.errstate(all="ignore"):
-            return at, self._compared(limit, at[None])[0][0]
-
-    def _compared(self, limit: Limit, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the value and the limit by speed at the fractions `u`, in SI units."""
-        h, length = self.source.duration, self.source.length
-        return compared(self._at(u), limit.entry.name, limit.by_speed, (length / h, length / h**2))
-
-    def _bounds_at(self, limit: Limit, at: np.ndarray) -> np.ndarray:
-        """Return the limits at the fractions `at` of the window."""
-        return limit.at(at) if limit.by_speed is None else self._compared(limit, at[None])[1][0]
 
     def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
         """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""
@@ -289,7 +269,7 @@ class _Task:
         return BoundedPolynomial.constant(self._fastest)
 
     def _fastest_in_integers(self, k: int) -> ExactPolynomial:
-        return _times_power(ExactPolynomial.of(self._fastest[k]), self.source.length[k], 2)
+        return times_power(ExactPolynomial.of(self._fastest[k]), self.source.length[k], 2)
 
     def _sizes(self, name: str, u: np.ndarray) -> np.ndarray:
         """Return the squared relative size of a divisor."""
@@ -301,14 +281,6 @@ class _Task:
             p, load = i.vehicle, xp.maximum(i.contact.onto, 0.0)
             largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
             return xp.where(largest > 0, load * load / xp.where(largest > 0, largest, 1.0), 0.0)
-
-
-def _times_power(x: Any, base: float, exponent: int) -> Any:
-    """Return x·base^exponent, exactly."""
-    factor = ExactPolynomial.of(base)
-    for _ in range(exponent):
-        x = x * factor
-    return x
 
 
 def _root(x: Any) -> Any:

@@ -1,7 +1,7 @@
 """Claims about limits that depend on the speed, for any arithmetic of polynomials.
 
-Such a limit is a line between two speeds. The claim is that the speed is outside of this range, or that the line is not
-exceeded; all ranges together cover all speeds. Lines are multiplied by the width of their range, so that no coefficient
+Such a limit is a line between two speeds. The claim is that the line is not exceeded, except where the speed is outside
+of this range; all ranges together cover all speeds. Lines are multiplied by the width of their range, so that no coefficient
 is rounded. The speed is the root of a polynomial, so the claims contain roots (see `algebra.surd`).
 
 With the velocity r' = w·q, let S = q·q. The longitudinal acceleration is a_τ = A/(d√S), and the lateral one a_n = √(C/S).
@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
+from qtraj.algebra import subdivision
+from qtraj.algebra.combined_claims import AnyClaim, Except, all_of
 from qtraj.algebra.cpu import inverse_root
 from qtraj.algebra.sparse import is_zero, mul
+from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import Ellipse, OfSpeed
@@ -26,19 +28,33 @@ Constant = Callable[[float, int], Any]
 """A function of a number and the negative exponent of the second in its unit, which returns a constant polynomial."""
 
 
+EASY = 20_000
+"""Number of additions of integers to find out whether the speed is always outside of a range."""
+
+
 class Motion(NamedTuple):
-    """The polynomials A (`along`), C (`across`) and S (`square`), the squared speed, and the integer d (`divisor`)."""
+    """The polynomials A (`along`), C (`across`) and S (`square`), the squared speed, and the integer d (`divisor`).
+
+    `claim` returns the claim that a number is nonnegative, whose roots are those of the squares in `Surd.squares`.
+    """
 
     along: Any
     across: Any
     square: Any
     speed: Any
     divisor: int = 1
+    claim: Callable[[Surd], AnyClaim] = Claim
 
-    def outside(self, line: Line) -> list[AnyClaim]:
-        """Return the claims of which one holds if the speed is outside of the range of a line."""
+    def outside(self, line: Line) -> list[Claim]:
+        """Return the claims of which one is strictly true where the speed is outside of the range of a line."""
         below = [] if line.low is None else [Claim(line.low * line.low - self.speed)]
         return below if line.high is None else [*below, Claim(self.speed - line.high * line.high)]
+
+    def needed(self, own: list[Line]) -> list[Line]:
+        """Return the lines without those in whose ranges the speed never is, as far as this is easy to find out."""
+        if not isinstance(self.speed, ExactPolynomial) or len(own) == 1:
+            return own
+        return [x for x in own if not any(subdivision.decide(y, True, EASY).proved for y in self.outside(x))]
 
     def at(self, line: Line) -> Surd:
         """Return the value of a line times its width at the speed."""
@@ -66,8 +82,9 @@ def within(limit: OfSpeed, side: int, longitudinal: bool, m: Motion, constant: C
     acceleration instead of the lateral one.
     """
     if isinstance(limit, Ellipse):
-        return _combined(m, *(lines(x, constant) for x in (limit.braking, limit.accelerating, limit.lateral)))
-    own = lines(limit, constant)
+        each = (limit.braking, limit.accelerating, limit.lateral)
+        return _combined(m, *(m.needed(lines(x, constant)) for x in each))
+    own = m.needed(lines(limit, constant))
     return _longitudinal(m, own, side) if longitudinal else _lateral(m, own)
 
 
@@ -107,7 +124,7 @@ def _longitudinal(m: Motion, own: list[Line], side: int) -> AnyClaim:
             terms = along if is_zero(x.slope) else along + d * (x.slope * m.square), d * x.start, 0, 0
         else:
             terms = along, d * x.start, 0, 0 if is_zero(x.slope) else d * x.slope
-        return any_of([*m.outside(x), Claim(Surd(terms, (m.square, m.speed)))])
+        return Except(m.claim(Surd(terms, (m.square, m.speed))), m.outside(x))
 
     return all_of([claim(x) for x in own])
 
@@ -115,17 +132,15 @@ def _longitudinal(m: Motion, own: list[Line], side: int) -> AnyClaim:
 def _lateral(m: Motion, own: list[Line]) -> AnyClaim:
     def claim(x: Line) -> AnyClaim:
         value = m.at(x)
-        return any_of([*m.outside(x), Claim(value * value * m.square - mul(mul(x.width, x.width), m.across))])
+        number = value * value * m.square - mul(mul(x.width, x.width), m.across)
+        return Except(m.claim(number), m.outside(x))
 
     return all_of([claim(x) for x in own])
 
 
 def _combined(m: Motion, braking: list[Line], accelerating: list[Line], lateral: list[Line]) -> AnyClaim:
-    """Return the claim for an ellipse.
-
-    The lateral claim is needed where the longitudinal acceleration is zero: there both others are not required.
-    """
-    claims = [_lateral(m, lateral)]
+    """Return the claim for an ellipse."""
+    claims = []
     square, across = m.divisor**2 * m.square, m.divisor**2 * m.across
     for direction, own in ((1, accelerating), (-1, braking)):
         other = Claim(-direction * m.along)
@@ -135,5 +150,5 @@ def _combined(m: Motion, braking: list[Line], accelerating: list[Line], lateral:
                     continue
                 x, y = (m.at(line) * m.at(line) for line in (p, q))
                 used = y * mul(mul(p.width, p.width), m.along * m.along) + x * mul(mul(q.width, q.width), across)
-                claims.append(any_of([other, *m.outside(p), *m.outside(q), Claim(x * y * square - used)]))
+                claims.append(Except(m.claim(x * y * square - used), [other, *m.outside(p), *m.outside(q)]))
     return all_of(claims)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
+from qtraj.algebra.sparse import is_zero
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof import speed_claims
@@ -42,9 +43,10 @@ class CellClaims:
     """The claims about a motion; the parameters of `vehicle` are constant polynomials in the units of the motion."""
 
     def __init__(self, motion: Motion, vehicle: RoadParameters | None):
-        """Store the motion; `roots` may be set to enclosures of √S, √H and √a."""
+        """Store the motion; `roots` and `speed_roots` may be set to enclosures of √S, √H and √a, and of √S and √S a."""
         self.motion, self._vehicle = motion, vehicle
         self.roots: Sequence[Root] | None = None
+        self.speed_roots: Sequence[Root] | None = None
         self._real = Invariants([None, *motion.path])
         self._own = self._real if motion.ahead is motion.path else Invariants([None, *motion.ahead])
         self._on_road: Any = None
@@ -78,8 +80,19 @@ class CellClaims:
         across = cross(i.r[1], self._real.r[2])
         lateral = dot(across, across) * (m.a * m.a)
         speed = self._real.S * m.a
-        motion = speed_claims.Motion(self._along(), lateral, i.S, speed, 2)
+        claim = Claim if self.speed_roots is None else self._enclosed
+        motion = speed_claims.Motion(self._along(), lateral, i.S, speed, 2, claim)
         return speed_claims.within(limit, quantity(name).side, name.startswith("longitudinal"), motion, constant)
+
+    def speed_squares(self) -> tuple[Any, Any]:
+        """Return the squares S and r'·r' a of the `speed_roots`."""
+        return self._own.S, self._real.S * self.motion.a
+
+    def _enclosed(self, number: Surd) -> AnyClaim:
+        """Return the claim that a number is nonnegative that contains roots of `speed_squares`."""
+        square, speed = self.speed_roots  # pyright: ignore[reportGeneralTypeIssues]
+        own = [square, speed] if any(not is_zero(x) for x in number.terms[2:]) else [speed, speed]
+        return Enclosed(at_bounds(number, own), own if own[0] is square else own[:1])
 
     def _side(self, name: str, limit: Any) -> Any:
         """Return a number that is not negative if a limit on one side is satisfied."""

@@ -18,6 +18,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.exact_units import times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
@@ -36,6 +37,9 @@ BLOCK_SIZE = 512
 
 MAX_WORK = 400_000
 """Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
+
+MORE_WORK = 4_000_000
+"""The same for limits that depend on the speed, whose polynomials have high degrees next to stops."""
 
 PATIENCE = 8
 """Number of cells with an undecided limit after which the limit is not proved anyway, and other cells get less work."""
@@ -169,6 +173,7 @@ class _Task:
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
         self._roots: list[Enclosure] = []
+        self._speed_roots: list[Enclosure] = []
         self._integers: dict[int, CellClaims] = {}
 
     def decided(self, wanted: Bool[Any, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
@@ -188,12 +193,22 @@ class _Task:
         def in_floats(x: float, per_time: int) -> BoundedPolynomial:
             return BoundedPolynomial.constant(x * self._unit**per_time, k=2 * per_time + 1)
 
-        def exact(k: int) -> AnyClaim:
-            constant = lambda x, n: _times_power(ExactPolynomial.of(x), self._unit[k], n)  # noqa: E731
-            return self._in_integers(k).within_speed(name, limit, constant)
+        def floats() -> AnyClaim:
+            claims = self._in_floats()
+            if claims.speed_roots is None:
+                squares = claims.speed_squares()
+                self._speed_roots = [enclosure(p.c) for p in squares]
+                claims.speed_roots = [root.bounded(p) for root, p in zip(self._speed_roots, squares, strict=True)]
+            return claims.within_speed(name, limit, in_floats)
 
-        floats = lambda: self._in_floats().within_speed(name, limit, in_floats)  # noqa: E731
-        return decided(wanted, floats, exact, False, MAX_WORK, PATIENCE)
+        def exact(k: int) -> AnyClaim:
+            claims, constant = self._in_integers(k), lambda x, n: times_power(ExactPolynomial.of(x), self._unit[k], n)
+            if self._speed_roots and all(root.good[k] for root in self._speed_roots):
+                squares = zip(self._speed_roots, claims.speed_squares(), strict=True)
+                claims.speed_roots = [root.exact(p, k) for root, p in squares]
+            return claims.within_speed(name, limit, constant)
+
+        return decided(wanted, floats, exact, False, MORE_WORK, PATIENCE)
 
     def _in_floats(self) -> CellClaims:
         if self._floats is None:
@@ -213,7 +228,7 @@ class _Task:
             vehicle = None
             if self._road is not None:
                 vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
-                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self._unit[k], 2))
+                vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
             own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
             if self._roots and all(root.good[k] for root in self._roots):
                 own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
@@ -231,14 +246,7 @@ class _Task:
         limit = ExactPolynomial.of(start)
         if end:
             limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
-        return _times_power(limit, self._unit[k], quantity(name).per_time)
-
-
-def _times_power(x: Any, base: float, exponent: int) -> Any:
-    """Return x·base^exponent, exactly."""
-    for _ in range(exponent):
-        x = x * ExactPolynomial.of(base)
-    return x
+        return times_power(limit, self._unit[k], quantity(name).per_time)
 
 
 def _constants(road: RoadParameters, constant: Callable[[np.ndarray], Any]) -> RoadParameters:

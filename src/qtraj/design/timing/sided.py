@@ -30,6 +30,9 @@ SIDED = (
 )
 """Limits that are affine in a and a'."""
 
+BY_SPEED = 3.0
+"""Factor on the fraction for limits that depend on the speed, because a slower timing may violate them, too."""
+
 RATES = ("yaw_rate", "vertical_speed", "curvature_rate")
 """Signed quantities that are proportional to √a."""
 
@@ -45,9 +48,9 @@ def reduced(bounds: Mapping[str, Scalar], fraction: float) -> dict[str, Scalar]:
 
 def _reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
     if isinstance(bounds[name], BySpeed) and name in SIDED:
-        return bounds[name].stricter(quantity(name).side, fraction)
+        return bounds[name].stricter(quantity(name).side, BY_SPEED * fraction)
     if isinstance(bounds[name], OfSpeed):
-        return bounds[name].scaled(1 - fraction)
+        return bounds[name].scaled(1 - BY_SPEED * fraction)
     if name in SIDED and name != SLOWEST:
         return stricter(name, bounds, fraction)
     return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)
