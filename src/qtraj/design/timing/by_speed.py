@@ -82,7 +82,8 @@ def largest_squares(limit: BySpeed, across: Float[Any, "*nodes"], pace: Float[An
     ends = [*([(0.0, f[0], 0.0, v[0])] if v[0] > 0 else []), *zip(v, f, slopes, high, strict=True)]
     for low, first, slope, last in ends:
         start = first - slope * low
-        root = (slope + np.sqrt(np.maximum(slope**2 + 4 * curvature * start, 0.0))) / (2 * curvature)
+        size = np.sqrt(np.maximum(slope**2 + 4 * curvature * start, 0.0))
+        root = (slope + size) / (2 * curvature) if slope > 0 else 2 * start / (size - slope)  # without cancellation
         found = np.where(np.isinf(found) & (root <= last), np.maximum(root, low), found)
     square = np.where(turns, found, np.inf) / np.where(pace > 0, pace, 1.0)
     return 1 / square**2

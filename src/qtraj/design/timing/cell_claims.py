@@ -91,8 +91,9 @@ class CellClaims:
     def _enclosed(self, number: Surd) -> AnyClaim:
         """Return the claim that a number is nonnegative that contains roots of `speed_squares`."""
         square, speed = self.speed_roots  # pyright: ignore[reportGeneralTypeIssues]
-        own = [square, speed] if any(not is_zero(x) for x in number.terms[2:]) else [speed, speed]
-        return Enclosed(at_bounds(number, own), own if own[0] is square else own[:1])
+        own = [square if number.squares[0] is self._own.S else speed, speed]
+        used = [root for k, root in enumerate(own) if not (is_zero(number.terms[k + 1]) and is_zero(number.terms[3]))]
+        return Enclosed(at_bounds(number, own), used) if used else Claim(number)
 
     def _side(self, name: str, limit: Any) -> Any:
         """Return a number that is not negative if a limit on one side is satisfied."""
