@@ -170,8 +170,7 @@ def _speeds(given: ArrayInput) -> Array:
     ascends = known.ndim == 1 and known.size > 0 and np.isfinite(known).all() and (np.diff(known) > 0).all()
     if not ascends or known[0] < 0:
         raise ValueError(
-            f"speeds must contain ascending numbers [m/s], at least 0, but {known.tolist()} was given: a direction of "
-            "travel has no sign"
+            f"speeds must contain ascending, finite numbers [m/s], at least 0, but {known.tolist()} was given"
         )
     return found
 

@@ -23,7 +23,7 @@ from qtraj.design.proof.maxima import find_maxima
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph, require_path
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters, Vehicle, require
 from qtraj.path.vehicle_data import batch_of
@@ -52,6 +52,11 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
     """
     require_path(path)
     entry = quantity(name)
+    if name == COMBINED:
+        raise ValueError(
+            f"{name} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains the "
+            "largest value"
+        )
     used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs or entry.gravity else None
     road = None if used is None else used.parameters()
     if path.duration.ndim or batch_of(used):

@@ -6,7 +6,7 @@ linear values nearly the values themselves. Searches impose these lines, and pro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from qtraj.design.along import Along, Variable
 from qtraj.design.ellipse import OfSpeed
+from qtraj.design.margins import at_speed
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
@@ -137,13 +138,19 @@ def _rise(line: Any) -> Any:
     )
 
 
-def table(bounds: Bounds, names: tuple[str, ...], knots: Any) -> Float[np.ndarray, "limits cells"] | None:
-    """Return the strictest limits in the cells between the `knots`, or None if no limit changes along the way."""
-    if not varies(bounds):
+def table(
+    bounds: Bounds, names: tuple[str, ...], knots: Any, speeds: Callable[[], Float[np.ndarray, "cells 2"]]
+) -> Float[np.ndarray, "limits cells"] | None:
+    """Return the strictest limits at the ends of the cells between the `knots`, or None if all limits are constant.
+
+    `speeds` returns the speeds at the ends of the cells, for limits that depend on the speed.
+    """
+    by_speed = any(isinstance(x, OfSpeed) for x in bounds.values())
+    if not varies(bounds) and not by_speed:
         return None
-    ends = np.asarray(knots)
+    ends, at = np.asarray(knots), speeds() if by_speed else None
     found = in_cells(bounds, ends[:-1], ends[1:])
-    rows = [found[name] for name in names]
+    rows = [np.asarray(at_speed(found[name], at)) if by_speed else found[name] for name in names]
     sides = [quantity(name).side for name in names]
     rows = [side * np.min(side * x, axis=1) if np.ndim(x) else x for x, side in zip(rows, sides, strict=True)]
     return np.stack([np.broadcast_to(x, ends.size - 1) for x in rows])

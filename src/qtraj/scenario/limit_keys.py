@@ -6,9 +6,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Tag, create_model
 
 from qtraj.design.along import Along
-from qtraj.design.bound import bound_of
+from qtraj.design.bound import BY_SPEED, bound_of
+from qtraj.design.by_speed import BySpeed
+from qtraj.design.ellipse import FIELDS, Ellipse
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
 from qtraj.path.sides import has_sides
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
@@ -24,10 +26,15 @@ class LimitedPart(Part):
     A limit may change along the way, with distances from the start of the path in metres: speed = [{from = 0, value =
     13.9}, {from = 120, value = 8.3}] are steps, where a step without a value has no limit. speed = {distance = [0,
     120], values = [13.9, 8.3], kind = "linear"} is interpolated. The values may be ranges [lower, upper].
+
+    The longitudinal and the lateral acceleration may depend on the speed: longitudinal_acceleration = {speeds = [0, 10,
+    30], lower = [-6, -6, -4], upper = [3, 3, 0.8]}, where lower or upper may be omitted, or lateral_acceleration =
+    {speeds = [0, 30], magnitude = [9, 7]}. combined_acceleration = {braking = 8, accelerating = 3, lateral = 9} is an
+    ellipse, whose values may also be tables with speeds and a magnitude.
     """
 
     def limits(self) -> dict[str, Any]:
-        """Return the limits that are set, by name: numbers, pairs (lower, upper) or `Along`."""
+        """Return the limits that are set, by name: numbers, pairs (lower, upper), `Along`, `BySpeed` or `Ellipse`."""
         return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
 
     def _faults(self) -> Iterator[str]:
@@ -41,6 +48,13 @@ class LimitedPart(Part):
 
 def _bound(value: Any) -> Any:
     form = _form(value)
+    if form == "ellipse":
+        if missing := [name for name in FIELDS if name not in value]:
+            raise ValueError(f"an ellipse must have {', '.join(FIELDS)}, but {missing[0]} is missing")
+        return Ellipse(*(_bound(value[name]) for name in FIELDS))
+    if form == "by speed":
+        sides = {name: value.get(name) for name in ("lower", "upper", "magnitude")}
+        return BySpeed(value["speeds"], **sides)
     if form == "along":
         return Along(value.get("distance", ()), value.get("values", ()), value.get("kind", "step"))
     if form == "steps":
@@ -66,16 +80,24 @@ def _form(value: Any) -> str:
         return "steps"
     if isinstance(value, dict) and value.keys() & {"distance", "values"}:
         return "along"
+    if isinstance(value, dict) and value.keys() & {"speeds", *FIELDS}:
+        return "by speed" if "speeds" in value else "ellipse"
     return "range" if isinstance(value, list | dict) else "number"
 
 
 Value = keys.Number | keys.Range
 Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
 Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
+BySpeedTable = Annotated[
+    dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")
+]
+EllipseTable = dict[Literal["braking", "accelerating", "lateral"], keys.Positive | BySpeedTable]
 
 
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
     number, along = Annotated[keys.Positive, Tag("number")], Steps | Table
+    if entry.name in BY_SPEED:
+        along = along | BySpeedTable
     kind: Any = Annotated[
         number | Annotated[keys.Range, Tag("range")] | along if has_sides(entry) else number | along,
         Discriminator(_form),
@@ -88,5 +110,13 @@ def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
 
 
 _limits: dict[str, Any] = {name: _limit_key(entry) for name, entry in QUANTITIES.items()}
+_limits[COMBINED] = (
+    EllipseTable | None,
+    key(
+        quantity(COMBINED).meaning,
+        None,
+        values="a table {braking = …, accelerating = …, lateral = …} of positive numbers or tables by speed [m/s²]",
+    ),
+)
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
 """The table [limits]."""

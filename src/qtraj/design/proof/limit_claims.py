@@ -121,10 +121,11 @@ class Formulas:
         """Return the claim that a quantity satisfies its limit."""
         i: Any = self.road if entry.on_road else self.invariants
         if bound.constant is not None:
-            speed = i.S if is_one(i.pace) else i.pace * i.pace * i.S
-            motion = speed_claims.Motion(i.B, i.N, i.S, speed)
+            along, across, square = map(self._in_fraction, (i.B, i.N, i.S))
+            speed = square if is_one(i.pace) else self._in_fraction(i.pace * i.pace * i.S)
+            motion = speed_claims.Motion(along, across, square, speed)
             longitudinal = entry.base == "longitudinal_acceleration"
-            return self._in_fraction(speed_claims.within(bound.limit, entry.side, longitudinal, motion, bound.constant))
+            return speed_claims.within(bound.limit, entry.side, longitudinal, motion, bound.constant)
         numerator = entry.numerator(i)
         if bound.factor is not None:
             numerator = bound.factor * bound.factor * numerator
@@ -148,14 +149,14 @@ class Formulas:
 
     def _claim(self, number: Any) -> Any:
         """Return a claim about polynomials in u."""
-        return self._in_fraction(Claim(number))
-
-    def _in_fraction(self, claim: Any) -> Any:
-        """Return the claim with polynomials in u."""
-        claim.polynomials = [self._constant(float(p)) if isinstance(p, int) else p for p in claim.polynomials]
-        if self._in_time:
-            claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
+        claim = Claim(number)
+        claim.polynomials = [self._in_fraction(p) for p in claim.polynomials]
         return claim
+
+    def _in_fraction(self, p: Any) -> Any:
+        """Return a polynomial in u."""
+        own = self._constant(float(p)) if isinstance(p, int) else p
+        return own.substituted(self.span) if self._in_time else own
 
 
 def _restricted(d: Derivatives, window: Any) -> Derivatives:

@@ -35,6 +35,7 @@ EASY = 20_000
 class Motion(NamedTuple):
     """The polynomials A (`along`), C (`across`) and S (`square`), the squared speed, and the integer d (`divisor`).
 
+    The claims are about their values on [0, 1].
     `claim` returns the claim that a number is nonnegative, whose roots are those of the squares in `Surd.squares`.
     """
 

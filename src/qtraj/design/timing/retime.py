@@ -45,7 +45,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
-from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.design.timing.timing import RetimedPath, Timing, speeds_at_ends
 from qtraj.design.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import in_float64
@@ -153,7 +153,7 @@ def retime(
         )
     require_limits(limits)
     require_one_path(path, limits)
-    require_known_along(path, limits)
+    require_known_along(path, limits, (start_speed, end_speed))
     path, limits = in_float64((path, limits.on(path)))
     require_float64(path)
     lap = bool(periodic)
@@ -185,7 +185,8 @@ def retime(
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
-    more["bounds"] = table(bounds, names, found[0].timing.knots)
+    more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
+    more["combined"] = limits.combined_acceleration
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -49,7 +50,9 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
-    limits.require_constant("tune", "tune_route and retime support it for a route, such as Route.from_path(path)")
+    by_speed = any(isinstance(x, OfSpeed) for x in limits.given().values())
+    others = "retime supports it" if by_speed else "tune_route and retime support it"
+    limits.require_constant("tune", f"{others} for a route, such as Route.from_path(path)")
     user_limits = limits.given()
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
