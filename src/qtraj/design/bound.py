@@ -216,14 +216,19 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
         return
     if isinstance(lower, Regions) or isinstance(upper, Regions):  # their values do not belong to the same places
         return
-    if isinstance(lower, BySpeed) != isinstance(upper, BySpeed) and isinstance(lower, Along) != isinstance(upper, Along):
+    if isinstance(lower, BySpeed) != isinstance(upper, BySpeed) and isinstance(lower, Along) != isinstance(
+        upper, Along
+    ):
         return
     low, high, place = *(concrete(x) for x in _compared(lower, upper)), ""
     if low is None or high is None or not np.any(low >= high):
         return
     if isinstance(lower, Changing) or isinstance(upper, Changing):
         worst = int(np.argmax(low >= high))
-        at, unit = _places(lower, upper)[worst], "m/s" if isinstance(lower, BySpeed) or isinstance(upper, BySpeed) else "m"
+        at, unit = (
+            _places(lower, upper)[worst],
+            "m/s" if isinstance(lower, BySpeed) or isinstance(upper, BySpeed) else "m",
+        )
         low, high, place = (
             *(np.broadcast_to(x, np.broadcast_shapes(low.shape, high.shape))[worst] for x in (low, high)),
             f" at {at:.6g} {unit}",

@@ -21,13 +21,11 @@ MAX_LISTED = 6
 def _stored(x: BySpeed) -> dict[str, Any]:
     if x.values.ndim == 1:
         return {"speeds": x.speeds, "magnitude": x.values}
-    sides = {name: column for name, column in zip(("lower", "upper"), x.values.T, strict=True)}
+    sides = dict(zip(("lower", "upper"), x.values.T, strict=True))
     return {"speeds": x.speeds} | {name: y for name, y in sides.items() if not np.isnan(np.asarray(y)).any()}
 
 
-def _built(
-    speeds: Any, lower: Any | None = None, upper: Any | None = None, magnitude: Any | None = None
-) -> BySpeed:
+def _built(speeds: Any, lower: Any | None = None, upper: Any | None = None, magnitude: Any | None = None) -> BySpeed:
     return BySpeed(speeds, lower, upper, magnitude=magnitude)
 
 

@@ -54,8 +54,8 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
     entry = quantity(name)
     if name == COMBINED:
         raise ValueError(
-            f"{name} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains the "
-            "largest value"
+            f"{name} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains "
+            "the largest value"
         )
     used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs or entry.gravity else None
     road = None if used is None else used.parameters()

@@ -88,9 +88,7 @@ def _form(value: Any) -> str:
 Value = keys.Number | keys.Range
 Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
 Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
-BySpeedTable = Annotated[
-    dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")
-]
+BySpeedTable = Annotated[dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")]
 EllipseTable = dict[Literal["braking", "accelerating", "lateral"], keys.Positive | BySpeedTable]
 
 

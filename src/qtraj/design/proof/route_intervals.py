@@ -28,7 +28,8 @@ Close to a stop, rounding errors dominate the velocity and its direction."""
 class Intervals(NamedTuple):
     """Parts of segments, from `start` to `end` [s], in which a quantity violates its bound at the time `peak` [s].
 
-    The bound is linear between its values at both ends, unless it depends on the speed. All times are measured from the start of the segment.
+    The bound is linear between its values at both ends, unless it depends on the speed. All times are measured from the
+    start of the segment.
     """
 
     segment: Int[np.ndarray, " n"]

@@ -1,15 +1,18 @@
 """Claims about limits that depend on the speed, for any arithmetic of polynomials.
 
-Such a limit is a line between two speeds. The claim is that the line is not exceeded, except where the speed is outside
-of this range; all ranges together cover all speeds. Lines are multiplied by the width of their range, so that no coefficient
-is rounded. The speed is the root of a polynomial, so the claims contain roots (see `algebra.surd`).
+Such a limit consists of lines between two speeds. For each line, the claim is that it is not exceeded, except where the
+speed is outside of its range; all ranges together cover all speeds. Lines are multiplied by the width of their range,
+so that no coefficient is rounded. The speed is the root of a polynomial, so the claims contain roots (see
+`algebra.surd`).
 
-With the velocity r' = w·q, let S = q·q. The longitudinal acceleration is a_τ = A/(d√S), and the lateral one a_n = √(C/S).
+With the velocity r' = w·q, let S = q·q. The longitudinal acceleration is a_τ = A/(d√S), and the lateral one a_n =
+√(C/S).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +20,8 @@ import numpy as np
 from qtraj.algebra import subdivision
 from qtraj.algebra.combined_claims import AnyClaim, Except, all_of
 from qtraj.algebra.cpu import inverse_root
-from qtraj.algebra.sparse import is_zero, mul
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.sparse import is_zero, mul
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import Ellipse, OfSpeed
@@ -102,7 +105,7 @@ def lines(limit: BySpeed, constant: Constant) -> list[Line]:
     v, f = (np.asarray(x, float).tolist() for x in (limit.speeds, limit.values))
     ends = [*([(0.0, f[0])] if v[0] > 0 else []), *zip(v, f, strict=True), (np.inf, f[-1])]
     result: list[Line] = []
-    for (low, first), (high, last) in zip(ends[:-1], ends[1:], strict=True):
+    for (low, first), (high, last) in pairwise(ends):
         if result and first == last and is_zero(result[-1].slope):  # the same constant
             low = result.pop().speeds[0]
         own = [None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high)]

@@ -29,9 +29,9 @@ class Curve(NamedTuple):
     """
 
     start: Float[Any, "*nodes"]
-    slopes: Float[Any, "hinges *nodes"]
-    speeds: Float[Any, "hinges *nodes"]
-    widths: Float[Any, "hinges *nodes"]
+    slopes: Float[Any, hinges * nodes]
+    speeds: Float[Any, hinges * nodes]
+    widths: Float[Any, hinges * nodes]
     pace: Float[Any, "*nodes"]
 
     def values(self, a: Any) -> tuple[Any, Any, Any]:
@@ -73,7 +73,7 @@ def _hinge(x: Any, widths: Any) -> tuple[Any, Any, Any]:
 
 
 def largest_squares(limit: BySpeed, across: Float[Any, "*nodes"], pace: Float[Any, "*nodes"]) -> Float[Any, "*nodes"]:
-    """Return 1/a for the lowest a = u̇² at which the lateral acceleration `across`·a reaches its limit; 0 without one."""
+    """Return 1/a for the lowest a = u̇² at which the lateral acceleration `across`·a reaches its limit, or 0."""
     v, f = (np.asarray(x, float) for x in (limit.speeds, limit.values))
     slopes, high = np.append(np.diff(f) / np.diff(v), 0.0), np.append(v[1:], np.inf)
     turns = (across > 0) & (pace > 0)
@@ -120,13 +120,14 @@ def stacked(curves: list[Curve | None], pace: Float[Any, "*nodes"]) -> Curve | N
 
 
 class Combined(NamedTuple):
-    """The limit on the combined acceleration: `along` are the coefficients of a and a' in the longitudinal acceleration.
+    """The limit on the combined acceleration.
 
-    `across` is that of a in the lateral one. `factor` is at least 1, by which the limit is tightened, and `upper` is
+    `along` are the coefficients of a and a' in the longitudinal acceleration, and `across` is that of a in the lateral
+    one. `factor` is at least 1, by which the limit is tightened, and `upper` is
     1/a for the largest a that the lateral acceleration allows.
     """
 
-    along: Float[Any, "2 *nodes"]
+    along: Float[Any, 2 * nodes]
     across: Float[Any, "*nodes"]
     braking: Curve
     accelerating: Curve
@@ -160,7 +161,7 @@ class Combined(NamedTuple):
         return 2 * (dx[0] ** 2 + dy[0] ** 2), 2 * dx[0] * dx[1], 2 * dx[1] ** 2
 
     def slopes(self, a: Any) -> tuple[Any, Any]:
-        """Return the lowest and the highest a' that the limit allows for large values of a; low > high if there are none.
+        """Return the lowest and the highest a' that the limit allows for large values of a; low > high for none.
 
         Where a' is hardly limited relative to a, the bounds are infinite.
         """

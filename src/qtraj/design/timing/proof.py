@@ -121,9 +121,7 @@ def _judged(
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
             own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
-            codes[:, block] = _codes(
-                motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own
-            )
+            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own)
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 

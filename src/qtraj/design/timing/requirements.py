@@ -54,7 +54,7 @@ def require_one_path(path: AbstractHodograph, limits: Limits) -> None:
 
 
 def require_known_along(path: AbstractHodograph, limits: Limits, speeds: Any) -> None:
-    """Raise an error for a traced path or traced limits if a limit is not constant; by speed, for traced speeds, too."""
+    """Raise an error for a traced path or traced limits if a limit is not constant; for traced `speeds` by speed."""
     by_speed = any(isinstance(x, OfSpeed) for x in limits.given().values())
     if limits.varying and is_traced(path, limits, speeds if by_speed else None):
         raise ValueError(
