@@ -216,10 +216,10 @@ class Limits(eqx.Module):
     def require_constant(self, what: str, instead: str) -> None:
         """Raise a ValueError if a limit changes along the way or with the speed, which `what` does not support."""
         for name in self.varying:
-            kind = "do not depend on the speed" if isinstance(self.given()[name], OfSpeed) else "are constant"
-            raise ValueError(
-                f"{what} supports only limits that {kind}, but the limit {name} is {self.given()[name]!r}: {instead}"
-            )
+            bound = self.given()[name]
+            do = "depend on the speed" if isinstance(bound, OfSpeed) else "change along the way"
+            text = f"{what} supports only limits that do not {do}, but the limit {name} is {bound!r}: {instead}"
+            raise ValueError(text)
 
     @property
     def uses_vehicle(self) -> bool:
