@@ -138,7 +138,8 @@ def parts(
     u/`unit`. Limits on friction and power are included only with a `vehicle`. Where r' = 0, the motion ends if
     `before_stop` (nodes) is true, and starts otherwise.
     """
-    given, by_speed = bounds, {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
+    given = bounds
+    by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
     bounds = {name: x for name, x in bounds.items() if name not in by_speed}
     xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
     square = dot(r1, r1)

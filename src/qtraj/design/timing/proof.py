@@ -81,8 +81,8 @@ def prove(
 
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
-        given = dict(zip(names, limits, strict=True))
-        return _judged(path.directions, grid, rest, position, durations, powers, (given, by_speed), road)
+        numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
+        return _judged(path.directions, grid, rest, position, durations, powers, (numbers, by_speed), road)
 
     given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
