@@ -106,7 +106,7 @@ def numbers(bound: OneBound) -> Any:
     return bound.values if isinstance(bound, Changing) else bound
 
 
-def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
+def _require_positive(bound: Any, what: str, entry: PathQuantity) -> None:
     """Raise a ValueError for a bound that is not positive and finite; an `Along` may be infinite in parts."""
     if not isinstance(bound, Changing):
         require_positive(bound, what, entry.label)

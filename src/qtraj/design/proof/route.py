@@ -117,7 +117,8 @@ def _of_varying(
     start, end = (x[rows] * h for x in parts.window)
     own = Intervals(parts.segment[rows], start, end, parts.line[rows] / factor, parts.times[rows])
     order = np.argsort(segments.starts[own.segment] + own.start, kind="stable")
-    own = Intervals(*(x[order] for x in own[:5]))
+    fields: Any = (x[order] for x in own[:5])
+    own = Intervals(*fields)
     return _Found((name,), arrays, [(name, x) for x in intervals(segments, name, own, road)])
 
 

@@ -108,7 +108,7 @@ def lines(limit: BySpeed, constant: Constant) -> list[Line]:
     for (low, first), (high, last) in pairwise(ends):
         if result and first == last and is_zero(result[-1].slope):  # the same constant
             low = result.pop().speeds[0]
-        own = [None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high)]
+        own: Any = [None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high)]
         first_value, last_value = constant(first, 2), constant(last, 2)
         if first == last:
             result.append(Line(first_value, 0, 1, *own, (low, high)))

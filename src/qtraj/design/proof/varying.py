@@ -56,7 +56,7 @@ def certify_varying(
 def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate:
     """Return the certificate of a limit that depends on the speed."""
     arrays = polynomial_arrays(path)
-    one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path) if arrays is None else None
+    one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path) if arrays is None else None
     source = curve_source(one) if arrays is None else source_of([np.asarray(x)[None] for x in arrays])
     codes, times, values = (x[0] for x in judge(source, [limit_by_speed(name, bound)]))
     bounds = at_speed(bound, np.asarray(value(path, float(times[0]), "speed"), float))
@@ -96,7 +96,7 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
 def _on_curve(path: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
-    one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
+    one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
     own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
     return judge(curve_source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
 

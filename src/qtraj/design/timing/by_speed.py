@@ -6,8 +6,6 @@ with the speed makes the feasible set nonconvex, because √a is concave: as for
 the Lagrangian omits negative second derivatives, which replaces √a by its tangent.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +27,9 @@ class Curve(NamedTuple):
     """
 
     start: Float[Any, "*nodes"]
-    slopes: Float[Any, hinges * nodes]
-    speeds: Float[Any, hinges * nodes]
-    widths: Float[Any, hinges * nodes]
+    slopes: Float[Any, "hinges *nodes"]
+    speeds: Float[Any, "hinges *nodes"]
+    widths: Float[Any, "hinges *nodes"]
     pace: Float[Any, "*nodes"]
 
     def values(self, a: Any) -> tuple[Any, Any, Any]:
@@ -44,7 +42,7 @@ class Curve(NamedTuple):
         turn = np.divide(-0.5 * rate, a, out=np.zeros_like(speed), where=root > 0)
         return self.start + np.sum(self.slopes * value, axis=0), first * rate, second * rate**2 + first * turn
 
-    def times(self, factor: Any) -> Curve:
+    def times(self, factor: Any) -> "Curve":
         """Return the function multiplied by `factor`, a number or an array at the nodes."""
         return self._replace(start=self.start * factor, slopes=self.slopes * factor)
 
@@ -58,7 +56,7 @@ def curve_of(limit: BySpeed, pace: Float[Any, "*nodes"], side: int = 1) -> Curve
     widths = ROUNDED * np.where(np.isfinite(shorter), shorter, 1.0)
     shape = (-1, *[1] * pace.ndim)
     widths = np.where(slopes < 0, widths, -widths)
-    columns = (np.broadcast_to(x.reshape(shape), (v.size, *pace.shape)) for x in (slopes, v, widths))
+    columns: Any = (np.broadcast_to(x.reshape(shape), (v.size, *pace.shape)) for x in (slopes, v, widths))
     return Curve(np.full(pace.shape, side * f[0]), *columns, pace)
 
 
@@ -115,7 +113,7 @@ def stacked(curves: list[Curve | None], pace: Float[Any, "*nodes"]) -> Curve | N
     hinges = (
         [np.concatenate([own, fill[len(own) :]]) for own, fill in zip(x[1:4], absent[1:4], strict=True)] for x in each
     )
-    columns = (np.stack(x, axis=1) for x in zip(*hinges, strict=True))
+    columns: Any = (np.stack(x, axis=1) for x in zip(*hinges, strict=True))
     return Curve(np.stack([x.start for x in each]), *columns, np.stack([x.pace for x in each]))
 
 
@@ -127,7 +125,7 @@ class Combined(NamedTuple):
     1/a for the largest a that the lateral acceleration allows.
     """
 
-    along: Float[Any, 2 * nodes]
+    along: Float[Any, "2 *nodes"]
     across: Float[Any, "*nodes"]
     braking: Curve
     accelerating: Curve
@@ -135,7 +133,7 @@ class Combined(NamedTuple):
     factor: Float[Any, "*nodes"]
     upper: Float[Any, "*nodes"]
 
-    def without(self, omitted: Any) -> Combined:
+    def without(self, omitted: Any) -> "Combined":
         """Return the same limit, which is always satisfied at the nodes where `omitted` is true."""
         kept = ~omitted
         return self._replace(along=self.along * kept, across=self.across * kept, upper=self.upper * kept)
@@ -188,6 +186,6 @@ class Combined(NamedTuple):
 
 def combined_of(limit: Ellipse, along: Any, across: Any, pace: Any) -> Combined:
     """Return the limit on the combined acceleration; `along` and `across` are the fields of `Combined`."""
-    curves = (curve_of(x, pace) for x in (limit.braking, limit.accelerating, limit.lateral))
+    curves: Any = (curve_of(x, pace) for x in (limit.braking, limit.accelerating, limit.lateral))
     upper = largest_squares(limit.lateral, across, pace)
     return Combined(namespace(across).stack(along), across, *curves, np.ones_like(pace), upper)
