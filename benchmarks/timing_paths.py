@@ -3,15 +3,18 @@
     python -m benchmarks.timing_paths
     python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
     python -m benchmarks.timing_paths --braking 3 --toppra 0 --jerk 0
+    python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 200
 
 The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
 acceleration; with `--braking`, the limit on braking is this multiple of that on acceleration. The exact duration is
 computed by a forward and a backward pass on 200 000 samples. TOPPRA (extra `dev`)
 gets 1 000 equidistant grid points; its limits are then evaluated between them. With a limit on the jerk, the duration
-is compared with that for a tenfold smaller tolerance.
+is compared with that for a tenfold smaller tolerance, or with that of IPOPT on a fine grid; IPOPT starts from the
+timing of `retime`.
 """
 
 import argparse
+import itertools
 import time
 
 import jax
@@ -21,7 +24,8 @@ import qtraj as qt
 from benchmarks.random_paths import exact_duration, random_path
 from benchmarks.timing_toppra import OfSpline, sampled_excess, with_toppra
 
-GRID = 1000
+GRID, NODES = 1000, 600
+"""Numbers of intervals for TOPPRA, and of nodes for IPOPT at least."""
 
 
 def timed(path, **options):
@@ -71,28 +75,72 @@ def random_paths(count, braking):
     quantiles("cells", cells)
 
 
-def with_jerk(count):
-    """Compare with the durations for a tenfold smaller tolerance."""
-    failed, changes, seconds, seed = [], [], [], 0
-    while len(changes) < count:
-        path = random_path(seed)
-        seed += 1
+def paths_with_jerk(points=40):
+    """Yield seeds and random paths with a limit on the jerk."""
+    for seed in itertools.count():
+        path = random_path(seed, points)
         if path.kinds[2] == "cubic hermite":  # its acceleration jumps
             continue
-        jerk = path.limits["longitudinal_acceleration"] * np.exp(np.random.default_rng(seed).uniform(-1, 2))
+        jerk = path.limits["longitudinal_acceleration"] * np.exp(np.random.default_rng(seed + 1).uniform(-1, 2))
         path.limits["jerk"] = float(jerk)
+        yield seed, path
+
+
+def with_jerk(count):
+    """Compare with the durations for a tenfold smaller tolerance."""
+    failed, changes, seconds = [], [], []
+    for seed, path in paths_with_jerk():
+        if len(changes) == count:
+            break
         result, fine = timed(path), timed(path, tolerance=1e-4)
         if result is None or fine is None:
             continue
         change = float(result[0].duration) / float(fine[0].duration) - 1
         if max(int(result[0].code), int(fine[0].code)) or abs(change) > 5e-3:
-            failed.append((seed - 1, int(result[0].code), int(fine[0].code), change))
+            failed.append((seed, int(result[0].code), int(fine[0].code), change))
         changes.append(change)
         seconds.append(1e3 * result[1])
     print(f"{count} random paths with a limit on the jerk")
     print(f"  not proved, or not within 0.5 % of the duration for the tolerance 1e-4: {len(failed)} {failed[:5]}")
     quantiles("longer by", changes)
     quantiles("processor time", seconds, " ms")
+
+
+def beside_ipopt(count):
+    """Compare with IPOPT on a grid that divides the cells of `retime`, and starts from its timing."""
+    from benchmarks.timing_in_casadi import with_ipopt
+
+    failed, changes, unsolved, seconds = [], [], 0, []
+    for seed, path in paths_with_jerk(points=12):
+        if len(changes) + unsolved == count:
+            break
+        result = timed(path)
+        if result is None:
+            continue
+        u, a = divided(result[0].timing, NODES)
+        start = time.process_time()
+        found = with_ipopt(path.spline, u + path.spline.x[0], a, path.limits)
+        if not found.converged:
+            unsolved += 1
+            continue
+        change = float(result[0].duration) / found.duration - 1
+        if int(result[0].code) or change > 5e-3:
+            failed.append((seed, int(result[0].code), change))
+        changes.append(change)
+        seconds.append(time.process_time() - start)
+    print(f"{count} random paths with a limit on the jerk, and IPOPT: {unsolved} not solved by IPOPT in 20 s")
+    print(f"  not proved, or longer by more than 0.5 %: {len(failed)} {failed[:5]}")
+    quantiles("longer by", changes)
+    quantiles("processor time of IPOPT", seconds, " s")
+
+
+def divided(timing, count):
+    """Return at least `count` parameters that divide the cells of a timing, and u̇² there."""
+    knots, c = np.asarray(timing.knots), np.asarray(timing.coefficients)
+    z = np.arange(int(np.ceil(count / len(c)))) / np.ceil(count / len(c))
+    u = np.append((knots[:-1, None] + np.diff(knots)[:, None] * z).ravel(), knots[-1])
+    a = np.append((c @ z ** np.arange(4)[:, None]).ravel(), c[-1].sum())
+    return u, np.maximum(a, 0.0)
 
 
 def beside_toppra(count):
@@ -123,14 +171,18 @@ def main():
     parser.add_argument("--braking", type=float, default=1.0)
     parser.add_argument("--jerk", type=int, default=20)
     parser.add_argument("--toppra", type=int, default=20)
+    parser.add_argument("--ipopt", type=int, default=0)
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     np.seterr(all="ignore")
-    random_paths(given.paths, given.braking)
+    if given.paths:
+        random_paths(given.paths, given.braking)
     if given.jerk:
         with_jerk(given.jerk)
     if given.toppra:
         beside_toppra(given.toppra)
+    if given.ipopt:
+        beside_ipopt(given.ipopt)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from .design.tuning.tune import tune as tune
 from .design.tuning_route.tune_route import tune_route as tune_route
 from .design.tuning_route.tuned_route import TunedRoute as TunedRoute
 from .foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
+from .foundation.document import storable as storable
 from .foundation.outcome import ResultCode as ResultCode
 from .foundation.progress import Progress as Progress
 from .io import exchange as exchange
@@ -40,7 +41,7 @@ from .io.stored import load as load
 from .io.track.attitude_angles import AttitudeAngles as AttitudeAngles
 from .io.track.tangent_plane import TangentPlane as TangentPlane
 from .io.track.track_file import read_track as read_track
-from .motion import control as control, dynamics as dynamics
+from .motion import control as control, dynamics as dynamics, torques as torques
 from .motion.attitude import AbstractProgram as AbstractProgram, Attitude as Attitude
 from .motion.attitude_residual import (
     AttitudeResidual as AttitudeResidual,
@@ -67,7 +68,9 @@ from .motion.pose.pose_law import (
 )
 from .motion.pose.pose_motion import PoseMotion as PoseMotion
 from .motion.pose.simulate_pose import simulate_pose as simulate_pose
+from .motion.profiles.function_profile import FunctionProfile as FunctionProfile
 from .motion.profiles.multi_knot_cubic import MultiKnotCubic as MultiKnotCubic
+from .motion.profiles.profile import AbstractProfile as AbstractProfile
 from .motion.profiles.s_curve import SCurve as SCurve
 from .motion.profiles.slew_profile import slew_profile as slew_profile
 from .motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
@@ -97,6 +100,7 @@ from .motion.simulation.assess_loop import assess_loop as assess_loop
 from .motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
 from .motion.simulation.body_motion import BodyMotion as BodyMotion
 from .motion.simulation.disturbance import (
+    AbstractDisturbance as AbstractDisturbance,
     DisturbanceAcceleration as DisturbanceAcceleration,
     DisturbanceTorque as DisturbanceTorque,
     Sinusoid as Sinusoid,
@@ -104,15 +108,20 @@ from .motion.simulation.disturbance import (
 from .motion.simulation.kinematics import integrate as integrate
 from .motion.simulation.loop_history import LoopHistory as LoopHistory, loop_history as loop_history
 from .motion.simulation.loop_verdict import LoopVerdict as LoopVerdict, judge_loop as judge_loop
+from .motion.simulation.monte_carlo import monte_carlo as monte_carlo
 from .motion.simulation.open_loop import open_loop as open_loop
-from .motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
+from .motion.simulation.sensor import AbstractSensor as AbstractSensor, Gyros as Gyros, Sensor as Sensor
 from .motion.simulation.simulate import simulate as simulate
 from .motion.simulation.solution import Solution as Solution
+from .motion.simulation.study import Study as Study
+from .path.axes_frame import AxesFrame as AxesFrame
 from .path.boundary import BoundaryState as BoundaryState
 from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths
 from .path.driving import Driving as Driving
 from .path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
+from .path.own_motion import sqrt as sqrt
+from .path.own_quantity import Quantity as Quantity
 from .path.placement import Placement as Placement
 from .path.residual import Residual as Residual
 from .path.route import Route as Route
@@ -123,6 +132,7 @@ from .path.spiral_helix import SpiralHelix as SpiralHelix
 from .path.thrust_aligned import ThrustAligned as ThrustAligned
 from .path.track import Track as Track
 from .path.trihedral import (
+    AbstractFrame as AbstractFrame,
     Natural as Natural,
     Trihedral as Trihedral,
     Upright as Upright,

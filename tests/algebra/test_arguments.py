@@ -1,5 +1,7 @@
 """Integers are computed as floats, and a wrong last axis is refused by name, in every function of rotations."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -10,7 +12,24 @@ FUNCTIONS = [
     *(qt.quaternion.canonical, qt.quaternion.norm_squared, qt.quaternion.left_matrix, qt.quaternion.right_matrix),
     *(qt.rotation.to_dcm, qt.rotation.to_gibbs, qt.rotation.to_mrp, qt.rotation.to_rotation_vector),
 ]
-OF_VECTORS = [qt.quaternion.exp, qt.rotation.from_rotation_vector, qt.rotation.from_gibbs, qt.rotation.from_mrp]
+OF_VECTORS = [
+    *(qt.quaternion.exp, qt.rotation.from_rotation_vector, qt.rotation.from_gibbs, qt.rotation.from_mrp),
+    *(qt.rotation.left_jacobian, qt.rotation.right_jacobian),
+]
+OF_TWO = {
+    qt.rotation.angle_between: ([3, 1, 0, 2], [1, 0, 0, 1]),
+    qt.rotation.slerp: ([3, 1, 0, 2], [1, 0, 0, 1], 2),
+    qt.rotation.power: ([3, 1, 0, 2], 3),
+    qt.rotation.between_vectors: ([1, 0, 2], [0, 3, 1]),
+    qt.rotation.from_axis_angle: ([1, 0, 2], 2),
+    qt.rotation.to_axis_angle: ([3, 1, 0, 2],),
+    qt.rotation.mean: ([[3, 1, 0, 2], [3, 1, 1, 2]], [1, 2]),
+    qt.rotation.align: ([[1, 0, 0], [0, 1, 1]], [[0, 0, 2], [1, 1, 0]]),
+    qt.rotation.euler_rates_to_body: ("ZYX", [1, 0, 2], [0, 3, 1]),
+    qt.rotation.body_to_euler_rates: ("ZYX", [1, 0, 2], [0, 3, 1]),
+    qt.quaternion.rate: ([3, 1, 0, 2], [1, 0, 0, 1]),
+}
+"""Functions of several arguments, with lists of integers."""
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
@@ -25,6 +44,22 @@ def test_integer_vectors_are_floats(function):
     right = function(np.array([1.0, 0.0, 2.0]))
     for given in ([1, 0, 2], np.array([1, 0, 2])):
         np.testing.assert_allclose(function(given), right, rtol=1e-15)
+
+
+@pytest.mark.parametrize("function", OF_TWO, ids=lambda f: f.__name__)
+def test_integers_and_lists_of_several_arguments_are_floats(function):
+    given = OF_TWO[function]
+
+    def called(convert):
+        return jax.tree.leaves(function(*(x if isinstance(x, str) else convert(x) for x in given)))
+
+    right = called(lambda x: np.asarray(x, float))
+    for convert in (lambda x: x, np.asarray, lambda x: np.asarray(x, np.int8), jnp.asarray):
+        for a, b in zip(called(convert), right, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-15)
+    wrong = [np.ones((2, 5)) if np.ndim(x) else x for x in given]
+    with pytest.raises(ValueError, match=r"must (both )?have shape \(\.\.\.,"):
+        function(*wrong)
 
 
 @pytest.mark.parametrize("function", FUNCTIONS[:4] + FUNCTIONS[9:], ids=lambda f: f.__name__)

@@ -240,7 +240,10 @@ def test_a_stiff_law_stops_with_advice_in_terms_of_the_scenario(qtraj, tmp_path)
     assert result.exit_code == 1
     text = " ".join(result.stdout.split())
     assert "stopped: too many steps" in text
-    assert "larger simulation.rtol and simulation.atol" in text
+    assert "Use smaller gains, such as those of settling_time = 1.22 in [law]." in text
+    assert "rtol" not in text  # larger tolerances do not help
+    (tmp_path / "s.toml").write_text(SLEW + "[law]\nsettling_time = 1.22\n")
+    assert qtraj("simulate", tmp_path / "s.toml", "--out", tmp_path / "out").exit_code == 0
     assert "Last instant reached: t = 0 s" in text
     assert "max_steps" not in text
 

@@ -43,6 +43,8 @@ EXAMPLES = [
     qt.AccelerationLaw(1.0, 2.0),
     qt.Actuator(0.3, sampling=0.1),
     qt.Attitude(LAMBDA, jnp.zeros(3), jnp.zeros(3)),
+    qt.AxesFrame(lambda position, velocity, acceleration: jnp.eye(3)),
+    qt.FunctionProfile(lambda t: t - jnp.sin(t), 2 * np.pi),
     qt.AttitudeAngles(sequence="ZYX", heading="x-anticlockwise", unit="deg", body="forward-left-up"),
     qt.AttitudeResidual(LAMBDA, 0.1, 0.2, [0.1, 0.1, 0.1], 1.0, 21),
     qt.RateResidual([0.1, 0.1, 0.1], [0.9, 0.9, 0.9], 21, LAMBDA),
@@ -99,6 +101,7 @@ EXAMPLES = [
     qt.RigidBody([1.0, 2.0, 3.0], torque=[0.0, 0.0, 0.1]),
     ROUTE,
     qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0]),
+    qt.Quantity("climb_rate", "m/s", lambda p: p.velocity[2]),
     qt.RetimedPath(PATH, qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0])),
 ]
 

@@ -196,6 +196,60 @@ def test_zones_that_contradict_the_ends_are_named():
     assert "speed" in tuned.certificate.unmet
 
 
+@pytest.mark.parametrize("kind", ["step", "linear"])
+def test_a_batch_of_paths_has_the_certificates_of_its_paths(kind):
+    paths = [qt.SpiralHelix([20.0 + k], [0.0, 0.3], [0.0, 0.5], 9.0) for k in range(3)]
+    batch = jax.tree.map(lambda *x: np.stack(x), *paths)
+    speed, curvatures = qt.Along([0.0, 15.0, 25.0], [6.4, 6.1, 6.6], kind), np.array([0.1, 0.02, 0.05])
+    limits = jax.vmap(lambda c: qt.Limits(speed=speed, curvature=c))(curvatures)
+    found = qt.certify(batch, limits)
+    shared = qt.certify(batch, qt.Limits(speed=speed))
+    for k, path in enumerate(paths):
+        alone = qt.certify(path, qt.Limits(speed=speed, curvature=curvatures[k]))
+        assert {name: status[k] for name, status in found.status.items()} == alone.status
+        assert shared.status["speed"][k] == alone.status["speed"]
+        for name in ("speed", "curvature"):
+            assert [x[k] for x in found.worst[name]] == pytest.approx(list(alone.worst[name]))
+    assert set(found.status["speed"]) == {"proved", "broken"}
+
+
+@pytest.mark.parametrize("kind", ["step", "linear"])
+def test_margins_are_mapped_compiled_and_differentiated(kind):
+    values = np.array([9.0, 8.0, 7.0])
+
+    def margin(values, t, path=HELIX):
+        return qt.Limits(speed=qt.Along([0.0, 10.0, 20.0], values, kind)).margins(path, t)["speed"]
+
+    times = np.array([0.5, 2.0, 3.0])
+    alone = [float(margin(values, t)) for t in times]
+    assert jax.vmap(lambda t: margin(values, t))(times) == pytest.approx(alone, abs=1e-9)
+    assert [float(jax.jit(margin)(values, t)) for t in times] == pytest.approx(alone, abs=1e-9)
+    pair = jax.tree.map(lambda x: np.stack([x, x]), HELIX)
+    assert jax.vmap(lambda path: margin(values, 2.0, path))(pair) == pytest.approx([alone[1]] * 2, abs=1e-9)
+    step = 1e-6 * np.eye(3)
+    differences = [(margin(values + h, 2.0) - margin(values - h, 2.0)) / 2e-6 for h in step]
+    assert jax.grad(margin)(values, 2.0) == pytest.approx(np.array(differences), abs=1e-6)
+    change = (margin(values, 2.0 + 1e-6) - margin(values, 2.0 - 1e-6)) / 2e-6
+    assert float(jax.grad(margin, 1)(values, 2.0)) == pytest.approx(float(change), rel=1e-5)
+
+
+def test_recorded_values_are_steps_of_the_distance():
+    t = np.linspace(0.0, 4.6, 24)
+    s = distances(HELIX).at(t)
+    found = qt.Along.from_samples(HELIX, t, np.where(t < 1.1, 9.0, np.where(t < 3.1, 7.0, np.nan)))
+    assert np.asarray(found.distance) == pytest.approx([0.0, s[6], s[16]], rel=1e-9)
+    np.testing.assert_array_equal(found.values, [9.0, 7.0, np.nan])
+    before = qt.Along.from_samples(HELIX, [-2.0, -1.0, 1.0, 9.0], [1.0, 2.0, 3.0, 4.0])
+    assert np.asarray(before.values)[:2].tolist() == [2.0, 3.0]
+
+
+def test_at_a_stop_the_last_value_counts():
+    rows = [[0, 0, 0], [9, 0, 0], [9, 0, 0], [18, 0, 0]]
+    route = qt.Route([0.0, 3.0, 5.0, 8.0], rows, np.zeros((4, 3)), np.zeros((4, 3)))
+    found = qt.Along.from_samples(route, [0.0, 3.2, 4.0, 4.9, 6.5], [9.0, 1.0, 2.0, 5.0, 5.0])
+    assert repr(found) == "Along([0, 9], [9, 5])"
+
+
 def test_margins_are_those_of_the_zone():
     limits = qt.Limits(speed=ZONES, longitudinal_acceleration=(qt.Along([0.0, 50.0], [-6.0, -3.0]), 2.0))
     route = qt.Route([0.0, 10.0], [[0, 0, 0], [100, 0, 0]], [[10, 0, 0]] * 2, np.zeros((2, 3)))
@@ -243,10 +297,10 @@ def test_figures_draw_limits_along_the_way():
         (lambda: qt.Limits(speed=qt.Along([0.0, 1.0], [1.0, -2.0])), "must be positive"),
         (lambda: qt.Limits(speed=(qt.Along([0.0, 1.0], [5.0, 12.0]), 10.0)), "at 1 m"),
         (lambda: qt.Limits(binormal_moment=qt.Along([0.0], [(1.0, 2.0)])), "must be one number"),
-        (lambda: qt.tune(qt.BoundaryState([20, 0, 0], [0, 5, 0]), qt.BoundaryState([0, 20, 0], [-5, 0, 0]),
-                         qt.Limits(speed=ZONES)), "tune supports only limits that do not change"),
-        (lambda: qt.certify(jax.vmap(lambda r: qt.SpiralHelix([r], [0.0, 1.0], [0.0], 1.0))(np.array([5.0, 6.0])),
-                            qt.Limits(speed=ZONES)), "once for each path"),
+        (lambda: jax.vmap(lambda r: qt.certify(qt.SpiralHelix([r], [0.0, 1.0], [0.0], 1.0), qt.Limits(speed=ZONES))
+                          .codes)(np.array([5.0, 6.0])), "concrete values"),
+        (lambda: qt.Along.from_samples(HELIX, [0.0, 2.0, 1.0], [1, 2, 3]), "do not decrease"),
+        (lambda: qt.Along.from_samples(HELIX, [0.0, 2.0], [1, 2, 3]), "one for each value"),
         (lambda: jax.jit(lambda v: qt.retime(LINE, qt.Limits(speed=qt.Along([0.0, 50.0], v))).duration)(
             np.array([9.0, 5.0])), "concrete values"),
         (lambda: qt.retime(LINE, qt.Limits(speed=9.0, yaw_rate=(qt.Along([0.0, 9.0], [-1.0, 0.1]), 1.0))), "zero"),

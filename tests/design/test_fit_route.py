@@ -375,6 +375,17 @@ def test_recorded_rates_are_compared_after_the_mounting_is_estimated(tmp_path):
     assert vertical.mounting is None
     np.testing.assert_allclose(vertical.rms, [0.01])
     np.testing.assert_allclose(vertical.correlation, [1.0])
+    assert vertical.note == fitted.rates.note == ""
+    right = qt.compare_rates(program, qt.Track(*parts, -rates[:, 2:]))
+    np.testing.assert_allclose(right.correlation, [-1.0])
+    assert "about yaw is -1.000: the recorded yaw rate is probably positive to the right" in right.note
+    assert right.note in repr(right)
+    mirrored = qt.compare_rates(program, qt.Track(*parts, rates * [1.0, 1.0, -1.0]))
+    assert min(mirrored.correlation) > -0.5 or "left-handed" in mirrored.note
+    noise = np.random.default_rng(3).normal(size=(len(rates), 1))
+    noisy = qt.compare_rates(program, qt.Track(*parts, noise - 0.2 * rates[:, 2:]))
+    assert (noisy.correlation < 0).all()
+    assert "probably mostly noise" in noisy.note
     with pytest.raises(ValueError, match=r"exceeds min_speed = 100 m/s at fewer than 3 samples"):
         qt.compare_rates(program, qt.Track(*parts, rates), 100)
     with pytest.raises(ValueError, match="no angular rates"):

@@ -406,7 +406,7 @@ REFUSED = {
     "a right angle": (lambda: qt.Limits(steering_angle=1.6, vehicle=CAR), "an angle below 1.5708 rad, but 1.6 rad"),
     "a side": (lambda: qt.Limits(bank_angle=(-4.0, 1.0)), "must be an angle below 3.14159 rad, but -4 rad"),
     "a step": (lambda: qt.Limits(tilt=qt.Along([0, 9], [0.3, 4.0])), "an angle below 3.14159 rad, but 4 rad"),
-    "a line": (lambda: qt.Limits(tilt=qt.Along([0, 9], [0.3, 0.4], "linear")), "cannot change linearly"),
+    "a line": (lambda: qt.Limits(tilt=qt.Along([0, 9], [0.3, 3.4], "linear")), "an angle below 3.14159 rad, but 3.4"),
     "a route": (
         lambda: qt.tune_route(ROUTE, qt.Limits(steering_angle=0.3, vehicle=CAR)),
         "limit horizontal_curvature to tan",

@@ -47,6 +47,28 @@ def test_angles_of_aircraft_agree_with_the_textbook(tmp_path):
     same(track.attitudes, Rotation.from_matrix(NED_TO_ENU @ ned @ FLU_TO_FRD))
 
 
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("yaw_only", [False, True])
+def test_rates_are_converted_with_the_angles(tmp_path, body, yaw_only):
+    """Propagating the recorded rates from the first attitude reproduces the recorded attitudes."""
+    convention = qt.AttitudeAngles(sequence="ZYX", heading="north-clockwise", unit="deg", body=body)
+    t = np.linspace(0, 10, 201)
+    sense = 1.0 if body == "forward-right-down" else -1.0  # of the heading, clockwise, about the recorded z axis
+    rates = np.stack([0.1 * np.cos(t), 0.2 * np.sin(t), 0.3 + 0.1 * t], axis=1)
+    start = Rotation.from_euler("ZYX", [sense * 0.5, 0.1, -0.2])
+    attitudes = qt.propagate_samples(rates, start.as_quat(scalar_first=True), t)
+    yaw, pitch, roll = np.degrees(qt.rotation.to_euler(attitudes, "ZYX")).T
+    rows = np.column_stack([t, np.zeros((len(t), 3)), roll, pitch, sense * yaw, rates])
+    columns = {"attitude": ["roll", "pitch", "heading"], "rate": "wz" if yaw_only else ["wx", "wy", "wz"]}
+    track = qt.read_track(table(tmp_path, "t,x,y,z,roll,pitch,heading,wx,wy,wz", rows), columns, angles=convention)
+    if yaw_only:
+        np.testing.assert_allclose(track.rates[:, 0], -sense * rates[:, 2], rtol=1e-12)
+        return
+    again = qt.propagate_samples(track.rates, track.attitudes[0], t)
+    distance = np.abs(np.sum(np.asarray(again) * np.asarray(track.attitudes), axis=1))
+    np.testing.assert_allclose(distance, 1.0, atol=1e-9)
+
+
 def test_angles_named_in_another_order_are_refused(tmp_path):
     rows = np.column_stack([np.arange(COUNT), np.zeros((COUNT, 3)), random_angles()])
     file = table(tmp_path, "t,x,y,z,roll,pitch,yaw", rows)

@@ -29,9 +29,9 @@ def from_euler(seq: str, angles: Vec3) -> Quat:
 
     **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
-    axes, intrinsic = _parse(seq)
+    axes, intrinsic = parse(seq)
     first, second, third = (
-        _turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
+        turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
     )
     if intrinsic:
         return product(first, product(second, third))
@@ -49,7 +49,7 @@ def to_euler(q: Quat, seq: str) -> Vec3:
 
     **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
     """
-    axes, intrinsic = _parse(seq)
+    axes, intrinsic = parse(seq)
     i, j, k = axes[::-1] if intrinsic else axes
     other = 3 - i - j
     parity = 1.0 if (j - i) % 3 == 1 else -1.0  # e_i∘e_j = parity·e_other
@@ -96,14 +96,14 @@ def _wrap(angle: Scalar) -> Scalar:
     return angle - 2 * math.pi * turns
 
 
-def _turn(axis: int, angle: Scalar) -> Quat:
+def turn(axis: int, angle: Scalar) -> Quat:
     """Return the quaternion of a rotation by `angle` about a coordinate axis."""
     parts = [xp.cos(0.5 * angle)] + 3 * [xp.zeros_like(angle)]
     parts[1 + axis] = xp.sin(0.5 * angle)
     return xp.stack(parts, axis=-1)
 
 
-def _parse(seq: str) -> tuple[list[int], bool]:
+def parse(seq: str) -> tuple[list[int], bool]:
     """Return the indices of the three axes of a sequence, and whether it is intrinsic (upper case)."""
     axes = ["xyz".find(letter) for letter in seq.lower()]
     one_case = seq in (seq.lower(), seq.upper())

@@ -7,6 +7,7 @@ here. No rounding analysis is needed, and the results are the same on every mach
 from __future__ import annotations
 
 from collections.abc import Iterable
+from fractions import Fraction
 from typing import Any
 
 MANY = 20
@@ -23,7 +24,9 @@ class ExactPolynomial:
 
     @classmethod
     def of(cls, x: Any) -> ExactPolynomial:
-        """Return the constant polynomial with the value of a finite float or an integer."""
+        """Return the constant polynomial with the value of a finite float, an integer, or a dyadic fraction."""
+        if isinstance(x, Fraction):
+            return cls([x.numerator], 1 - x.denominator.bit_length())
         return cls.from_floats([x])
 
     @classmethod

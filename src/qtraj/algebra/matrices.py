@@ -22,7 +22,7 @@ With the rate ω_X in body axes or ω_ξ in inertial axes, the kinematic equatio
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.algebra.vector import cross as cross_product, dot
+from qtraj.algebra.vector import cross as cross_product, dot, norm
 from qtraj.foundation.namespace import matmul, namespace, of_arrays, xp
 from qtraj.foundation.types import Mat4, Quat, Vec3
 
@@ -146,8 +146,10 @@ def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
     **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
     """
     _require_axes(axes)
+    size = norm(q)[..., None]
+    q = q / size  # |q|² could underflow or overflow
     matrix = at(q) if axes == "body" else ta(q)
-    return 2 * matmul(matrix, q_dot[..., None])[..., 1:, 0] / dot(q, q)[..., None]
+    return 2 * matmul(matrix, (q_dot / size)[..., None])[..., 1:, 0]
 
 
 def _require_axes(axes: str) -> None:

@@ -39,6 +39,7 @@ __all__ = [
     "log_norm",
     "norm_squared",
     "product",
+    "rate",
     "right_matrix",
     "rotate",
     "to_xyzw",
@@ -185,6 +186,16 @@ def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
     if axes == "inertial":
         return 0.5 * product(rate, q)
     raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
+
+
+def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
+    """Return the angular rate (..., 3) [rad/s] of λ = `q` (..., 4) with the derivative λ̇ = `q_dot` [1/s].
+
+    The inverse of `derivative`, without the scalar part. λ may have any norm. `axes` are the axes of the result.
+
+    **Raises:** ValueError if `axes` is neither 'body' nor 'inertial'.
+    """
+    return matrices.rate(q, q_dot, axes)
 
 
 def _joined(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Quat:

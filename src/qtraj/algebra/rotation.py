@@ -9,29 +9,58 @@ of `gibbs_ratios` are not finite if one of their denominators is zero.
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton
+from qtraj.algebra.averages import Alignment, align, mean
 from qtraj.algebra.cosines import from_dcm, nearest_dcm, squares_from_dcm, to_dcm
 from qtraj.algebra.euler import from_euler, to_euler
 from qtraj.algebra.gibbs import from_gibbs, from_mrp, gibbs_from_dcm, gibbs_ratios, to_gibbs, to_mrp
 from qtraj.algebra.quaternion import canonical, exp, log
+from qtraj.algebra.rotation_rates import body_to_euler_rates, euler_rates_to_body, left_jacobian, right_jacobian
+from qtraj.algebra.turns import (
+    angle_between,
+    between_vectors,
+    from_axis_angle,
+    from_scipy,
+    power,
+    random,
+    slerp,
+    to_axis_angle,
+    to_scipy,
+)
 from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.types import Quat, Vec3
 
 __all__ = [
+    "Alignment",
+    "align",
+    "angle_between",
+    "between_vectors",
+    "body_to_euler_rates",
     "continuous",
+    "euler_rates_to_body",
+    "from_axis_angle",
     "from_dcm",
     "from_euler",
     "from_gibbs",
     "from_mrp",
     "from_rotation_vector",
+    "from_scipy",
     "gibbs_from_dcm",
     "gibbs_ratios",
+    "left_jacobian",
+    "mean",
     "nearest_dcm",
+    "power",
+    "random",
+    "right_jacobian",
+    "slerp",
     "squares_from_dcm",
+    "to_axis_angle",
     "to_dcm",
     "to_euler",
     "to_gibbs",
     "to_mrp",
     "to_rotation_vector",
+    "to_scipy",
 ]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from qtraj.algebra.radical import RadicalSum
 from qtraj.algebra.signs import Signs, with_root
 from qtraj.algebra.sparse import add, is_zero, mul, sub
 
@@ -73,6 +74,8 @@ class Claim:
         if isinstance(number, Surd):
             a, b, c, d = number.terms
             self._tree = self._outer((a, b), (c, d), *number.squares)
+        elif isinstance(number, RadicalSum):
+            self._tree = number.tree(self._leaf)
         else:
             self._tree = self._leaf(number)
 

@@ -24,7 +24,9 @@ from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing,
 from qtraj.path.channel import CHANNELS
 from qtraj.path.driving import default_frame, require_one_direction
 from qtraj.path.frame_axes import MINIMIZING
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, path_advice
+from qtraj.path.own_name import name_of
+from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.rate_axes import BODY, require_axes
 from qtraj.path.trihedral import AbstractFrame
@@ -37,7 +39,7 @@ DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvat
 def evaluate(
     paths: AbstractHodograph | AbstractProgram,
     times: ArrayInput,
-    outputs: Sequence[str] = DEFAULT_OUTPUTS,
+    outputs: Sequence[str | Quantity] = DEFAULT_OUTPUTS,
     frame: Frame | None = None,
     components: str = "last",
     continuous: bool = False,
@@ -54,7 +56,7 @@ def evaluate(
     `timedelta64`, are converted to seconds; for a recording, pass `track.elapsed`. The result is a `Table` of arrays
     (n, …) for one path, and (b, n, …) for b paths. With `components="first"` the component axes come first. In both
     cases each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of arrays
-    in `Table`: vectors, attitudes, and all path quantities.
+    in `Table`: vectors, attitudes, and all path quantities; a `Quantity` of one's own is passed itself.
 
     `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving.along(route)`, `ThrustAligned()` or
     `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any other
@@ -171,12 +173,12 @@ def _require_none(**arguments: Any) -> None:
         raise ValueError(f"{given[0]} applies only to paths, but a program was given: omit {given[0]}")
 
 
-def _names(outputs: Sequence[str]) -> tuple[str, ...]:
+def _names(outputs: Sequence[str | Quantity]) -> tuple[str, ...]:
     if isinstance(outputs, str):
         raise ValueError(
             f"outputs must be a sequence of names, such as ({outputs!r},), but the string {outputs!r} was given"
         )
-    names = tuple(dict.fromkeys(outputs))
+    names = tuple(dict.fromkeys(map(name_of, outputs)))
     if unknown := [name for name in names if name not in CHANNELS]:
         raise ValueError(f"unknown output {unknown[0]!r}; the known outputs are {', '.join(CHANNELS)}")
     return names
@@ -212,11 +214,14 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
 
 def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
-        raise ValueError(
-            f"a path or a batch of paths was expected, but {described(paths)} was given. "
-            "Stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
-            "them with jax.vmap."
-        )
+        advice = path_advice(paths)
+        if isinstance(paths, list | tuple):
+            advice = (
+                "stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
+                "them with jax.vmap"
+            )
+        message = f"a path or a batch of paths was expected, but {described(paths)} was given"
+        raise ValueError(message + (f": {advice}" if advice else ""))
     return jnp.ndim(paths.duration) == 1
 
 

@@ -14,6 +14,8 @@ from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import AbstractResult, batch_prefix, times_text
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
+from qtraj.path.own_name import OwnName, name_of
+from qtraj.path.own_quantity import Quantity as OwnQuantity
 from qtraj.path.rate_axes import BODY, in_axes
 
 if TYPE_CHECKING:
@@ -50,27 +52,30 @@ class Table(AbstractResult):
         axes: str = BODY,
         **values: "Array | None",
     ):
-        if unknown := values.keys() - CHANNELS.keys():
+        if unknown := [name for name in values if name not in CHANNELS]:
             raise TypeError(f"unknown output {min(unknown)!r}; the known outputs are {', '.join(CHANNELS)}")
         self.time = time
         self.values = {name: x for name, x in values.items() if x is not None}
         self.batched, self.components, self.frame, self.axes = batched, components, frame, axes
 
     def __getattr__(self, name: str) -> Any:
-        if name in CHANNELS:
+        if name in CHANNELS or name in self.__dict__.get("values", ()):
             return self.values.get(name)
         raise AttributeError(f"a table has no attribute {name!r}")
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str | OwnQuantity) -> Array:
         """Return an output by its name, such as `table["curvature"]`, or the times: `table["time"]`.
+
+        A `Quantity` stands for its name.
 
         **Raises:** KeyError with the names of the outputs, for another name.
         """
-        if name == "time":
+        key: str = name_of(name)
+        if key == "time":
             return self.time
-        if name not in self.values:
-            raise KeyError(f"the table has no output {name!r}; its outputs are {', '.join(self.values)}")
-        return self.values[name]
+        if key not in self.values:
+            raise KeyError(f"the table has no output {key!r}; its outputs are {', '.join(self.values)}")
+        return self.values[key]
 
     def __contains__(self, name: object) -> bool:
         return name == "time" or name in self.values
@@ -116,9 +121,10 @@ class Table(AbstractResult):
         along = "time" if self.time.ndim == 1 else "sample"  # times that differ between paths cannot be an axis
         instants = ("path", along) if self.batched else (along,)
         variables = {}
-        for name, entry in CHANNELS.items():
+        own = [name for name in self.values if isinstance(name, OwnName)]
+        for name in (*CHANNELS, *own):
             if name in self.values:
-                entry = in_axes(entry, self.axes)
+                entry = in_axes(CHANNELS[name], self.axes)
                 dims = (*instants, *entry.axes) if self.components == "last" else (*entry.axes, *instants)
                 variables[name] = Quantity(self.values[name], entry.unit, entry.meaning, dims)
         time = Quantity(self.time, "s", "time from the start of the path", instants[-self.time.ndim :])

@@ -1,21 +1,39 @@
-"""Parse the option `--limit NAME=VALUE` or `--limit NAME=LOWER:UPPER` of `qtraj route` and `qtraj retime`."""
+"""Parse the option `--limit` of `qtraj route` and `qtraj retime`.
+
+The value of a limit is a number, two sides LOWER:UPPER, steps along the way such as 13.9,8.3@120 (8.3 from 120 m on;
+"none" is no limit), or column:NAME for a column of the recording, whose unit may follow, as in column:maxspeed:km/h.
+"""
 
 import math
+from typing import TYPE_CHECKING, Any
 
 from qtraj.foundation.suggestion import suggestion
 
-Value = float | tuple[float | None, float | None]
+if TYPE_CHECKING:
+    from qtraj.design.along import Along
+    from qtraj.io.track.limit_columns import LimitColumn
+
+Number = float | tuple[float | None, float | None]
 """A limit on the magnitude, or on two sides of the signed value."""
 
+FORMS = "NAME=VALUE, NAME=LOWER:UPPER, NAME=VALUE,VALUE@DISTANCE or NAME=column:COLUMN"
 
-def limits(texts: list[str] | None) -> dict[str, Value]:
+HELP = (
+    "A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides; speed=13.9,8.3@120 "
+    "changes to 8.3 m/s at 120 m along the way, and speed=column:maxspeed:km/h is a column of the recording and its "
+    "unit. Overrides the scenario; repeatable."
+)
+COLUMN = "column:"
+
+
+def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]":
     """Parse the values of the option.
 
-    **Raises:** ValueError for an unknown or repeated name, or a value that is not a number or two numbers.
+    **Raises:** ValueError for an unknown or repeated name, or a value of another form.
     """
     from qtraj.path.quantity import QUANTITIES  # imported here, so that --help is fast
 
-    found: dict[str, Value] = {}
+    found: dict[str, Any] = {}
     for text in texts or []:
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
@@ -28,7 +46,23 @@ def limits(texts: list[str] | None) -> dict[str, Value]:
     return found
 
 
-def _value(name: str, value: str, text: str) -> Value:
+def _value(name: str, value: str, text: str) -> "Number | Along | LimitColumn":
+    if value.startswith(COLUMN):
+        return _column(name, value.removeprefix(COLUMN).strip(), text)
+    return _steps(name, value, text) if "," in value or "@" in value else _constant(name, value, text)
+
+
+def _column(limit: str, column: str, text: str) -> "LimitColumn":
+    from qtraj.io.track.column_units import unit_of
+    from qtraj.io.track.limit_columns import LimitColumn
+
+    if not column:
+        raise ValueError(f"--limit {limit}=column: needs the name of a column, but {text!r} was given")
+    name, _, unit = column.rpartition(":")
+    return LimitColumn(name, unit) if name and unit_of(unit) else LimitColumn(column)
+
+
+def _constant(name: str, value: str, text: str) -> Number:
     lower, colon, upper = (part.strip() for part in value.partition(":"))
     if not colon:
         limit = _number(value, text)
@@ -40,6 +74,31 @@ def _value(name: str, value: str, text: str) -> Value:
     return _number(lower, text) if lower else None, _number(upper, text) if upper else None
 
 
+def _steps(name: str, value: str, text: str) -> "Along":
+    """Return steps VALUE@DISTANCE; the distance of the first one is 0 unless it is given."""
+    from qtraj.design.along import Along
+    from qtraj.design.bound import bound_of
+
+    distances, values = [], []
+    for k, step in enumerate(value.split(",")):
+        limit, at, start = (part.strip() for part in step.partition("@"))
+        if not limit or bool(at) != bool(start) or (k and not at):
+            raise ValueError(
+                f"--limit {name} needs steps such as 13.9,8.3@120, each with a value and the distance [m] from which "
+                f"it holds, but {text!r} was given"
+            )
+        distances.append(_number(start, text) if at else 0.0)
+        values.append(None if limit == "none" else _constant(name, limit, text))
+    if any(isinstance(x, tuple) for x in values):
+        values = [(None, None) if x is None else x for x in values]
+    try:
+        along = Along(distances, values)
+        bound_of(along, name)
+    except ValueError as error:
+        raise ValueError(f"--limit {name}: {error}") from None
+    return along
+
+
 def _number(value: str, text: str) -> float:
     try:
         found = float(value)
@@ -47,7 +106,7 @@ def _number(value: str, text: str) -> float:
         found = math.nan
     if not math.isfinite(found):
         raise ValueError(
-            "--limit needs NAME=VALUE or NAME=LOWER:UPPER with finite numbers, such as speed=13.9 or "
-            f"longitudinal_acceleration=-6:2, but {text!r} was given"
+            f"--limit needs {FORMS} with finite numbers, such as speed=13.9 or longitudinal_acceleration=-6:2, but "
+            f"{text!r} was given"
         )
     return found

@@ -37,8 +37,7 @@ def retime(
     limit: list[str] | None = typer.Option(
         None,
         metavar="NAME=VALUE",
-        help="A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides. Overrides "
-        "the scenario; repeatable.",
+        help=limit_option.HELP,
     ),
     start_speed: float | None = typer.Option(
         None, metavar="V", help="Speed at the start in m/s, 0 for rest. Overrides the scenario."

@@ -35,8 +35,7 @@ def route(
     limit: list[str] | None = typer.Option(
         None,
         metavar="NAME=VALUE",
-        help="A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides. Overrides "
-        "the scenario; repeatable.",
+        help=limit_option.HELP,
     ),
     track: dict[str, Any] | None = None,
 ) -> Outcome:

@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from qtraj.cli import layout, terminal
+from qtraj.cli.loop_advice import advice
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import degrees
@@ -25,14 +26,10 @@ SIZES = ("angle", "closed_form_angle", "open_loop_angle", "command")
 """Columns that span many orders of magnitude."""
 
 RESULTS = {
-    ResultCode.max_steps_reached: (
-        "stopped: too many steps were needed between two instants. Use smaller gains, larger simulation.rtol and "
-        "simulation.atol, or a shorter simulation.duration."
-    ),
+    ResultCode.max_steps_reached: ("stopped: too many steps were needed between two instants."),
     ResultCode.step_too_small: (
         "stopped: the step size became too small for floating point, because the command grows without bound or the "
-        "tolerances are too small. Use another initial [error], smaller gains, or larger simulation.rtol and "
-        "simulation.atol."
+        "tolerances are too small."
     ),
     ResultCode.near_zero_error: "finished, but the error quaternion was near zero, where the command is large.",
     ResultCode.wrong_sign: (
@@ -40,16 +37,7 @@ RESULTS = {
         "probably came close to zero, where the law is undefined."
     ),
 }
-"""Texts of results, with advice that refers to keys of the scenario."""
-
-OTHER_SIGN = (
-    "λ and −λ represent the same attitude. Set sign = 'auto' in [error] to start from the sign whose error quaternion "
-    "stays farther from zero."
-)
-NO_SIGN = (
-    "The other sign of λ does not avoid this: use a smaller error.rate, other gains, or a law of kind 'quaternion', "
-    "whose command is the same for λ and −λ."
-)
+"""Texts of results, without advice."""
 
 
 @terminal.command(
@@ -99,7 +87,7 @@ def _content(
     from qtraj.foundation.plain import plain, tabular
     from qtraj.motion.simulation.loop_facts import gains_of, limit_of
 
-    angles = history.open_loop_angle
+    angles, remedy = history.open_loop_angle, advice(loaded.scenario, task, verdict)
     ends = {} if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
     return {
         "program": {
@@ -117,18 +105,17 @@ def _content(
         "verdict": plain(verdict.record()),
         **({"open_loop": ends} if ends else {}),
         "finished": bool(history.solution.successful),
-        "result": _result(history, verdict, loaded.scenario.error.sign),
+        "result": _result(history, verdict, remedy),
+        "advice": remedy,
         **tabular(history.at(task.times).record()),
     }
 
 
-def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
-    """Return the text of the result, with advice."""
+def _result(history: "LoopHistory", verdict: "LoopVerdict", remedy: str) -> str:
+    """Return the text of the result, with advice if the simulation failed."""
     code = ResultCode(int(verdict.code))
-    text = RESULTS.get(code, verdict.result)
-    if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
-        text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
-    return f"{text} {history.solution.reached_text()}".rstrip()
+    texts = RESULTS.get(code, verdict.result), history.solution.reached_text()
+    return " ".join(filter(None, (texts[0], remedy if code in RESULTS else "", texts[1])))
 
 
 def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator | None") -> list[layout.Part]:
@@ -150,7 +137,7 @@ def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator |
         layout.facts("Closed loop", loop),
         layout.styled(loop_facts.stability_text(verdict), layout.ALERT),
         layout.facts("Motion", loop_facts.loop_fact_rows(verdict, actuator, without_feedback)),
-        layout.styled(deviation and f"{deviation} Use smaller simulation.rtol and simulation.atol.", layout.ALERT),
+        layout.styled(deviation and f"{deviation} {content['advice']}".rstrip(), layout.ALERT),
         *layout.instants(title, content["columns"] | {"command": commands}, content["units"], headers, SIZES),
         layout.heading("Result"),
         content["result"],

@@ -71,8 +71,10 @@ def _notes(scenario: "SlewScenario", program: "EulerTurn | SlewSequence", verdic
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
             slewed = "." if k == 0 else f", {degrees(float(verdict.angles[k - 1]))}°."
+            form = "rotation vector" if attitude.euler is None else "Euler angles"
+            has = "has an angle" if attitude.euler is None else "contain an angle"
             notes.append(
-                f"The rotation vector of [{name}] has an angle of {degrees(length)}°, more than a half turn. "
+                f"The {form} of [{name}] {has} of {degrees(length)}°, more than a half turn. "
                 f"The slew is the shorter rotation to the same attitude{slewed}"
             )
     return [*notes, text] if (text := end_rates_text(program.law)) else notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, Literal, Self
 
 import equinox as eqx
@@ -14,6 +15,8 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import ArrayInput, ScalarLike
+from qtraj.path.distances import distances
+from qtraj.path.hodograph import AbstractHodograph
 
 Kind = Literal["step", "linear"]
 
@@ -95,6 +98,39 @@ class Along(Changing):
         known = concrete(self.values)
         if kind == "linear" and known is not None and not np.isfinite(known).all():
             raise ValueError("a value is missing or not finite, but linear values need one at each distance: use steps")
+
+    @classmethod
+    def from_samples(cls, path: AbstractHodograph, times: ArrayInput, values: Any) -> Along:
+        """Return a limit that was recorded along a path, as steps over the distance travelled on this path.
+
+        A value holds from its sample to the next one, and the first value also before its sample.
+
+        Args:
+            path: One path with concrete values, such as the result of `fit_route`.
+            times: (n,) [s] from the start of the path, such as `track.elapsed`; must not decrease.
+            values: (n,), in the unit of the limit; None or NaN where there is no limit.
+
+        Raises:
+            ValueError: For times that decrease or are not finite, and another number of values.
+
+        Example:
+            >>> line = qt.Route([0.0, 10.0], [[0, 0, 0], [100, 0, 0]], [[10, 0, 0]] * 2, [[0, 0, 0]] * 2)
+            >>> qt.Along.from_samples(line, [0.0, 4.0, 6.0], [12.0, 5.0, None])
+            Along([0, 40, 60], [12, 5, None])
+        """
+        t, x = np.asarray(as_float(times), float), np.asarray(numbers_of(values), float)
+        if t.ndim != 1 or not t.size or x.shape[:1] != t.shape or not np.isfinite(t).all() or (np.diff(t) < 0).any():
+            raise ValueError(
+                "times must be finite numbers [s] that do not decrease, one for each value, but the shapes of times "
+                f"and values are {t.shape} and {x.shape}"
+            )
+        on = distances(path)
+        s = on.at(np.clip(t, 0.0, on.ends[-1]))
+        last = np.append(np.diff(s) > on.uncertainty, True)  # of several samples at one place
+        s, x = s[last], x[last]
+        s[0] = 0.0
+        other = np.append(True, ~np.array([np.array_equal(a, b, equal_nan=True) for a, b in pairwise(x)], bool))
+        return cls(s[other], x[other])
 
     def __repr__(self) -> str:
         d, known = np.asarray(self.distance), concrete(self.values)

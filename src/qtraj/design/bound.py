@@ -6,7 +6,7 @@ depends on the speed.
 
 from __future__ import annotations  # so that `help` shows short names
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -118,13 +118,9 @@ def _require_positive(bound: Any, what: str, entry: PathQuantity) -> None:
 
 
 def _require_angle(bound: OneBound | None, what: str, entry: PathQuantity) -> None:
-    """Raise a ValueError for an angle that has no tangent, or that changes linearly, so that its tangent does not."""
+    """Raise a ValueError for an angle that has no tangent."""
     if bound is None:
         return
-    if isinstance(bound, Along) and bound.kind == "linear":
-        raise ValueError(
-            f"{what} is an angle, which cannot change linearly along the way: use steps, Along(distance, values)"
-        )
     known, largest = concrete(numbers(bound)), entry.tangent_of * np.pi / 2
     if known is not None and (np.isfinite(known) & (np.abs(known) >= largest)).any():
         bad = np.ravel(known)[np.ravel(np.abs(known) >= largest)][0]
@@ -143,6 +139,20 @@ def by_side(name: str, bound: Bound) -> Iterator[tuple[str, OneBound]]:
             yield side, value
 
 
+def joined_sides(bounds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the limits that consist of these bounds: the inverse of `by_side`."""
+    limits: dict[str, Any] = {}
+    for name, bound in bounds.items():
+        entry = quantity(name)
+        own = entry.base or entry.name
+        if entry.lower or name != own or f"{own}{LOWER}" in bounds:
+            lower, upper = limits.get(own, (None, None))
+            limits[own] = (bound, upper) if entry.lower else (lower, bound)
+        else:
+            limits[own] = bound
+    return limits
+
+
 def part_of(bound: Bound, name: str, names: Collection[str]) -> Bound | None:
     """Return the bounds of a limit that are in `names`, or None without any."""
     kept = [side for side, _ in by_side(name, bound) if side in names]
@@ -156,7 +166,8 @@ def part_of(bound: Bound, name: str, names: Collection[str]) -> Bound | None:
 
 def _names(name: str) -> tuple[str, str]:
     """Return the names of the lower and of the upper bound."""
-    return name + LOWER, upper_side(quantity(name))
+    entry = quantity(name)
+    return name + LOWER, name + upper_side(entry).removeprefix(entry.name)
 
 
 def _text(x: OneBound | None) -> str:

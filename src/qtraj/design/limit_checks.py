@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
 from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
@@ -33,6 +34,16 @@ def refuse_unknown(names: Collection[str]) -> None:
             entry = SIDES[name]
             advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"
         raise TypeError(f"Limits has no limit {name!r}: {advice}")
+
+
+def refuse_changing(limits: Mapping[str, Any], what: str, instead: str) -> None:
+    """Raise a ValueError for the first of `limits`, which change along the way or with the speed.
+
+    `what` does not support this.
+    """
+    for name, limit in limits.items():
+        do = "depend on the speed" if isinstance(limit, OfSpeed) else "change along the way"
+        raise ValueError(f"{what} supports only limits that do not {do}, but the limit {name} is {limit!r}: {instead}")
 
 
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:

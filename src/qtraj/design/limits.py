@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.along import Variable
-from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, part_of
+from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, joined_sides, part_of
 from qtraj.design.divisors import divisors
-from qtraj.design.ellipse import Ellipse, OfSpeed
-from qtraj.design.limit_checks import refuse_unknown, require_needs, require_shapes
+from qtraj.design.ellipse import Ellipse
+from qtraj.design.limit_checks import refuse_changing, refuse_unknown, require_needs, require_shapes
 from qtraj.design.margins import margins_of, values_of
+from qtraj.design.own_limits import OwnLimits, own_limits
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
@@ -23,10 +24,11 @@ from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
+from qtraj.path.own_name import OwnName
+from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import LIMITED, quantity
-from qtraj.path.sides import LOWER
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
 
 
@@ -77,9 +79,11 @@ class Limits(eqx.Module):
     This is not checked for traced values of inertia or bank. If the axes are then not principal axes, the findings on
     moments are "undecided" and their values are NaN.
 
+    `own` contains limits on quantities of one's own, such as `own={climb: (-2.0, 3.0)}` (see `Quantity`).
+
     **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
     number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
-    quantity that is never negative, for an angle that is too large or changes linearly, and for a limit without the
+    quantity that is never negative, for an angle that is too large, and for a limit without the
     vehicle, the inertia with these principal axes or the wheelbase that it needs.
     """
 
@@ -117,6 +121,7 @@ class Limits(eqx.Module):
     binormal_moment: Bound | None
     combined_acceleration: Ellipse | None
     vehicle: Vehicle | None
+    own: OwnLimits | None
 
     def __init__(
         self,
@@ -154,13 +159,14 @@ class Limits(eqx.Module):
         binormal_moment: Limit = None,
         combined_acceleration: Ellipse | None = None,
         vehicle: Vehicle | None = None,
+        own: Mapping[Quantity, Limit] | OwnLimits | None = None,
         **unknown: Any,
     ):
         given = {name: limit for name, limit in locals().items() if name in LIMITED}
         refuse_unknown(unknown)
         for name, limit in given.items():
             setattr(self, name, bound_of(limit, name))
-        self.vehicle = vehicle
+        self.vehicle, self.own = vehicle, own_limits(own)
         require_needs(self._bounds(), vehicle)
 
     def __repr__(self) -> str:
@@ -169,9 +175,10 @@ class Limits(eqx.Module):
     _repr_html_ = shown_html
 
     def _bounds(self) -> dict[str, Bound]:
-        """Return the fields that are set, except the vehicle."""
+        """Return the limits that are set, by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in LIMITED}
-        return {name: value for name, value in values.items() if value is not None}
+        own = {} if self.own is None else self.own.given()
+        return {name: value for name, value in values.items() if value is not None} | own
 
     def given(self) -> dict[str, OneBound]:
         """Return the bounds that are set, by name; a limit with two sides has two names (see `qtraj.path.sides`)."""
@@ -194,11 +201,14 @@ class Limits(eqx.Module):
         kept: dict[str, Any] = {name: part_of(bound, name, names) for name, bound in self._bounds().items()}
         if not any(quantity(name).uses_vehicle for name, bound in kept.items() if bound is not None):
             kept["vehicle"] = None
+        if self.own is not None:
+            kept = {name: x for name, x in kept.items() if name not in self.own.names}
+            kept["own"] = self.own.only(names)
         return eqx.tree_at(
             lambda x: [getattr(x, name) for name in kept],
             self,
             list(kept.values()),
-            is_leaf=lambda x: x is None or isinstance(x, Sides | Variable | Vehicle),
+            is_leaf=lambda x: x is None or isinstance(x, Sides | Variable | Vehicle | OwnLimits),
         )
 
     @property
@@ -215,11 +225,7 @@ class Limits(eqx.Module):
 
     def require_constant(self, what: str, instead: str) -> None:
         """Raise a ValueError if a limit changes along the way or with the speed, which `what` does not support."""
-        for name in self.varying:
-            bound = self.given()[name]
-            do = "depend on the speed" if isinstance(bound, OfSpeed) else "change along the way"
-            text = f"{what} supports only limits that do not {do}, but the limit {name} is {bound!r}: {instead}"
-            raise ValueError(text)
+        refuse_changing({name: self.given()[name] for name in self.varying}, what, instead)
 
     @property
     def uses_vehicle(self) -> bool:
@@ -260,8 +266,6 @@ class Limits(eqx.Module):
 
         Limits and vehicles without a batch dimension are shared.
         """
-        if batch:
-            self.require_constant("a batch of paths", "check the paths one by one")
         require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:
@@ -270,6 +274,7 @@ class Limits(eqx.Module):
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
+        require_path(path)
         return values_of(self.given(), path, t, self.road(path.duration.dtype))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
@@ -278,21 +283,15 @@ class Limits(eqx.Module):
         The two sides of a signed value have the endings `_min` and `_max`. For a limit that changes along the way, the
         distance to `t` is computed by quadrature.
         """
+        require_path(path)
         return margins_of(self.on(path).given(), path, t, self.road(path.duration.dtype))
 
 
 def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:
     """Return the limits with these bounds, whose names are those of `Limits.given`."""
-    fields: dict[str, Any] = {}
-    for name, bound in bounds.items():
-        entry = quantity(name)
-        own = entry.base or entry.name
-        if entry.lower or name != own or f"{own}{LOWER}" in bounds:
-            lower, upper = fields.get(own, (None, None))
-            fields[own] = (bound, upper) if entry.lower else (lower, bound)
-        else:
-            fields[own] = bound
-    return Limits(**fields, vehicle=vehicle)
+    fields = joined_sides(bounds)
+    others: Any = {name: bound for name, bound in fields.items() if isinstance(name, OwnName)}
+    return Limits(**{name: x for name, x in fields.items() if name not in others}, vehicle=vehicle, own=others)
 
 
 def require_limits(limits: Limits) -> None:

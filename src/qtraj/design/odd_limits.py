@@ -28,6 +28,17 @@ def odd_limits(limits: Mapping[str, Any], track: Track) -> tuple[str, ...]:
     return tuple(text for name, value in one_sided for text in _oddity(name, value, track))
 
 
+def odd_speeds(column: str, values: np.ndarray, track: Track) -> tuple[str, ...]:
+    """Return a text about a column of speed limits [m/s] that are probably in km/h."""
+    largest = float(np.nanmax(values, initial=0.0))
+    if not (largest > 20 and TOO_FAST[0] < largest / _largest_speed(track) < TOO_FAST[1]):
+        return ()
+    return (
+        f"the speed limits in the column {column!r} are up to {largest:g} m/s, which is {3.6 * largest:.4g} km/h: if "
+        "they are in km/h, write speed = {column = …, unit = 'km/h'}, or --limit speed=column:NAME:km/h",
+    )
+
+
 def _oddity(name: str, value: float, track: Track) -> Iterator[str]:
     positions = np.asarray(track.positions)
     extent = float(np.ptp(positions, axis=0).max())

@@ -23,6 +23,8 @@ from qtraj.design.proof.maxima import find_maxima
 from qtraj.foundation.namespace import in_numpy, stop_gradient, xp
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph, require_path
+from qtraj.path.own_name import name_of
+from qtraj.path.own_quantity import Quantity
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters, Vehicle, require
@@ -39,30 +41,31 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 """A function that returns a quantity of a path at one instant [s]."""
 
 
-def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
+def peak(path: AbstractHodograph, name: str | Quantity, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Return the time [s] and the value of the maximum of one path quantity over the whole path.
 
     `name` is a field of `Limits`, for the magnitude of a quantity, or the name of a side of a limit, such as
     `longitudinal_acceleration_max`, for the signed value; for a lower side, such as `speed_min`, the result is the
-    minimum. Newton's method refines the maximum in each of 1025 intervals of time; on a route, in
-    each of four intervals of every segment; on a retimed path, in each cell of its timing. The value is differentiable
-    with respect to the path (envelope theorem).
+    minimum. A `Quantity` of one's own stands for its magnitude. Newton's method refines the maximum in each of 1025
+    intervals of time; on a route, in each of four intervals of every segment; on a retimed path, in each cell of its
+    timing. The value is differentiable with respect to the path (envelope theorem).
 
     **Raises:** ValueError for an unknown name or a batch, or if the quantity needs a `vehicle` and none is given.
     """
     require_path(path)
-    entry = quantity(name)
-    if name == COMBINED:
+    known: str = name_of(name)
+    entry = quantity(known)
+    if known == COMBINED:
         raise ValueError(
-            f"{name} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains "
+            f"{known} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains "
             "the largest value"
         )
-    used = require(vehicle, entry.needs, f"the quantity {name}") if entry.needs or entry.gravity else None
+    used = require(vehicle, entry.needs, f"the quantity {known}") if entry.needs or entry.gravity else None
     road = None if used is None else used.parameters()
     if path.duration.ndim or batch_of(used):
         shapes = f"batch shapes {path.duration.shape} and {batch_of(vehicle)}"
         raise ValueError(f"peak accepts one path and one vehicle, but {shapes} were given: use jax.vmap")
-    return (_peak if path.supports_numpy else _compiled_peak)(path, name, road)
+    return (_peak if path.supports_numpy else _compiled_peak)(path, known, road)
 
 
 @eqx.filter_jit

@@ -27,8 +27,8 @@ class Regions(Changing):
     """A limit inside areas of the horizontal plane.
 
     Where areas overlap, the strictest value holds. On a given path, the limit is an `Along` with steps: `certify` and
-    `retime` find the distances at which the path crosses the edges of the areas. `tune_route` does so for each route
-    that it certifies.
+    `retime` find the distances at which the path crosses the edges of the areas. `tune` and `tune_route` do so for each
+    path that they certify.
 
         Limits(speed=Regions([(school_zone, 8.3), (village, 13.9)]))
 

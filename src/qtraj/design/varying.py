@@ -1,7 +1,8 @@
 """Limits that change along the way, as functions of the parameter of one path.
 
 In each cell of a timing, such a limit is replaced by a line that is nowhere less strict: a constant for steps, and for
-linear values nearly the values themselves. Searches impose these lines, and proofs are about them.
+linear values nearly the values themselves. Searches impose these lines, and proofs are about them: the distance along a
+polynomial path differs from its chord by less than a bound.
 """
 
 from __future__ import annotations
@@ -17,10 +18,15 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.margins import at_speed
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.pace_bounds import pace_bounds
 from qtraj.path.quantity import quantity
 
 SAMPLES, RESERVE = 9, 1.25
-"""Number of points in a cell at which a line is compared with a linear limit, and factor on the largest difference."""
+"""On a path that is not polynomial, the number of points in a cell at which the distance is compared with its chord,
+and the factor on the largest difference. Limits on such paths are not proved, but sampled."""
+
+ROUNDING = 2.0**-50
+"""Fraction of linear values that exceeds the rounding errors of their interpolation."""
 
 AT_ENDS = 4
 """A linear limit that bends closer to an end of a cell than this multiple of the uncertainty bends at the end."""
@@ -67,20 +73,36 @@ class Varying:
         constant = np.stack([strictest, strictest], axis=1)
         if self.along.kind == "step":
             return constant, np.zeros(len(constant))
-        z = np.linspace(0.0, 1.0, SAMPLES)
-        u = low[:, None] + (high - low)[:, None] * z
-        exact = self.side * np.asarray(self.along.at(self.on.at(u.ravel()))).reshape(u.shape)
-        line = exact[:, :1] + (exact[:, -1:] - exact[:, :1]) * z
         d = np.asarray(self.along.distance)
         inside = AT_ENDS * error
-        above = RESERVE * np.max(line - exact, axis=1, initial=0.0) + 2 * inside * self._steepest(first, last, inside)
-        shifted = line[:, [0, -1]] - above[:, None]
+        ends = self.side * np.stack([self.along.at(first), self.along.at(last)], axis=1)
+        slope = self._steepest(first, last, inside)
+        gap = np.where(slope > 0, self._largest_gap(first, last, low, high), 0.0) * slope
+        above = gap + 2 * inside * slope + np.where(slope > 0, ROUNDING * np.abs(ends).max(axis=1), 0.0)
+        shifted = ends - above[:, None]
         bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
         # The sign of a line is constant, because claims may contain its square.
-        worse = (shifted.sum(axis=1) <= 2 * self.side * strictest) | (shifted[:, 0] * shifted[:, 1] <= 0)
-        found = np.where((bends | worse)[:, None], self.side * constant, shifted)
-        rest = exact - (found[:, :1] + (found[:, 1:] - found[:, :1]) * z)
-        return self.side * found, np.max(rest, axis=1, initial=0.0)
+        worse = ~(shifted.sum(axis=1) > 2 * self.side * strictest) | (shifted[:, 0] * shifted[:, 1] <= 0)
+        chosen = bends | worse
+        found = np.where(chosen[:, None], self.side * constant, shifted)
+        loosest = np.asarray(self.along.strictest(first - error, last + error, -self.side))
+        rest = np.where(chosen, self.side * (loosest - strictest), above + gap)
+        return self.side * found, rest
+
+    def _largest_gap(
+        self, first: np.ndarray, last: np.ndarray, low: Parameters, high: Parameters
+    ) -> Float[np.ndarray, " n"]:
+        """Return the largest difference between the distance and its chord in intervals; infinite at a joint.
+
+        It is at most (high − low)²/8 times the largest derivative of |r'|, which is bounded for polynomial paths.
+        """
+        bounds = pace_bounds(self.on.path, low, high)
+        if bounds is not None:
+            return np.where(high > low, bounds.change * (high - low) ** 2 / 8, 0.0)
+        z = np.linspace(0.0, 1.0, SAMPLES)
+        u = low[:, None] + (high - low)[:, None] * z
+        chord = first[:, None] + (last - first)[:, None] * z
+        return RESERVE * np.max(np.abs(self.on.at(u.ravel()).reshape(u.shape) - chord), axis=1)
 
     def _steepest(self, first: np.ndarray, last: np.ndarray, inside: float) -> Float[np.ndarray, " n"]:
         """Return the largest slope of the linear pieces at both ends and in the middle of intervals of the distance."""

@@ -23,6 +23,17 @@ def require_type(value: Any, kind: type | UnionType, name: str, expected: str, a
         raise ValueError(f"{name} must be {expected}, but {described(value)} was given{advice and ': '}{advice}")
 
 
+def is_whole(value: Any) -> bool:
+    """Return whether a value is a whole number: an integer of Python or NumPy, but not a truth value."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def require_whole(value: Any, name: str, least: int = 0) -> None:
+    """Raise a ValueError unless the argument `name` is a whole number, at least `least`."""
+    if not is_whole(value) or value < least:
+        raise ValueError(f"{name} must be a whole number, at least {least}, but {described(value)} was given")
+
+
 def described(value: Any) -> str:
     """Return a short description of an argument of a wrong type, such as "the tuple (1, 2)" or "a SpiralHelix"."""
     if value is None:

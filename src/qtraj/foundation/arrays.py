@@ -121,13 +121,13 @@ def real_vector(x: ArrayInput, name: str, size: int) -> Array:
     return vector
 
 
-def real_scalar(x: ArrayInput, name: str) -> Array:
+def real_scalar(x: ArrayInput | None, name: str) -> Array:
     """Convert `x` to one float.
 
     **Raises:** ValueError if `x` is not one number; the message contains `name`.
     """
     try:
-        scalar = as_float(x)
+        scalar = as_float(x)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be a number, but {x!r} was given") from error
     if scalar.ndim != 0:

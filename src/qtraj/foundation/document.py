@@ -38,7 +38,39 @@ T = TypeVar("T")
 
 
 def storable(cls: type[T]) -> type[T]:
-    """Register a Module class, so that `save` and `load` support its instances."""
+    """Register a Module class, so that `save` and `load` support its instances; a class decorator.
+
+    A document contains the name of the class and its fields, which must be arguments of its `__init__` (automatic for a
+    Module without an own `__init__`). Fields may be numbers, texts, arrays, lists, tables and objects of classes that
+    can be stored, but not functions. `load` creates objects only of registered classes, so the module with the class
+    must be imported first.
+
+    Args:
+        cls: A subclass of `equinox.Module` or of a base class of qtraj, such as `AbstractProgram`.
+
+    Returns:
+        The class.
+
+    Raises:
+        TypeError: For anything that is not a class with fields.
+        ValueError: If another class with the same name is registered.
+
+    Example:
+        >>> @storable
+        ... class Spring(eqx.Module):
+        ...     stiffness: float
+        >>> save(Spring(3.0), "spring.toml")
+        >>> load("spring.toml").stiffness
+        3.0
+    """
+    if not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
+        raise TypeError(f"storable registers classes with fields, such as subclasses of equinox.Module, but {cls!r}")
+    known = _classes.get(cls.__name__)
+    if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise ValueError(
+            f"a class named {cls.__name__} can already be stored ({known.__module__}.{known.__qualname__}), and "
+            "documents contain only the name: choose another name"
+        )
     _classes[cls.__name__] = cls
     return cls
 
@@ -146,7 +178,9 @@ def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[.
 
 
 def _encode(value: Any) -> Any:
-    if type(value).__name__ in _classes:
+    if refuse := getattr(value, "refuse_storage", None):
+        refuse()
+    if _classes.get(type(value).__name__) is type(value):
         form = _forms.get(type(value).__name__)
         fields = form[0](value) if form else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         return {"type": type(value).__name__} | {k: _encode(v) for k, v in fields.items() if v is not None}
@@ -159,7 +193,8 @@ def _encode(value: Any) -> Any:
     if isinstance(value, bool | int | float | str):
         return value
     raise ValueError(
-        f"type {type(value).__name__} cannot be stored; the types that can be stored are {', '.join(sorted(_classes))}"
+        f"type {type(value).__name__} cannot be stored; register an own class with @qtraj.storable. The types that can "
+        f"be stored are {', '.join(sorted(_classes))}"
     )
 
 
@@ -180,7 +215,10 @@ def _decode(value: Any) -> Any:
 def _construct(name: Any, fields: dict[str, Any]) -> Any:
     cls = _classes.get(name) if isinstance(name, str) else None
     if cls is None:
-        raise ValueError(f"unknown type {name!r}; the known types are {', '.join(sorted(_classes))}")
+        raise ValueError(
+            f"unknown type {name!r}; if it is an own class, import the module that registers it with @qtraj.storable "
+            f"first. The known types are {', '.join(sorted(_classes))}"
+        )
     build = _forms[name][1] if name in _forms else cls
     parameters = inspect.signature(build).parameters
     names = [*parameters] if name in _forms else [f.name for f in dataclasses.fields(cls)]

@@ -6,7 +6,7 @@ Paths of different durations share the dimension `path`. Their samples share the
 progress.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from qtraj.path.distances import distances
 from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
@@ -94,7 +95,9 @@ def path_dataset(
     progress = np.linspace(0.0, 1.0, samples)
     vehicle = None if limits is None else limits.vehicle
     frames = [_frame(path, track) if frame is None else frame for path in paths.values()]
-    tables = [_table(path, progress, own, vehicle) for path, own in zip(paths.values(), frames, strict=True)]
+    others = {} if limits is None else {name_of_output(name): None for name in limits.given()}
+    own = [name for name in others if name is not None]
+    tables = [_table(path, progress, frame, vehicle, own) for path, frame in zip(paths.values(), frames, strict=True)]
     columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
     name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
@@ -105,7 +108,7 @@ def path_dataset(
     for name, limit in given.items():
         if isinstance(limit, Ellipse):  # no variable contains the combined acceleration
             continue
-        variable, attribute = LIMIT_VARIABLES[name], limit_attribute(name)
+        variable, attribute = quantity(name).variable, limit_attribute(name)
         if isinstance(limit, BySpeed):
             values = np.asarray(limit.at(variables["speed"][1]), float)
             about = variable_attributes(quantity(name).unit, f"limit on the {quantity(name).meaning} at this speed")
@@ -164,7 +167,19 @@ def limit_attribute(name: str) -> str:
 def limited_variables(dataset: xarray.Dataset) -> list[str]:
     """Return the variables with a limit."""
     known = dict.fromkeys(name for name in LIMIT_VARIABLES.values() if name in dataset)
+    known |= dict.fromkeys(own_variables(dataset))
     return [name for name in known if limits_of(dataset[name]) or limits_along(dataset, name)]
+
+
+def own_variables(dataset: xarray.Dataset) -> list[str]:
+    """Return the limited variables that are not in the registry: quantities of one's own."""
+    known = {*LIMIT_VARIABLES.values(), *(f"{name}_{x}" for name in dataset for x in ("limit", "lower_limit"))}
+    along = dataset["time"].dims[-1:]
+    return [
+        str(name)
+        for name, x in dataset.items()
+        if name not in known and x.dims[-1:] == along and (limits_of(x) or limits_along(dataset, str(name)))
+    ]
 
 
 def limits_of(variable: xarray.DataArray) -> list[float]:
@@ -178,8 +193,12 @@ def limits_along(dataset: xarray.Dataset, name: str) -> list[str]:
 
 
 def bounded_values(name: str, values: Any) -> np.ndarray:
-    """Return the values that the limit of a variable bounds: signed values for `SIGNED_VARIABLES`, else magnitudes."""
-    return np.asarray(values, float) if name in SIGNED_VARIABLES else np.abs(np.asarray(values, float))
+    """Return the values that the limit of a variable bounds: signed values for `SIGNED_VARIABLES`, else magnitudes.
+
+    Variables that are not in the registry, those of quantities of one's own, contain these values.
+    """
+    own = name in SIGNED_VARIABLES or name not in LIMIT_VARIABLES.values()
+    return np.asarray(values, float) if own else np.abs(np.asarray(values, float))
 
 
 def table_dataset(table: Table, fitted: Fitted | None, attributes: Mapping[str, str]) -> xarray.Dataset:
@@ -244,11 +263,18 @@ def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:
     return default_frame(path) if track is None or isinstance(path, Route) else Upright()
 
 
-def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None) -> Table:
-    """Evaluate all outputs of one path, and the forces if there is a vehicle."""
+def name_of_output(name: str) -> str | None:
+    """Return the output with the limited values of a quantity of one's own, or None for a quantity of the registry."""
+    return OwnName(quantity(name).variable, name.quantity) if isinstance(name, OwnName) else None
+
+
+def _table(
+    path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None, own: Sequence[str]
+) -> Table:
+    """Evaluate all outputs of one path, its limited quantities of one's `own`, and forces if there is a vehicle."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    return evaluate(path, times, outputs_with(vehicle), frame, continuous=True, vehicle=vehicle)
+    return evaluate(path, times, (*outputs_with(vehicle), *own), frame, continuous=True, vehicle=vehicle)
 
 
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:

@@ -14,6 +14,7 @@ from qtraj.design.timing.outcome import Retimed
 from qtraj.foundation.record import variable_attributes
 from qtraj.io.dataset import path_dataset
 from qtraj.motion.programs.rotation_minimizing import Frame
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.track import Track
 
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 2, 513, 20_001
@@ -29,10 +30,12 @@ def retimed_dataset(
     fitted: Fitted | None = None,
     frame: Frame | None = None,
     attributes: Mapping[str, str] | None = None,
+    before: AbstractHodograph | None = None,
 ) -> xarray.Dataset:
     """Create a `path_dataset` of the original path, named "before", and the retimed path, named "after".
 
-    A shape has no times, so its dataset contains only the retimed path.
+    A shape has no times, so its dataset contains only the retimed path. `before` is by default `timed.path.path`, on
+    which a vehicle that creeps progresses evenly (see `retime`).
 
     The variable `reached_share` contains, for each limit, the fraction of the distance on which the limit is reached to
     within 1 %. `limits` and `certificate` may contain additional limits on the shape of the path. By default,
@@ -43,7 +46,7 @@ def retimed_dataset(
     profile = speed_profile(timed) if profile is None else profile
     cells = np.shape(timed.timing.coefficients)[0]
     dataset = path_dataset(
-        ({} if timed.of_shape else {"before": timed.path.path}) | {"after": timed.path},
+        ({} if timed.of_shape else {"before": timed.path.path if before is None else before}) | {"after": timed.path},
         limits_of(given, timed.vehicle) if limits is None else limits,
         track,
         samples=int(np.clip(SAMPLES_PER_CELL * cells + 1, MIN_SAMPLES, MAX_SAMPLES)),

@@ -133,15 +133,6 @@ def _require_any(defined: np.ndarray | None) -> None:
         )
 
 
-def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
-    """Return the average rotation: the unit eigenvector of Σ w q qᵀ for the largest eigenvalue, with scalar part ≥ 0.
-
-    q are the normalised `quaternions`, and w are their `weights`.
-    """
-    unit = weights[:, None] ** 0.5 * jax.vmap(quaternion.unit)(quaternions)
-    return quaternion.canonical(jnp.linalg.eigh(jnp.matmul(unit.T, unit, precision="highest"))[1][:, -1])
-
-
 @eqx.filter_jit
 def _compare(
     program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], user_mounting: Quat | None
@@ -157,7 +148,7 @@ def _compare(
     )
     dtype = mounted.dtype
     if user_mounting is None:
-        mounting = mean(mounted, defined.astype(dtype))
+        mounting = rotation.mean(mounted, defined.astype(dtype))
     else:
         mounting = quaternion.unit(user_mounting.astype(dtype))
     residual = jax.vmap(lambda q: quaternion.product(quaternion.conjugate(mounting), q))(mounted)

@@ -21,11 +21,16 @@ from qtraj.path.driving import segments_of
 from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, require_track, to_float64
 
+AXES = ("x", "y", "z")
+
 MIN_SPEED = 3.0
 """Default speed [m/s] above which rates are compared; at low speeds, noise determines the direction of travel."""
 
 MIN_SAMPLES = 3
 """Minimum number of samples for a correlation."""
+
+OPPOSITE = -0.5
+"""A correlation below this value is that of the same motion with another sign; above it, noise is more likely."""
 
 ONE_AXIS = 1e-9
 """Rates count as rates about one axis if the second singular value of Σpωᵀ is at most this fraction of the first.
@@ -42,7 +47,8 @@ class RateResidual(AbstractResult):
     the yaw rate was recorded. `rms` [rad/s]: the root mean square of the difference between the recorded rates and
     the rates of the program. `correlation`: the correlation between these rates. Both refer to the rates about each
     axis of the program (3,), or about its z axis (1,) if only the yaw rate was recorded. The correlation is 0
-    where one of the rates is constant. `samples`: the number of samples that were compared.
+    where one of the rates is constant. `samples`: the number of samples that were compared. `note` explains a
+    correlation below 0, such as that of a yaw rate that is positive to the right.
     """
 
     rms: Float[Array, " axes"]
@@ -57,6 +63,30 @@ class RateResidual(AbstractResult):
         self.samples = as_array(samples, int)
         self.mounting = None if mounting is None else as_float(mounting)
 
+    @property
+    def note(self) -> str:
+        """A text about correlations below 0, with the likely cause; empty if there are none."""
+        correlation = np.asarray(self.correlation)
+        if not (correlation < 0).any():
+            return ""
+        names = ("yaw",) if correlation.size == 1 else AXES
+        k = int(np.argmin(correlation))
+        return f"the correlation about {names[k]} is {correlation[k]:.3f}: {self._cause(float(correlation[k]))}"
+
+    def _cause(self, correlation: float) -> str:
+        """Return the likely cause of the smallest correlation."""
+        if correlation > OPPOSITE:
+            return "the rate about this axis is probably mostly noise, or the recording has other times"
+        if self.mounting is None:
+            return (
+                "the recorded yaw rate is probably positive to the right, as in the body axes forward, right, down, "
+                "but must be positive to the left: change its sign"
+            )
+        return (
+            "no rotation of the gyro explains this, so its axes are probably left-handed, or one of the rates has the "
+            "wrong sign or column"
+        )
+
     def record(self) -> Record:
         """Return the fields with units and meanings."""
         along = "body" if self.mounting is not None else "vertical"
@@ -69,10 +99,12 @@ class RateResidual(AbstractResult):
             ),
             "samples": Quantity(self.samples, "1", "number of samples compared"),
         }
+        if self.note:
+            variables["note"] = Quantity(np.array(self.note), "", "correlations below 0, with the likely cause")
         if self.mounting is not None:
             meaning = "constant attitude of the gyro relative to the program's axes, scalar first"
             variables["mounting"] = Quantity(self.mounting, "1", meaning, ("component",))
-        summary = f"RMS {extent(self.rms, 'rad s-1')}, {extent(self.samples)} samples"
+        summary = f"RMS {extent(self.rms, 'rad s-1')}, {extent(self.samples)} samples{self.note and '; '}{self.note}"
         return Record(summary, variables, attributes={"frame": "body"})
 
 

@@ -31,6 +31,24 @@ def strict_tangent(angle: Any, part: int, side: int) -> np.ndarray:
     return np.where(np.isinf(found), found, found - side * ROUNDING * np.abs(found))
 
 
+def strict_line(line: Any, part: int, side: int) -> np.ndarray:
+    """Return lines (n, 2) on the strict side of the tangents of limits that are linear between the ends of `line`.
+
+    The tangent differs from its chord by at most an eighth of the squared change of the angle times the largest second
+    derivative of the tangent.
+    """
+    return strict_tangent(line, part, side) - side * gap_of_line(line, part)[:, None]
+
+
+def gap_of_line(line: Any, part: int) -> np.ndarray:
+    """Return bounds (n,) on the distance of the tangent of a linear limit from its chord."""
+    steepest = np.abs(tangent(line, part)).max(axis=1)
+    change = (line[:, 1] - line[:, 0]) / part
+    with np.errstate(invalid="ignore", over="ignore"):
+        gap = 2 * steepest * (1 + steepest**2) * change**2 / 8 * (1 + ROUNDING)
+    return np.where(line[:, 0] == line[:, 1], 0.0, gap)
+
+
 def angle_of(tangent: Any, part: int) -> Any:
     """Return the angle for which tan(angle/`part`) is `tangent`."""
     return part * namespace(tangent).arctan(tangent)

@@ -11,7 +11,8 @@ from typing import Any
 
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE, PathQuantity
+from qtraj.path.own_name import OwnName
+from qtraj.path.path_quantity import INERTIA, PARAMETERS, PRINCIPAL, VEHICLE, WHEELBASE, PathQuantity
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import upper_side
 from qtraj.path.vehicle import Vehicle, has_principal_inertia
@@ -108,7 +109,20 @@ _ENTRIES = (
     ),
 )
 
-CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
+
+class _Channels(dict[str, Channel]):
+    """The outputs by name; the `OwnName` of a quantity of one's own carries its output."""
+
+    def __missing__(self, name: str) -> Channel:
+        if isinstance(name, OwnName):
+            return _scalar(name.output)
+        raise KeyError(name)
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, OwnName) or super().__contains__(name)
+
+
+CHANNELS: dict[str, Channel] = _Channels({entry.name: entry for entry in _ENTRIES})
 """The outputs by name, in the order in which they are displayed."""
 for _entry in (x for entry in QUANTITIES.values() for x in (quantity(upper_side(entry)), entry)):
     CHANNELS.setdefault(_entry.variable, _scalar(_entry))
@@ -135,5 +149,5 @@ def provided(vehicle: Vehicle | None) -> set[str]:
     has_inertia = vehicle is not None and vehicle.inertia is not None
     has_wheelbase = vehicle is not None and vehicle.wheelbase is not None
     satisfied = {VEHICLE: vehicle is not None, INERTIA: has_inertia, PRINCIPAL: has_principal_inertia(vehicle)}
-    satisfied[WHEELBASE] = has_wheelbase
+    satisfied |= {PARAMETERS: vehicle is not None, WHEELBASE: has_wheelbase}
     return {"", *(need for need, holds in satisfied.items() if holds)}

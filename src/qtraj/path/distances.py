@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.arrays import as_array, as_float, is_traced
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.arc_length import arc_length
@@ -79,8 +80,9 @@ def distances(path: AbstractHodograph) -> Distances:
 def distance_to(path: AbstractHodograph, t: ScalarLike) -> Scalar:
     """Return the distance travelled from the start to one instant `t` [s], in [m]."""
     if isinstance(path, Route):
-        return path.arc_length(t)
-    return arc_length(lambda u: norm(path.sampled(u, 1)[1]), as_float(t))
+        return path.arc_length(jnp.asarray(t, float) if is_traced(path) else t)
+    time = jnp.asarray(t, float) if is_traced(path) else as_float(t)
+    return arc_length(lambda u: norm(path.sampled(u, 1)[1]), time)
 
 
 def distances_at(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -6,6 +6,7 @@ given in any orthonormal basis. Formulas with the vertical use `up`, or the thir
 """
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -54,6 +55,10 @@ class Invariants:
     def gravity(self) -> Any:
         """Gravity g [m/s²], of the vehicle if there is one, otherwise standard gravity."""
         return GRAVITY if self.vehicle is None else self.vehicle.gravity
+
+    def number(self, x: Fraction) -> Any:
+        """Return a rational number in the arithmetic of the formulas."""
+        return float(x)
 
     @cached_property
     def v(self) -> Any:
@@ -128,29 +133,27 @@ class Invariants:
     @cached_property
     def V(self) -> Any:
         """The climb rate r'·up."""
-        return self._vertical(self.r[1])
+        return self.vertical(self.r[1])
 
     @cached_property
     def W(self) -> Any:
         """The vertical acceleration r''·up, the derivative of the climb rate."""
-        return self._vertical(self.r[2])
+        return self.vertical(self.r[2])
 
     @cached_property
     def Q(self) -> Any:
         """The squared horizontal acceleration, that is, the squared norm of the horizontal component of r''."""
-        level = self._level(self.r[2])
-        return dot(level, level)
+        return self.level_square(self.r[2])
 
     @cached_property
     def X(self) -> Any:
         """The vertical jerk r'''·up, the derivative of the vertical acceleration."""
-        return self._vertical(self.r[3])
+        return self.vertical(self.r[3])
 
     @cached_property
     def H(self) -> Any:
         """The squared horizontal speed, that is, the squared norm of the horizontal component of r'."""
-        level = self._level(self.r[1])
-        return dot(level, level)
+        return self.level_square(self.r[1])
 
     @cached_property
     def G(self) -> Any:
@@ -163,15 +166,21 @@ class Invariants:
     @cached_property
     def P(self) -> Any:
         """The vertical component of the cross product c = r'×r''."""
-        return self._vertical(self.c)
+        return self.vertical(self.c)
 
     @cached_property
     def P1(self) -> Any:
         """The vertical component of c' = r'×r''', the derivative of P = (r'×r'')·up."""
-        return self._vertical(self.c1)
+        return self.vertical(self.c1)
 
-    def _vertical(self, v: Any) -> Any:
+    def vertical(self, v: Any) -> Any:
+        """Return the vertical component of a vector."""
         return v[2] if self.up is None else dot(v, self.up)
+
+    def level_square(self, v: Any) -> Any:
+        """Return the squared norm of the horizontal component of a vector."""
+        level = self._level(v)
+        return dot(level, level)
 
     def _level(self, v: Any) -> Any:
         """Return a vector with the same scalar products as the horizontal component of v."""

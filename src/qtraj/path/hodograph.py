@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
-from qtraj.foundation.argument import require_type
+from qtraj.foundation.argument import require_type, require_whole
 from qtraj.foundation.arrays import as_float, one_instant, part, real_scalar, require_element, require_positive
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.namespace import in_numpy
@@ -23,6 +23,7 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.own_duration import with_array_duration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +34,12 @@ PART = 1e-3
 
 
 class AbstractHodograph(eqx.Module):
-    """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`."""
+    """A smooth position curve r(t) [m] in world axes, where t [s] is the time from the start, 0 ≤ t ≤ `duration`.
+
+    An own path is a subclass with a `duration` [s] and the method `derivatives`. The duration may be declared as a
+    number, an array, a static field or a class attribute; it becomes a field whose value is an array. A property must
+    compute it from fields that are arrays.
+    """
 
     duration: eqx.AbstractVar[Scalar]
     supports_numpy: ClassVar[bool] = False
@@ -41,6 +47,10 @@ class AbstractHodograph(eqx.Module):
 
     Paths that do not support this are computed by JAX, which compiles their functions.
     """
+
+    def __init_subclass__(cls, **options: Any):
+        with_array_duration(cls)
+        super().__init_subclass__(**options)
 
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
@@ -173,13 +183,18 @@ class AbstractHodograph(eqx.Module):
 
 def require_path(path: AbstractHodograph) -> None:
     """Raise a ValueError if the argument `path` is not a path."""
-    expected = "a path, such as a SpiralHelix or a Route"
+    expected = "a path, such as a SpiralHelix, Route or Curve"
     require_type(
-        path, AbstractHodograph, "path", expected, "" if isinstance(path, AbstractHodograph) else _advice(path)
+        path, AbstractHodograph, "path", expected, "" if isinstance(path, AbstractHodograph) else path_advice(path)
     )
 
 
-def _advice(given: Any) -> str:
+def require_order(order: int) -> None:
+    """Raise a ValueError unless the `order` of a derivative is a whole number, at least 0."""
+    require_whole(order, "the order of a derivative")
+
+
+def path_advice(given: Any) -> str:
     """Return advice on an argument from which a path can be made."""
     kinds = {kind.__name__ for kind in type(given).__mro__}
     if kinds & {"PPoly", "BPoly", "BSpline"}:
@@ -190,6 +205,8 @@ def _advice(given: Any) -> str:
         return "pass its field path"
     if isinstance(given, list | tuple | np.ndarray | jax.Array):
         return "qtraj.Shape.through(points) is a curve through points"
+    if callable(given) and not isinstance(given, type):
+        return "qtraj.Curve(function, duration) is the path of a function of time"
     return ""
 
 
@@ -207,8 +224,8 @@ class Curve(AbstractHodograph):
     `position` may be a plain function, also one that returns a list of three numbers, or a callable Module; derivatives
     with respect to arrays of the Module are supported.
 
-    **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,), or if `duration` [s] is not
-    positive.
+    **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,) or complex, or if `duration` [s] is
+    not positive.
     """
 
     function: Callable[..., Vec3]
@@ -228,6 +245,7 @@ class Curve(AbstractHodograph):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
+        require_order(order)
         jet: Jet = lambda t: (_vector(self.function(t), t.dtype),)  # noqa: E731
         for _ in range(order):
             jet = _with_next_derivative(jet)
@@ -249,8 +267,16 @@ def _with_next_derivative(jet: Jet) -> Jet:
 
 
 def _vector(value: Any, dtype: Any) -> Array:
-    """Return the result of a user's function as an array; it may be a list of numbers."""
-    return jnp.stack([jnp.asarray(x, dtype) for x in value]) if isinstance(value, list | tuple) else jnp.asarray(value)
+    """Return the result of a user's function as an array of `dtype` or a wider float; it may be a list of numbers.
+
+    **Raises:** ValueError for complex numbers.
+    """
+    array = jnp.stack([jnp.asarray(x) for x in value]) if isinstance(value, list | tuple) else jnp.asarray(value)
+    if not (jnp.issubdtype(array.dtype, jnp.floating) or array.dtype.kind in "iub"):
+        raise ValueError(
+            f"the function of a curve must return real numbers [m], but it returns an array of dtype {array.dtype}"
+        )
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(dtype)
 
 
 def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:

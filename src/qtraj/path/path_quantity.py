@@ -20,8 +20,9 @@ The last one vanishes where the part of the specific force across the path is ze
 """
 
 VEHICLE, INERTIA, PRINCIPAL, WHEELBASE = "vehicle", "inertia", "principal inertia", "wheelbase"
-"""What a quantity needs in addition to the path: a vehicle, its inertia, principal axes of inertia along τ, n, b, or a
-wheelbase."""
+PARAMETERS = "parameters"
+"""What a quantity needs in addition to the path: a vehicle on a road, its inertia, principal axes of inertia along τ,
+n, b, a wheelbase, or only parameters such as its mass."""
 
 
 class Component(NamedTuple):
@@ -65,7 +66,8 @@ class PathQuantity:
     Proofs and searches use the ratio and the tangents of limits; `squared` and `value` are those of the angle.
 
     `component` describes the signed value, if the quantity is its magnitude. A side of a limit (see `sides`) has the
-    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound.
+    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound. `own` contains the
+    `own_facts.OwnFacts` of a quantity that is defined by a user's function.
     """
 
     name: str
@@ -91,6 +93,7 @@ class PathQuantity:
     lower: bool = False
     gravity: bool = False
     tangent_of: int = 0
+    own: Any = None
 
     @property
     def side(self) -> int:
@@ -150,11 +153,13 @@ class PathQuantity:
     @property
     def parametric(self) -> bool:
         """Whether the formulas use the parameters of a vehicle, or standard gravity without one."""
-        return self.on_road or self.needs == WHEELBASE
+        return self.on_road or self.needs in (WHEELBASE, PARAMETERS)
 
     @property
     def of_shape(self) -> bool:
         """Whether the quantity depends only on the shape of a path, and perhaps a wheelbase, but not on the timing."""
+        if self.own is not None:
+            return self.own.shape
         return self.per_time == 0 and not self.gravity and self.needs in ("", WHEELBASE)
 
     def tangent(self, limit: Any) -> Any:
@@ -164,6 +169,10 @@ class PathQuantity:
     def strict_tangent(self, limit: Any) -> Any:
         """Return `tangent` in NumPy, rounded so that the limit on the ratio implies the limit on the quantity."""
         return angle.strict_tangent(limit, self.tangent_of, self.side) if self.tangent_of else limit
+
+    def strict_line(self, line: Any) -> Any:
+        """Return lines (n, 2) for limits on the ratio that imply limits which are linear between the ends of `line`."""
+        return angle.strict_line(line, self.tangent_of, self.side) if self.tangent_of else line
 
     def of_tangent(self, ratio: Any) -> Any:
         """Return the value of the quantity for a value of `tangent`."""

@@ -15,6 +15,7 @@ from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangenti
 from qtraj.path.gravity_quantities import GRAVITY_QUANTITIES
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
 from qtraj.path.motion_quantities import MOTION_QUANTITIES
+from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import Component, PathQuantity, cubed, quotient, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.sides import LOWER, sides_of, upper_side
@@ -273,10 +274,12 @@ LIMITED = (*QUANTITIES, COMBINED)
 
 
 def quantity(name: str) -> PathQuantity:
-    """Return the path quantity, or the side of a limit, with this name.
+    """Return the path quantity, or the side of a limit, with this name; an `OwnName` carries its entry.
 
     **Raises:** ValueError for an unknown name.
     """
+    if isinstance(name, OwnName):
+        return name.entry
     require_type(name, str, "the name of a path quantity", "a string such as 'curvature'")
     if name not in _KNOWN:
         known = ", ".join((*QUANTITIES, CORRIDOR.name))

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.foundation.arrays import as_array, as_float, bucket, concrete
+from qtraj.foundation.arrays import as_array, as_float, bucket, concrete, like
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.namespace import in_numpy, is_host, needs_jax, xp
 from qtraj.foundation.record import Quantity, Record
@@ -112,8 +112,8 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     positions = to_float64(track.positions)
     if path.supports_numpy and not needs_jax(jax.tree.leaves(path)):
         count: Any = len(elapsed)
-        v = None if velocities is None else as_array(velocities, dtype)
-        measures = _measures_in_numpy(path, as_array(elapsed, dtype), as_array(positions, dtype), v, count)
+        v = None if velocities is None else like(velocities, path.duration)
+        measures = _measures_in_numpy(path, like(elapsed, path.duration), like(positions, path.duration), v, count)
         return Residual(**measures, turn=track.turn, samples=len(elapsed))
 
     # Pad with copies of the first sample, so that tracks of similar length share an executable. `count` is the number

@@ -13,7 +13,7 @@ from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts, route_record
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_order
 from qtraj.path.route_nearest import Nearest
 from qtraj.path.route_parts import known
 from qtraj.path.stops import Segments
@@ -87,6 +87,7 @@ class Route(AbstractHodograph, AbstractResult):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return position and derivatives up to `order` at one instant `t` [s]; row k in [m s^-k]."""
+        require_order(order)
         return _derivatives(self, one_instant(t).astype(self.duration.dtype), order)
 
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:
@@ -156,7 +157,7 @@ class Route(AbstractHodograph, AbstractResult):
         count = self.segments
         own = None if self.progress is None else known(self.progress)[:count]
         starts, c = (known(x)[:count] for x in (self.starts, self.coefficients))
-        return Segments(starts, c, np.diff(known(self.times)), own)
+        return Segments(starts, c, np.diff(known(self.times)), own, known(self.origin))
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.

@@ -21,7 +21,7 @@ from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState, require_states
 from qtraj.path.components import rotated_z
 from qtraj.path.frame_components import filled
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_order
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
 
@@ -90,6 +90,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
+        require_order(order)
         return _derivatives(self, one_instant(t), order)
 
     def sampled(self, t: Float[Array, " n"], order: int) -> list[Float[Array, "n 3"]]:

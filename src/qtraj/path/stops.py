@@ -23,13 +23,15 @@ GOLDEN = (5**0.5 - 1) / 2
 class Segments(NamedTuple):
     """Unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s].
 
-    `progress` (n, 4) is None if the coefficients are those of powers of the time (see `qtraj.path.progress`).
+    `progress` (n, 4) is None if the coefficients are those of powers of the time (see `qtraj.path.progress`). Positions
+    are relative to `origin` (3,) [m]; None is the origin of the world.
     """
 
     starts: Float[np.ndarray, " n"]
     coefficients: Float[np.ndarray, "n terms 3"]
     durations: Float[np.ndarray, " n"]
     progress: Float[np.ndarray, "n 4"] | None = None
+    origin: Float[np.ndarray, " 3"] | None = None
 
     def part(self, rows: Any) -> "Segments":
         """Return some of the segments."""
@@ -41,7 +43,7 @@ class Segments(NamedTuple):
 
     def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Segments":
         own = None if self.progress is None else change(self.progress)
-        return Segments(change(self.starts), change(self.coefficients), change(self.durations), own)
+        return Segments(change(self.starts), change(self.coefficients), change(self.durations), own, self.origin)
 
     def known_progress(self) -> Float[np.ndarray, "n 4"]:
         """Return the progress of all segments, also of those that are polynomials in the time."""
@@ -63,7 +65,7 @@ class Segments(NamedTuple):
         """Return the segments as polynomials in the time since their start."""
         if self.progress is None:
             return self
-        return Segments(self.starts, progress.in_time(self.coefficients, self.progress), self.durations)
+        return self._replace(coefficients=progress.in_time(self.coefficients, self.progress), progress=None)
 
     def values(self, i: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
         """Return position and derivatives up to `order` of the segments `i` (...) at local times `s` (...) [s]."""

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import as_array, as_float, concrete, part, warn_if_coarse
+from qtraj.foundation.arrays import as_float, concrete, like, part, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
@@ -129,7 +129,7 @@ class Track(AbstractResult):
         slower than a twentieth of the maximum horizontal speed are ignored. The turn is 0 for a track that stays within
         a horizontal distance of 0.1 m from its mean position.
         """
-        return as_array(travel_turn(self), self.positions.dtype)
+        return like(np.asarray(travel_turn(self)), self.positions)
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
         """Return the samples with t0 ≤ time ≤ t1 [s], on the clock of the recording, or absolute if it has an `epoch`.

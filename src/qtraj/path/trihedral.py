@@ -258,7 +258,9 @@ class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 
     `up` (3,), in world axes, need not be normalised. The frame does not exist where the velocity is zero or parallel to
-    `up`.
+    `up`. On a vertical loop it therefore jumps by 180° about the path where the path is vertical, so that z points up
+    again: rates and accelerations are finite before and after, but the attitude is not continuous. For loops use
+    `qtraj.RotationMinimizing` or `qtraj.ThrustAligned`.
 
     **Raises:** ValueError for an `up` that is zero, not finite, or of another shape.
     """

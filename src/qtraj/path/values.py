@@ -33,9 +33,14 @@ def invariants_at(
     return Invariants(rows, up) if vehicle is None else _driven(path, t, rows, up, span, vehicle)
 
 
-def _derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[list[Triple], Triple | None, Any]:
-    """Return the derivatives up to `order`, the vertical (None for the third axis), and the span [s]."""
-    polynomials = method(path, "polynomials")()
+def _derivatives(
+    path: AbstractHodograph, t: ScalarLike, order: int, world: bool = False
+) -> tuple[list[Triple], Triple | None, Any]:
+    """Return the derivatives up to `order`, the vertical (None for the third axis), and the span [s].
+
+    With `world`, the derivatives are in world axes.
+    """
+    polynomials = None if world else method(path, "polynomials")()
     if polynomials is None:
         rows = method(path, "sampled" if xp.ndim(t) else "derivatives")(t, order)
         return [triple(row) for row in rows], None, method(path, "span")(t)
@@ -72,9 +77,15 @@ def _invariants_of(
     order = max(entry.order, 1)
     if entry.on_road:
         return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle)
+    if _in_world(entry):
+        return Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
     found = invariants_at(path, t, order)
     found.vehicle = vehicle
     return found
+
+
+def _in_world(entry: PathQuantity) -> bool:
+    return entry.own is not None and entry.own.world
 
 
 def values(
@@ -92,7 +103,11 @@ def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: An
     rows, up, span = _derivatives(path, t, order)
     free = Invariants(rows, up, vehicle)
     driven = _driven(path, t, rows, up, span, vehicle) if on_road else free
-    found = [entry.scale(vehicle) * entry.value(driven if entry.on_road else free) for entry in entries]
+    world = free
+    if any(map(_in_world, entries)):
+        world = Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
+    of = lambda x: driven if x.on_road else world if _in_world(x) else free  # noqa: E731
+    found = [entry.scale(vehicle) * entry.value(of(entry)) for entry in entries]
     return [xp.asarray(x, path.duration.dtype) for x in found]
 
 

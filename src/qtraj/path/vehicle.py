@@ -16,7 +16,7 @@ from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE
+from qtraj.path.path_quantity import INERTIA, PARAMETERS, PRINCIPAL, VEHICLE, WHEELBASE
 from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
 
 GRAVITY, AIR_DENSITY = 9.80665, 1.225
@@ -221,6 +221,7 @@ def has_principal_inertia(vehicle: Vehicle | None) -> bool:
 
 REQUIREMENTS = {
     VEHICLE: require_vehicle,
+    PARAMETERS: require_vehicle,
     INERTIA: require_inertia,
     PRINCIPAL: require_principal_inertia,
     WHEELBASE: require_wheelbase,

@@ -182,10 +182,16 @@ class AttitudePart(Part):
         return None if self.gibbs is None else _unit([1.0, *self.gibbs])
 
     def beyond_half_turn(self, angles: str) -> float | None:
-        """Return the angle [rad] of the rotation vector if it is more than half a turn, otherwise None."""
-        if self.rotation_vector is None:
+        """Return the angle [rad] of the rotation vector, or the largest Euler angle, if more than half a turn.
+
+        Otherwise return None.
+        """
+        if self.rotation_vector is None and self.euler is None:
             return None
-        length = radians(angles) * math.hypot(*self.rotation_vector)
+        size = (
+            math.hypot(*self.rotation_vector) if self.rotation_vector is not None else max(map(abs, self.euler or ()))
+        )
+        length = radians(angles) * size
         return length if length > math.pi * (1 + LONGER) else None
 
 

@@ -9,6 +9,8 @@ from qtraj.design.along import Along
 from qtraj.design.bound import BY_SPEED, bound_of
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import FIELDS, Ellipse
+from qtraj.design.regions import Regions
+from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
 from qtraj.path.sides import has_sides
@@ -25,7 +27,12 @@ class LimitedPart(Part):
 
     A limit may change along the way, with distances from the start of the path in metres: speed = [{from = 0, value =
     13.9}, {from = 120, value = 8.3}] are steps, where a step without a value has no limit. speed = {distance = [0,
-    120], values = [13.9, 8.3], kind = "linear"} is interpolated. The values may be ranges [lower, upper].
+    120], values = [13.9, 8.3], kind = "linear"} is interpolated. The values may be ranges [lower, upper]. speed =
+    {column = "limit"} is a column of the recording; its cells are empty where there is no limit. The values are in the
+    unit in the name of the column, or in a unit such as unit = "km/h", otherwise in the SI unit.
+
+    A limit may hold inside areas of the horizontal plane: speed = {regions = [{polygon = [[x, y], …], value = 8.3}],
+    outside = 13.9}, with corners in metres. Without outside, the list of areas alone is sufficient.
 
     The longitudinal and the lateral acceleration may depend on the speed: longitudinal_acceleration = {speeds = [0, 10,
     30], lower = [-6, -6, -4], upper = [3, 3, 0.8]}, where lower or upper may be omitted, or lateral_acceleration =
@@ -34,13 +41,18 @@ class LimitedPart(Part):
     """
 
     def limits(self) -> dict[str, Any]:
-        """Return the limits that are set, by name: numbers, pairs (lower, upper), `Along`, `BySpeed` or `Ellipse`."""
+        """Return the limits that are set, by name: numbers, pairs, or one of the forms above."""
         return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
+
+    def columns(self) -> dict[str, LimitColumn]:
+        """Return the columns of the limits that the recording contains, by the names of the limits."""
+        return {name: x for name, x in self.limits().items() if isinstance(x, LimitColumn)}
 
     def _faults(self) -> Iterator[str]:
         for name, value in self.model_dump().items():
             try:
-                bound_of(_bound(value), name)
+                if not isinstance(bound := _bound(value), LimitColumn):
+                    bound_of(bound, name)
             except ValueError as error:
                 text = str(error)
                 yield text if name in text else f"{name}: {text}"
@@ -57,6 +69,11 @@ def _bound(value: Any) -> Any:
         return BySpeed(value["speeds"], **sides)
     if form == "along":
         return Along(value.get("distance", ()), value.get("values", ()), value.get("kind", "step"))
+    if form == "column":
+        return LimitColumn(**value)
+    if form in ("areas", "regions"):
+        areas, outside = (value, None) if form == "areas" else (value["regions"], value.get("outside"))
+        return _regions(areas, outside)
     if form == "steps":
         if missing := [step for step in value if "from" not in step]:
             raise ValueError(f"every step needs the key 'from', where it starts [m], but one is {missing[0]}")
@@ -65,6 +82,20 @@ def _bound(value: Any) -> Any:
             values = [x if isinstance(x, tuple) else (None, None) if x is None else x for x in values]
         return Along([step["from"] for step in value], values)
     return _sides(value)
+
+
+def _regions(areas: Any, outside: Any) -> Regions:
+    if not isinstance(areas, list) or not all(isinstance(area, dict) for area in areas):
+        raise ValueError(f"regions must be a list of areas {{polygon = …, value = …}}, but {areas!r} was given")
+    if missing := [area for area in areas if not area.keys() >= {"polygon", "value"}]:
+        raise ValueError(
+            f"every area needs the keys 'polygon' and 'value', but one has {', '.join(missing[0]) or 'none'}"
+        )
+    values = [None if x is None else _sides(x) for x in (*(area["value"] for area in areas), outside)]
+    if any(isinstance(x, tuple) for x in values):
+        values = [x if isinstance(x, tuple) else (None, None) if x is None else x for x in values]
+    *inside, outside = values
+    return Regions([(area["polygon"], x) for area, x in zip(areas, inside, strict=True)], outside)
 
 
 def _sides(value: Any) -> Any:
@@ -77,7 +108,11 @@ def _sides(value: Any) -> Any:
 def _form(value: Any) -> str:
     """Return which of the forms of a limit a value has."""
     if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
-        return "steps"
+        return "areas" if any("polygon" in x for x in value) else "steps"
+    if isinstance(value, dict) and "column" in value:
+        return "column"
+    if isinstance(value, dict) and "regions" in value:
+        return "regions"
     if isinstance(value, dict) and value.keys() & {"distance", "values"}:
         return "along"
     if isinstance(value, dict) and value.keys() & {"speeds", *FIELDS}:
@@ -90,10 +125,14 @@ Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
 Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
 BySpeedTable = Annotated[dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")]
 EllipseTable = dict[Literal["braking", "accelerating", "lateral"], keys.Positive | BySpeedTable]
+Column = Annotated[dict[Literal["column", "unit"], keys.Text], Tag("column")]
+Area = dict[Literal["polygon", "value"], list[keys.Pair] | Value]
+Areas = Annotated[list[Area], Tag("areas")]
+Inside = Annotated[dict[Literal["regions", "outside"], list[Area] | Value], Tag("regions")]
 
 
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
-    number, along = Annotated[keys.Positive, Tag("number")], Steps | Table
+    number, along = Annotated[keys.Positive, Tag("number")], Steps | Table | Column | Areas | Inside
     if entry.name in BY_SPEED:
         along = along | BySpeedTable
     kind: Any = Annotated[
@@ -101,8 +140,8 @@ def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
         Discriminator(_form),
     ]
     values = (
-        f"a positive finite number{', a range' if has_sides(entry) else ''} or steps [{{from = …, value = …}}, …] "
-        f"[{entry.label}]"
+        f"a positive finite number{', a range' if has_sides(entry) else ''}, steps [{{from = …, value = …}}, …], a "
+        f"column {{column = …}} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
     )
     return kind | None, key(entry.meaning, None, values=values)
 

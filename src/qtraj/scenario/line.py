@@ -10,6 +10,7 @@ from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.input_file import HASH_DIGITS, read_input
 from qtraj.io.shape.shape_file import ShapeRead, read_line
 from qtraj.io.shape.untimed import is_untimed
+from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.shape import Shape
 from qtraj.scenario.reader import ScenarioFile
@@ -54,4 +55,15 @@ def limits_of_line(limits: Mapping[str, Any]) -> Limits:
             f"a limit on {needs[0]} needs a vehicle, which a file of points does not have: limit lateral_acceleration "
             "and longitudinal_acceleration instead, or call qtraj.retime in Python with Limits(..., vehicle=...)"
         )
+    require_no_columns(limits, "a file of points")
     return Limits(**limits, vehicle=None)
+
+
+def require_no_columns(limits: Mapping[str, Any], what: str) -> None:
+    """Raise a ValueError for a limit in a column of a recording, because `what` is no recording."""
+    for name, limit in limits.items():
+        if isinstance(limit, LimitColumn):
+            raise ValueError(
+                f"--limit {name}=column:{limit.column} needs a recording, but {what} was given: write steps, such as "
+                f"--limit {name}=VALUE,VALUE@DISTANCE"
+            )

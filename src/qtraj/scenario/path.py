@@ -1,6 +1,6 @@
 """Define the scenario keys of a path, and build the path and the tuning problem."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -9,7 +9,6 @@ from pydantic import Field
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.odd_limits import odd_limits
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
@@ -18,6 +17,7 @@ from qtraj.io.saved import saved_path
 from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
@@ -29,6 +29,7 @@ from qtraj.scenario.keys import NamedPart, Part, key
 from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
+from qtraj.scenario.recorded_limits import along_path, with_odd_limits
 
 
 class StatePart(Part):
@@ -120,15 +121,21 @@ class LimitedScenario(NamedPart):
         for name in limits:
             if QUANTITIES[name].needs_vehicle:
                 require_vehicle(vehicle, QUANTITIES[name].needs, f"limits.{name}")
+        if (columns := self.limits.columns()) and getattr(self, "track", None) is None:
+            yield f"limits.{next(iter(columns))} is a column of a recording: specify [track], or another form of limit"
         if extra := sorted(set(self.purpose) - set(limits)):
             yield (
                 f"there is no limit {extra[0]!r} in [limits] for purpose.{extra[0]}: add the limit, or remove the "
                 "purpose"
             )
 
-    def all_limits(self) -> Limits:
-        """Return the limits, combined with the vehicle."""
-        return Limits(**self.limits.limits(), vehicle=self.vehicle and self.vehicle.vehicle())
+    def all_limits(self, recording: Recording | None = None, path: AbstractHodograph | None = None) -> Limits:
+        """Return the limits, combined with the vehicle.
+
+        Limits in columns are those of the `recording`, along the `path` fitted to it; without them, they are left out.
+        """
+        bounds = {name: along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
+        return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle())
 
 
 class PathScenario(LimitedScenario):
@@ -236,18 +243,15 @@ def lay(
     with naming(f"{loaded.file}: "):
         chosen["limits"] = scenario.all_limits()
         if scenario.track is not None:
-            recording = with_odd_limits(scenario.track.read(loaded.beside), scenario.limits.limits())
+            recording = scenario.track.read(loaded.beside, scenario.limits.columns())
+            recording = with_odd_limits(recording, scenario.limits.limits())
             with with_notes(recording):
                 fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
+            chosen["limits"] = scenario.all_limits(recording, fitted.path)
             return _along(fitted.path, recording=recording, fitted=fitted, **chosen)
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
-
-
-def with_odd_limits(recording: Recording, limits: Mapping[str, Any]) -> Recording:
-    """Return the recording with notes about limits that are odd for it."""
-    return recording._replace(notes=(*recording.notes, *odd_limits(limits, recording.track)))
 
 
 @contextmanager

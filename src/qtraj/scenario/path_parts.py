@@ -1,7 +1,8 @@
 """Define tables of a path scenario: the recording, and the settings of its fit, the tuning and the retiming."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator
@@ -13,6 +14,7 @@ from qtraj.design.timing.requirements import LEAST_TOLERANCE, MAX_KNOTS, MIN_KNO
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES
 from qtraj.design.tuning.methods import LEARNING_RATE, adam
 from qtraj.io.track.attitude_angles import AttitudeAngles
+from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.io.track.reading import Recording
 from qtraj.io.track.tangent_plane import TangentPlane
 from qtraj.io.track.track_file import read_recording
@@ -25,6 +27,7 @@ Objective = Annotated[str, one_of(OBJECTIVES)]
 Recorded = Literal["time", "position", "velocity", "attitude", "rate"]
 
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite) and 'start.V_h', the same names with 'end', and 'duration'"
+NO_LIMITS: Mapping[str, LimitColumn] = MappingProxyType({})
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 
 
@@ -112,12 +115,12 @@ class TrackPart(Part):
         if self.origin is not None and self.projection is None:
             yield "the key 'origin' is valid only with projection = 'tangent-plane'"
 
-    def read(self, beside: Callable[[str], Path]) -> Recording:
-        """Read the recording, its window as track; `beside` maps the name of the file to a path."""
-        recording = self.read_whole(beside)
+    def read(self, beside: Callable[[str], Path], limits: Mapping[str, LimitColumn] = NO_LIMITS) -> Recording:
+        """Read the recording and the columns of `limits`, its window as track; see `read_whole`."""
+        recording = self.read_whole(beside, limits)
         return recording if self.window is None else recording._replace(track=recording.track.window(*self.window))
 
-    def read_whole(self, beside: Callable[[str], Path]) -> Recording:
+    def read_whole(self, beside: Callable[[str], Path], limits: Mapping[str, LimitColumn] = NO_LIMITS) -> Recording:
         """Read the recording without regard to the window; `beside` maps the name of the file to a path."""
         columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
@@ -127,6 +130,7 @@ class TrackPart(Part):
         units = {str(part): unit for part, unit in (self.units or {}).items()}
         options = {name: getattr(self, name) for name in ("axes", "rate", "duplicates", "quaternion", "segment")}
         options |= {"columns": columns, "angles": angles, "projection": projection, "units": units, "times": times}
+        options |= {"limits": limits}
         return read_recording(beside(self.file), **options)
 
 

@@ -7,11 +7,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from qtraj.design.along import Along
 from qtraj.foundation.model_fault import explain, unknown_keys
 from qtraj.io.input_file import InputFile, read_input, with_track
 from qtraj.io.shape.shape_file import ShapeRead
+from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.scenario import KINDS
 
 S = TypeVar("S", bound=BaseModel | None)
@@ -96,9 +99,22 @@ def scenario_in(
 
 def _as_key(limit: Any) -> Any:
     """Return a limit in the form of a scenario."""
+    if isinstance(limit, LimitColumn):
+        return {name: x for name, x in limit._asdict().items() if x is not None}
+    if isinstance(limit, Along):
+        steps = zip(np.asarray(limit.distance).tolist(), np.asarray(limit.values).tolist(), strict=True)
+        return [{"from": s} | _present("value", x) for s, x in steps]
     if not isinstance(limit, tuple):
         return limit
     return {name: value for name, value in zip(("min", "max"), limit, strict=True) if value is not None}
+
+
+def _present(name: str, value: Any) -> dict[str, Any]:
+    """Return a number or a pair under its key, without missing numbers."""
+    if not isinstance(value, list):
+        return {} if np.isnan(value) else {name: value}
+    sides = {side: x for side, x in zip(("min", "max"), value, strict=True) if not np.isnan(x)}
+    return {name: sides} if sides else {}
 
 
 def _other_content(given: InputFile) -> str:

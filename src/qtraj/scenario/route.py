@@ -27,10 +27,11 @@ from qtraj.path.shape import Shape
 from qtraj.path.track import STANDSTILL, Track
 from qtraj.scenario import DATA, KINDS, keys
 from qtraj.scenario.keys import Part, key
-from qtraj.scenario.line import limits_of_line, line_in
-from qtraj.scenario.path import LimitedScenario, lay, with_notes, with_odd_limits
+from qtraj.scenario.line import limits_of_line, line_in, require_no_columns
+from qtraj.scenario.path import LimitedScenario, lay, with_notes
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
+from qtraj.scenario.recorded_limits import with_odd_limits
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""
@@ -143,14 +144,16 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     """
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
-        limits = scenario.all_limits()  # checked first, because the fit takes longer
+        scenario.all_limits()  # checked first, because the fit takes longer
         window = scenario.track.window
-        recording = with_odd_limits(scenario.track.read_whole(loaded.beside), scenario.limits.limits())
+        recording = scenario.track.read_whole(loaded.beside, scenario.limits.columns())
+        recording = with_odd_limits(recording, scenario.limits.limits())
         settings = scenario.fit.model_dump(exclude={"spacing"})
         with with_notes(recording):
             fitted = fit_route(recording.track, scenario.fit.spacing, window=window, **settings)
         if window is not None:
             recording = recording._replace(track=recording.track.window(*window))
+        limits = scenario.all_limits(recording, fitted.path)
         tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
         return RouteTask(fitted.path, limits, recording, fitted, tuning)
 
@@ -206,4 +209,5 @@ def _without_vehicle(limits: Mapping[str, Any], name: str) -> Limits:
             f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "
             f"'{name}', [vehicle] and [limits]"
         )
+    require_no_columns(limits, "a saved path")
     return Limits(**limits, vehicle=None)

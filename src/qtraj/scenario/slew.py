@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.profiles.profile import AbstractProfile, is_fixed
+from qtraj.motion.profiles.profile import AbstractProfile, has_end_rates, is_fixed
 from qtraj.motion.profiles.slew_profile import END_RATES, LIMITS, POLYNOMIALS, PROFILES, slew_profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
@@ -62,8 +62,8 @@ class BodyPart(Part):
 
     inertia: keys.Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
     max_torque: keys.Positive | keys.PositiveVector | None = key(
-        "limit on the torque, for the norm or for each component in body axes; a slew without 'duration', 'start_rate' "
-        "and 'end_rate' is slowed down to satisfy the limit",
+        "limit on the torque, for the norm or for each component in body axes; a slew without 'start_rate' and "
+        "'end_rate' is slowed down to satisfy the limit, or accelerated less if it has a 'duration'",
         None,
         values="one or three positive finite numbers [N m]",
     )
@@ -87,7 +87,8 @@ class SlewPart(Part):
     def program(self, angles: str) -> EulerTurn | SlewSequence:
         """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
 
-        A slew with a duration or end rates is not slowed down, and may violate its limits.
+        A slew with end rates is not slowed down, and may violate its limits. A slew with a duration keeps it; its
+        acceleration is reduced, unless the torque limit cannot be satisfied in this time.
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """
@@ -95,9 +96,14 @@ class SlewPart(Part):
         with naming("[law]: "):
             law = self.law.law(angles)
             program = SlewSequence(attitudes, law) if self.via else EulerTurn(attitudes[0], attitudes[1], law)
-            if is_fixed(law) or self.body is None or self.body.max_torque is None:
+            if self.body is None or self.body.max_torque is None or has_end_rates(law):
                 return program
-            return within_torque(program, self.body.inertia, self.body.max_torque)
+            try:
+                return within_torque(program, self.body.inertia, self.body.max_torque)
+            except ValueError:
+                if law.duration is None:
+                    raise
+                return program
 
     def program_within_limits(self, angles: str) -> EulerTurn | SlewSequence:
         """Return the program, or raise a ValueError if it violates its limits."""

@@ -99,7 +99,8 @@ def retimed_files(
     """
     about = {} if about is None else dict(about)
     turn = fitted if isinstance(fitted, Fitted) else None
-    dataset = retimed_dataset(timed, limits, certificate, profile, track, turn, Upright(), about)
+    before = fitted.path if isinstance(fitted, FittedRoute) else None
+    dataset = retimed_dataset(timed, limits, certificate, profile, track, turn, Upright(), about, before)
     timing = profile.to_xarray({name: about[name] for name in ("title", "scenario_file") if name in about})
     return {
         **netcdf("paths.nc", dataset),

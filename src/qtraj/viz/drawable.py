@@ -16,6 +16,7 @@ from qtraj.io.retimed_dataset import retimed_dataset
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import provided
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.own_name import OwnName
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES, SIDES
 from qtraj.path.spiral_helix import SpiralHelix
@@ -85,7 +86,7 @@ def _path_limits(given: Mapping[str, Any], vehicle: Vehicle | None) -> Limits:
     """Select the limits on a single path that can be evaluated with this `vehicle`, or without one if it is None."""
     available = provided(vehicle)
     names = [name for name, entry in (QUANTITIES | SIDES).items() if entry.needs in available]
-    bounds = {name: limit for name, limit in given.items() if name in names}
+    bounds = {name: limit for name, limit in given.items() if name in names or isinstance(name, OwnName)}
     return limits_from(bounds, vehicle)
 
 

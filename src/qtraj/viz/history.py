@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_along, limits_of
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_along, limits_of, own_variables
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
@@ -78,6 +78,7 @@ def _panels(dataset: xarray.Dataset) -> list[str]:
     """Return the variables to plot against time: all variables with a limit, and the variables in `ALWAYS`."""
     limited = {*ALWAYS, *limited_variables(dataset)}
     known = dict.fromkeys(name for name in LIMIT_VARIABLES.values() if name in dataset)  # forces need a vehicle
+    known |= dict.fromkeys(own_variables(dataset))
     return [name for name in known if name in limited]
 
 

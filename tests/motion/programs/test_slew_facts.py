@@ -1,6 +1,9 @@
 """Facts about slews as text, with angles in degrees."""
 
+import dataclasses
+
 import numpy as np
+import pytest
 
 import qtraj as qt
 from qtraj.motion.programs.slew_facts import (
@@ -36,6 +39,65 @@ def test_the_end_is_explained_if_its_sign_is_not_as_requested():
     assert fastest.startswith("The fastest slew within the limits takes ")
     opposite = qt.judge_slew(QUARTER, end=[-np.sqrt(0.5), 0.0, 0.0, -np.sqrt(0.5)])
     assert "the specified quaternion with the opposite sign" in end_texts(opposite)[0]
+
+
+def slew_about_z(degrees, law):
+    half = np.radians(degrees) / 2
+    return qt.EulerTurn([1.0, 0.0, 0.0, 0.0], [np.cos(half), 0.0, 0.0, np.sin(half)], law)
+
+
+@pytest.mark.parametrize(
+    ("rate", "beyond"),
+    [(10.0, 45.0), (-10.0, 50.0), (3.0, 0.0), (4.0, 3.0), (0.0, 0.0)],  # v²/2a beyond the start, or minus the angle
+)
+def test_a_start_rate_that_overshoots_is_said(rate, beyond):
+    law = qt.TimeOptimal(None, np.radians(1.0), start_rate=np.radians(rate))
+    verdict = qt.judge_slew(slew_about_z(5.0, law))
+    np.testing.assert_allclose(np.degrees(verdict.overshoots), [beyond], atol=1e-9)
+    said = f"The slew of 5° goes {beyond:g}° beyond its ends and returns" in verdict.result
+    assert said == (beyond > 0)
+    np.testing.assert_array_equal(verdict.record().variables["overshoot"].values, verdict.overshoots)
+
+
+J = (5.0, 4.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "limits", "torque", "text"),
+    [
+        (qt.TimeOptimal(None, np.radians(1.0), duration=600.0), None, 0.01, "With max_acceleration = 0.00333333, the"),
+        (qt.TimeOptimal(0.2, 0.2, duration=100.0), {"max_acceleration": 0.05}, None, "With max_acceleration = 0.05, "),
+        (qt.SCurve(None, 0.5, 0.5, duration=5.0), None, 0.01, "Increase the duration to "),
+        (qt.Quintic(duration=5.0), {"max_rate": 0.01}, 0.01, "Increase the duration to "),
+        (qt.TimeOptimal(None, 0.5, start_rate=0.01), None, 0.01, "Without start_rate and end_rate, the slew takes "),
+        (qt.Quintic(max_rate=0.1), {"max_rate": 0.01}, None, "With these limits in its profile, the slew takes "),
+    ],
+)
+def test_advice_holds(law, limits, torque, text):
+    inertia = None if torque is None else J
+    slew = slew_about_z(5.0, law)
+    verdict = qt.judge_slew(slew, limits, inertia, torque)
+    assert not verdict.met
+    assert text in verdict.advice
+    assert "raise the limits" not in verdict.result
+    number = float(verdict.advice.split(text.rstrip("0123456789., the"))[-1].strip(" =").split()[0].rstrip(","))
+    if text.startswith("With max_acceleration"):
+        law = dataclasses.replace(law, max_acceleration=number)
+    elif text.startswith("Increase"):
+        law = dataclasses.replace(law, duration=number)
+        if isinstance(law, qt.SCurve):  # the profile of a fixed duration is accelerated less
+            law = qt.within_torque(slew_about_z(5.0, law), J, torque).law
+    else:
+        return
+    assert qt.judge_slew(slew_about_z(5.0, law), limits, inertia, torque).met
+
+
+def test_there_is_no_advice_that_does_not_help():
+    """A longer duration alone does not reduce the acceleration of the profile."""
+    slew = slew_about_z(60.0, qt.TimeOptimal(0.1, 0.1, duration=14.0))
+    verdict = qt.judge_slew(slew, {"max_acceleration": 0.02})
+    assert not verdict.met
+    assert verdict.advice == ""
 
 
 def test_rates_at_the_ends_are_a_discontinuity():

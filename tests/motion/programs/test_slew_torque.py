@@ -1,5 +1,7 @@
 """Torques of slews: Euler's equations, integrated independently, reproduce the slew; limits are satisfied."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -142,8 +144,13 @@ def test_about_a_principal_axis_the_torque_is_along_it():
 @pytest.mark.parametrize(
     ("law", "inertia", "limit", "message"),
     [
-        (qt.Quintic(duration=1.0), TENSOR, 2.0, "times the torque that max_torque .* cannot be slowed down"),
-        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "its duration, start_rate or end_rate is fixed"),
+        (
+            qt.Quintic(duration=1.0),
+            TENSOR,
+            2.0,
+            "cannot satisfy the limit .* Increase the duration to at least",
+        ),
+        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "its start_rate or end_rate is fixed"),
         (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number, or three positive numbers"),
         (LAWS["quintic"], -1.0, 2.0, "positive principal moments"),
     ],
@@ -151,6 +158,48 @@ def test_about_a_principal_axis_the_torque_is_along_it():
 def test_impossible_limits_are_refused(law, inertia, limit, message):
     with pytest.raises(ValueError, match=message):
         qt.within_torque(qt.EulerTurn(START, END, law), inertia, limit)
+
+
+FIVE_DEGREES, DEGREE = [np.cos(np.pi / 72), 0.0, 0.0, np.sin(np.pi / 72)], np.pi / 180
+
+
+def test_in_a_fixed_time_the_acceleration_is_reduced():
+    """A slew about a principal axis that coasts: the torque is J·acceleration."""
+    slew = qt.EulerTurn([1, 0, 0, 0], FIVE_DEGREES, qt.TimeOptimal(None, DEGREE, duration=600.0))
+    limited = qt.within_torque(slew, [5.0, 4.0, 3.0], 0.01)
+    assert float(limited.law.max_acceleration) == pytest.approx(0.01 / 3, rel=1e-8)
+    assert float(limited.duration) == 600.0
+    assert qt.peak_torque(limited, [5.0, 4.0, 3.0]).norm <= 0.01
+
+
+@pytest.mark.parametrize("law", [qt.TimeOptimal(0.2, 0.2, duration=30.0), qt.SCurve(0.2, 0.2, 0.2, duration=30.0)])
+@pytest.mark.parametrize("limit", [0.6, [0.35, 0.5, 0.5]])
+def test_the_reduced_acceleration_is_the_largest(law, limit):
+    slew = qt.EulerTurn(START, END, law)
+    for program in (slew, qt.SlewSequence([START, END, START], law)):
+        limited = qt.within_torque(program, TENSOR, limit)
+        assert float(limited.duration) == float(program.duration)
+        assert limited.law.max_acceleration < 0.99 * law.max_acceleration
+        below = qt.peak_torque(limited, TENSOR)
+        more = dataclasses.replace(limited.law, max_acceleration=limited.law.max_acceleration * (1 + 1e-6))
+        above = qt.peak_torque(dataclasses.replace(program, law=more), TENSOR)
+        used = [(peak.norm if np.ndim(limit) == 0 else np.array(peak.axes)) / limit for peak in (below, above)]
+        assert np.max(used[0]) <= 1 < np.max(used[1])
+
+
+@pytest.mark.parametrize("law", [qt.TimeOptimal(0.5, 0.5, duration=8.0), qt.SCurve(0.5, 0.5, 0.5, duration=9.0)])
+def test_the_recommended_duration_suffices(law):
+    slew = qt.EulerTurn(START, END, law)
+    with pytest.raises(ValueError, match="Increase the duration to at least") as error:
+        qt.within_torque(slew, TENSOR, 0.2)
+    duration = float(str(error.value).split("at least ")[1].removesuffix(" s."))
+    for factor, enough in ((1 + 1e-8, True), (0.98, False)):
+        longer = qt.EulerTurn(START, END, dataclasses.replace(law, duration=duration * factor))
+        if enough:
+            assert qt.peak_torque(qt.within_torque(longer, TENSOR, 0.2), TENSOR).norm <= 0.2
+        elif isinstance(law, qt.TimeOptimal):  # whose slew of minimum duration is exact
+            with pytest.raises(ValueError, match="Increase the duration"):
+                qt.within_torque(longer, TENSOR, 0.2)
 
 
 def test_other_programs_are_refused():

@@ -215,7 +215,7 @@ GAP = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
         ({"rates": np.diag([0, 0, np.nan, 0, 0])[:, :3]}, "sample 2 at 0.2 s is"),
         ({"kind": "average"}, "'instantaneous', 'mean', 'increment', but 'average'"),
         ({"axes": "world"}, "'body' or 'inertial'"),
-        ({"degree": -1}, "must not be negative"),
+        ({"degree": -1}, "must be a whole number, at least 0"),
         ({"q0": np.zeros(4)}, "must not be zero"),
     ],
 )
@@ -230,6 +230,30 @@ def test_a_gap_is_refused_while_tracing():
         jax.jit(lambda rates: propagate_samples(rates, [1.0, 0, 0, 0], GAP))(jnp.zeros((5, 3)))
 
 
-def test_a_gap_can_be_allowed():
-    assert propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], GAP, max_gap=None).shape == (5, 4)
-    assert propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], GAP, max_gap=8.0).shape == (5, 4)
+@pytest.mark.parametrize("max_gap", [None, 8.0])
+def test_a_gap_that_is_allowed_is_said(max_gap):
+    with pytest.warns(UserWarning, match=r"a gap of 0\.7 s between sample 2 at 0\.2 s and sample 3"):
+        assert propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], GAP, max_gap=max_gap).shape == (5, 4)
+
+
+def test_several_gaps_are_counted():
+    times = np.concatenate([np.arange(6.0), np.arange(30.0, 36.0), np.arange(45.0, 50.0)])
+    with pytest.warns(UserWarning, match=r"has 2 gaps, the longest one of 25 s between sample 5"):
+        propagate_samples(np.zeros((len(times), 3)), [1.0, 0, 0, 0], times, max_gap=None)
+
+
+@pytest.mark.parametrize("max_gap", [-1, 0, 0.5, np.nan, "8", True])
+def test_a_largest_gap_that_is_no_multiple_is_refused(max_gap):
+    with pytest.raises(ValueError, match="max_gap must be None or a number of at least 1"):
+        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), max_gap=max_gap)
+
+
+@pytest.mark.parametrize("degree", [1.5, -1, True, "3"])
+def test_a_degree_that_is_no_whole_number_is_refused(degree):
+    with pytest.raises(ValueError, match=r"the degree of the local polynomial must be a whole number, at least 0"):
+        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), degree=degree)
+
+
+def test_a_method_by_name_is_refused():
+    with pytest.raises(ValueError, match=r"method must be an integration method, GaussLegendre.* the str 'rk4' was"):
+        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), method="rk4")

@@ -25,7 +25,7 @@ from qtraj.design.fitting.quality import Quality, judge, speed_misfit
 from qtraj.design.fitting.radius_bounds import is_at_bound, shrink_into_bounds
 from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, legendre_basis, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, measure_turn
-from qtraj.foundation.arrays import as_array
+from qtraj.foundation.arrays import like
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -96,14 +96,14 @@ def fit(
     unknowns, converged, steps = _fit_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
-    duration, dtype = float(elapsed_times(track)[-1]), track.positions.dtype
+    duration = float(elapsed_times(track)[-1])
     radius = shrink_into_bounds(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
     axis = [*(centre[:2] + scale * unknowns[:2]), 0.0]
-    placement = Placement(as_array(axis, dtype), as_array([1.0, 0.0, 0.0, 0.0], dtype))
-    path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
+    *polynomials, axis, upright = (like(np.asarray(x), track.positions) for x in (*numbers, axis, [1.0, 0.0, 0.0, 0.0]))
+    path = SpiralHelix(*polynomials, placement=Placement(axis, upright))
 
     residual = compare(path, track)
     quality = Quality(float(residual.horizontal_rms) / turn.total_radius, speed_misfit(path, track))

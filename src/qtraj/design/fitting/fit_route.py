@@ -30,7 +30,7 @@ from qtraj.design.fitting.route_system import in_seconds, predict, sample_system
 from qtraj.design.fitting.route_window import Cut, Widened, clipped, cut, widened
 from qtraj.design.fitting.units import Units
 from qtraj.design.fitting.waypoints import FEW, knots_and_smoothing
-from qtraj.foundation.arrays import as_array
+from qtraj.foundation.arrays import like
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude_residual import compare_attitude
@@ -166,7 +166,7 @@ def fit_route(
         ResultCode.successful if np.isfinite(found.states).all() else ResultCode.not_finite,
         attitude,
         compare_upright(path, track),
-        as_array(part.knots * unit.time, path.duration.dtype),
+        like(part.knots * unit.time, path.duration),
     )
     return fitted.check() if throw else fitted
 
@@ -180,23 +180,23 @@ def _chosen_sigma(sigma: Any, name: str, chosen: np.ndarray) -> Any:
 
 def _route(track: Track, origin: np.ndarray, part: Cut, unit: Units) -> Route:
     """Return the route through the knots of a part, whose positions [units of length] are relative to `origin` [m]."""
-    times, dtype = part.knots * unit.time, track.positions.dtype
+    times = part.knots * unit.time
     recorded = to_float64(track.times)
     times[-1] = recorded[-1] - recorded[0]
     orders = [part.states[:, k] * unit.length / unit.time**k for k in range(3)]
     orders[0] = orders[0] + origin
-    return Route(*(as_array(x, dtype) for x in (times, *orders)))
+    return Route(*(like(x, track.positions) for x in (times, *orders)))
 
 
 def _curved(wide: Widened, origin: np.ndarray, curves: Curves, unit: Units) -> Route:
     """Return the window of a route with curves at its stops; `origin` [m] is the first position."""
     starts, c, own = segments(curves, unit)
-    recorded, dtype = to_float64(wide.track.times), wide.track.positions.dtype
+    recorded = to_float64(wide.track.times)
     arrays = starts, c, np.asarray(recorded[-1] - recorded[0]), origin, own
     route = from_segments(*arrays)
     if wide.track is not wide.inner:
         route = route.window(wide.start, min(wide.end, float(arrays[2])))
-    return jax.tree.map(lambda x: as_array(x, dtype), route)
+    return jax.tree.map(lambda x: like(x, wide.track.positions), route)
 
 
 def _prediction_error(recording: Recording, problem: Problem, smoothing: float) -> float:

@@ -66,6 +66,8 @@ def route_fact_rows(fitted: FittedRoute) -> list[tuple[str, str]]:
         texts = [f"{rms:.4f} ({correlation:.3f})" for rms, correlation in values]
         axes = "x, y, z" if len(texts) == 3 else "yaw"
         rows.append(("recorded rates", f"{', '.join(texts)} rad/s RMS difference (correlation) for {axes}"))
+        if fitted.rates.note:
+            rows.append(("note on rates", fitted.rates.note))
     return rows
 
 

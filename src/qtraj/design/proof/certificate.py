@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.design.proof.where_undefined import where_undefined
 from qtraj.foundation.arrays import as_array, as_float, concrete, require_element
 from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
@@ -20,7 +21,6 @@ from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import symbol, with_unit
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.path_quantity import FORCE, LOAD, UPRIGHT_FORCE
 from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
@@ -45,17 +45,6 @@ _RESULT_OF_FINDING = (
 
 ACTIVE_MARGIN = 1e-6
 """A satisfied limit is active if its relative margin is at most this value."""
-
-
-WHERE_UNDEFINED = {
-    "speed": "the speed is zero",
-    "cross_norm": "the speed is zero or the path is straight",
-    "level": "the speed is zero or the path is vertical",
-    LOAD: "the speed is zero, or the load on the road is not positive",
-    FORCE: "the specific force is zero",
-    UPRIGHT_FORCE: "the speed is zero, the path is vertical, or the specific force is zero or opposite to up",
-}
-"""Descriptions of the places where a divisor is zero, by divisor."""
 
 
 class Finding(NamedTuple):
@@ -96,8 +85,7 @@ class Finding(NamedTuple):
     def text(self) -> str:
         """A description of the worst value and the limit."""
         if math.isnan(self.value):
-            where = WHERE_UNDEFINED[quantity(self.name).divisor or "speed"]
-            return f"undefined at t = {self.time:.4g} s, where {where}"
+            return f"undefined at t = {self.time:.4g} s, where {where_undefined(quantity(self.name))}"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         rounds_to_limit = not self.met and self.margin < 0 and f"{self.limit:.6g}" == texts[0]
         violation = f" (relative violation {-self.margin / abs(self.limit):.1e})" if rounds_to_limit else ""
@@ -179,7 +167,8 @@ class Certificate(AbstractOutcome):
     def margin(self, name: str) -> Any:
         """Return the distance of the worst value from the limit; negative if the limit is violated."""
         _, value, limit = self.worst[name]
-        return quantity(name).side * (limit - value)
+        own = self.names[self.names.index(name)]  # the name of a quantity of one's own carries its entry
+        return quantity(own).side * (limit - value)
 
     @property
     def active(self) -> list[str]:

@@ -16,7 +16,7 @@ from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.findings import Findings, Limit
 from qtraj.design.proof.judge import judge
-from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
+from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of, world_source
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.shape import certify_shape
@@ -96,7 +96,9 @@ def certify(
     forces on a parked vehicle are computed for a road without slope in the direction of travel.
 
     A limit that changes along the way (`Along`) is checked on the parts of the path in which it is constant or linear;
-    this is supported for one path with concrete values.
+    this is supported for paths with concrete values, and for a batch unless it is retimed. An interval in which a limit
+    is linear is divided until straight lines in the parameter of the path, which are nowhere less strict, differ from
+    the limit by about 1e-7 of its value.
 
     A `Shape` is checked like a route, with limits on quantities of the shape only: curvature, horizontal curvature,
     steering angle, sharpness, torsion and slope.
@@ -161,9 +163,10 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     """Return the findings on a batch of paths; `numbers` are the limits, factors and parameters (*batch, k)."""
     arrays = polynomial_arrays(path)
     if arrays is None:
-        flat = [x.reshape(math.prod(batch), x.shape[-1]) for x in numbers]
-        found = _judged(curve_source(path), names, *flat)
-        return Findings(*(x.reshape(*batch, len(names)) for x in found))
+        return _of_source(curve_source(path), names, numbers, batch)
+    in_world = np.array([(own := quantity(name).own) is not None and own.world for name in names])
+    if in_world.any():  # x, y and the position are not polynomials in the moving basis
+        return _with_world(path, names, numbers, batch, in_world)
     if not is_traced(arrays, numbers):
         return _on_host(names, *arrays, *numbers)
     dtype, shape = jnp.result_type(float), (*batch, len(names))
@@ -174,6 +177,30 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
         return Findings(*(x.astype(y.dtype) for x, y in zip(_on_host(names, *arrays), result, strict=True)))
 
     return jax.pure_callback(on_host, result, *arrays, *numbers, vmap_method="broadcast_all")
+
+
+def _of_source(source: Source, names: tuple[str, ...], numbers: list[Any], batch: tuple[int, ...]) -> Findings:
+    flat = [x.reshape(math.prod(batch), x.shape[-1]) for x in numbers]
+    return Findings(*(x.reshape(*batch, len(names)) for x in _judged(source, names, *flat)))
+
+
+def _with_world(
+    path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any], batch: tuple[int, ...], in_world: np.ndarray
+) -> Findings:
+    """Return the findings on a polynomial path; those on quantities in world axes (`in_world`) are sampled."""
+    bounds, factors, road = numbers
+    xp: Any = jnp if is_traced(path, numbers) else np
+    parts = []
+    for chosen in (in_world, ~in_world):
+        own = tuple(name for name, x in zip(names, chosen, strict=True) if x)
+        part = [bounds[..., chosen], factors[..., chosen], road]
+        if own:
+            sampled = chosen is in_world
+            parts.append(
+                _of_source(world_source(path), own, part, batch) if sampled else _findings(path, own, part, batch)
+            )
+    order = np.argsort(np.concatenate([np.flatnonzero(in_world), np.flatnonzero(~in_world)]))
+    return Findings(*(xp.concatenate(x, axis=-1)[..., order] for x in zip(*parts, strict=True)))
 
 
 def _on_host(names: tuple[str, ...], *arrays: Any) -> Findings:

@@ -7,6 +7,7 @@ itself, whose parameter is the fraction of the interval that the progress covers
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,11 @@ class Composed:
         The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
         """
         given: list[Any] = []
+        positions = [positions_of(self._segments, int(i)) for i in rows] if kind == "path" else None
         for i in rows:
             q, pace = directed(self._segments, int(i), True) if kind == "shape" else self._directed(int(i))
             given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
-        return DirectedSource(given, self._segments.durations[rows], kind == "component")
+        return DirectedSource(given, self._segments.durations[rows], kind == "component", positions)
 
     def _directed(self, i: int) -> tuple[Vector, ExactPolynomial]:
         if i not in self._in_time:
@@ -49,6 +51,19 @@ def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, 
     slope = _slope(segments, i)
     powers = place.powers(max(len(p.numbers) for p in slope) - 1)
     return [p.combined(powers) for p in slope], place.derivative()
+
+
+def positions_of(segments: Segments, i: int) -> Callable[[], Vector]:
+    """Return a function that returns the position of a segment as a function of the fraction of its duration."""
+
+    def found() -> Vector:
+        c, place = segments.coefficients[i], _progress(segments, i)
+        powers = place.powers(len(c) - 1)
+        origin = np.zeros(3) if segments.origin is None else segments.origin
+        own = [ExactPolynomial.from_floats(c[:, axis]).combined(powers) for axis in range(3)]
+        return [p + float(x) for p, x in zip(own, origin, strict=True)]
+
+    return found
 
 
 def _progress(segments: Segments, i: int) -> ExactPolynomial:

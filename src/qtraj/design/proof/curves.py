@@ -19,10 +19,14 @@ SIZES = (64, 1153)
 
 
 class CurveSource(Source):
-    """A batch of paths along the first axis of all their arrays, concrete or traced."""
+    """A batch of paths along the first axis of all their arrays, concrete or traced.
 
-    def __init__(self, paths: AbstractHodograph):
+    With `in_numpy`, the derivatives of concrete paths are computed in NumPy, which the paths must support.
+    """
+
+    def __init__(self, paths: AbstractHodograph, in_numpy: bool = False):
         self.paths, self.traced = paths, is_traced(paths)
+        self.in_numpy = in_numpy and not self.traced
         self.duration: Columns = paths.duration if self.traced else np.asarray(paths.duration)  # type: ignore[assignment]
         self.length = np.ones(len(self.duration))
 
@@ -35,12 +39,16 @@ class CurveSource(Source):
         t = u * self.duration
         if self.traced:
             found = _derivatives(self.paths, t, order)
+        elif self.in_numpy:
+            each = [jax.tree.map(lambda x, k=k: x[k], self.paths) for k in range(self.count)]
+            rows = [np.stack(path.sampled(t[:, k], order), axis=1) for k, path in enumerate(each)]
+            found = np.stack([np.asarray(x) for x in rows], axis=1)
         else:
             size = next((n for n in SIZES if n >= len(t)), -(-len(t) // SIZES[-1]) * SIZES[-1])
             padded = np.concatenate([t, np.repeat(t[-1:], size - len(t), axis=0)])
             found = np.asarray(_compiled(self.paths, padded, order))[: len(t)]
         rows = [found[..., k, :] * (self.duration**k)[:, None] for k in range(order + 1)]
-        return Derivatives([None, *((r[..., 0], r[..., 1], r[..., 2]) for r in rows[1:])])
+        return Derivatives([(r[..., 0], r[..., 1], r[..., 2]) for r in rows])
 
 
 def _derivatives(paths: AbstractHodograph, t: Any, order: int) -> Array:

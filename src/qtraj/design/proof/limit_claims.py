@@ -7,17 +7,24 @@ contain the roots √S of the squared speed and √H of the squared horizontal s
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from qtraj.algebra.combined_claims import AnyClaim
+from qtraj.algebra.radical import RadicalSum
 from qtraj.algebra.sparse import is_one, is_zero, mul
 from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof import speed_claims
 from qtraj.design.proof.sources import Derivatives
+from qtraj.foundation.namespace import xp
 from qtraj.path.contact import Contact
+from qtraj.path.formula import evaluated
 from qtraj.path.frenet import Invariants
 from qtraj.path.gravity_quantities import bank_divisor, force_divisor
+from qtraj.path.own_facts import Guard
 from qtraj.path.path_quantity import FORCE, LOAD, UPRIGHT_FORCE, PathQuantity
 from qtraj.path.regularity import cross_norm_squares
 
@@ -49,7 +56,20 @@ class Bound(NamedTuple):
 
 
 class RootedInvariants(Invariants):
-    """Invariants that are polynomials, with the roots v = √S and h = √H for signed quantities."""
+    """Invariants that are polynomials, with the roots v = √S and h = √H for signed quantities.
+
+    Quantities of one's own contain other roots and numbers, which `constant` converts to polynomials.
+    """
+
+    def __init__(self, derivatives: Derivatives, vehicle: Any, constant: Callable[[Any], Any]):
+        radicands: list[Any] = []
+        root = lambda square: RadicalSum.root(square, radicands)  # noqa: E731
+        super().__init__(derivatives.rows, derivatives.up, vehicle, root, derivatives.pace)
+        self._constant = constant
+
+    def number(self, x: Fraction) -> Any:
+        """Return a dyadic number as a polynomial."""
+        return self._constant(x)
 
     @cached_property
     def v(self) -> Any:
@@ -107,7 +127,7 @@ class Formulas:
         self.span, self._squared_span = derivatives.span, 1
         if not is_one(self.span):
             self._squared_span = constant(self.span) * constant(self.span)
-        self.invariants = RootedInvariants(derivatives.rows, derivatives.up, vehicle, pace=derivatives.pace)
+        self.invariants = RootedInvariants(derivatives, vehicle, constant)
         self._road: RoadInvariants | None = None
 
     @property
@@ -147,7 +167,16 @@ class Formulas:
         square, scale = sizes(name, self.invariants, fastest, self._squared_span)
         return self._claim(square - self._threshold * scale)
 
-    def _claim(self, number: Any) -> Any:
+    def guard(self, guard: Guard, sign: Any, least: Any) -> Claim:
+        """Return the claim that a guard of a quantity of one's own is satisfied.
+
+        `least` is a value that a divisor, multiplied by the `sign` of its values, must exceed; both are constant
+        polynomials.
+        """
+        x: Any = evaluated(guard.factor, self.invariants)
+        return self._claim(sign * x - least if guard.divisor else x)
+
+    def _claim(self, number: Any) -> Claim:
         """Return a claim about polynomials in u."""
         claim = Claim(number)
         claim.polynomials = [self._in_fraction(p) for p in claim.polynomials]
@@ -167,7 +196,8 @@ def _restricted(d: Derivatives, window: Any) -> Derivatives:
             return p
         return (p if is_one(d.span) else p.substituted(d.span)).restricted(*window)
 
-    return d._replace(rows=[None, *(tuple(map(of_window, row)) for row in d.rows[1:])], pace=of_window(d.pace))
+    rows = [None if row is None else tuple(map(of_window, row)) for row in d.rows]
+    return d._replace(rows=rows, pace=of_window(d.pace))
 
 
 def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:
@@ -180,3 +210,13 @@ def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:
     if name in (FORCE, UPRIGHT_FORCE):
         return (force_divisor if name == FORCE else bank_divisor)(i)
     return cross_norm_squares(i, span) if name == "cross_norm" else (i.H, i.S)
+
+
+def relative_sizes(name: str, i: Any, fastest: np.ndarray) -> np.ndarray:
+    """Return the squared relative size of a divisor, from invariants that are numbers."""
+    if name != LOAD:
+        square, scale = sizes(name, i, fastest)
+        return xp.where(scale > 0, square / xp.where(scale > 0, scale, 1.0), 0.0)
+    p, load = i.vehicle, xp.maximum(i.contact.onto, 0.0)
+    largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
+    return xp.where(largest > 0, load * load / xp.where(largest > 0, largest, 1.0), 0.0)

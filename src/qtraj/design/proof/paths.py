@@ -42,5 +42,14 @@ def source_of(arrays: Sequence[np.ndarray]) -> PolynomialSource:
 
 def curve_source(path: AbstractHodograph) -> Source:
     """Return the source of a batch of paths that are not polynomial, with all batch axes merged into one."""
+    return CurveSource(_flat(path))
+
+
+def world_source(path: AbstractHodograph) -> Source:
+    """Return the source of a batch of polynomial paths whose derivatives are numbers in world axes."""
+    return CurveSource(_flat(path), in_numpy=path.supports_numpy)
+
+
+def _flat(path: AbstractHodograph) -> AbstractHodograph:
     axes = path.duration.ndim
-    return CurveSource(jax.tree.map(lambda x: x.reshape(-1, *x.shape[axes:]) if eqx.is_array(x) else x, path))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[axes:]) if eqx.is_array(x) else x, path)

@@ -60,8 +60,8 @@ def intervals(
 
     def exceeds(part: np.ndarray, s: np.ndarray) -> np.ndarray:
         if parts.by_speed is not None:
-            return _exceeds_by_speed(own.values, part, s, name, parts.by_speed)
-        return _exceeds(own.values, part, s, name, parts.bound_at(part, s), road)
+            return _exceeds_by_speed(own, part, s, name, parts.by_speed)
+        return _exceeds(own, part, s, name, parts.bound_at(part, s), road)
 
     above = exceeds(every, s) | (s == peaks[:, None]) | parked[:, None]
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
@@ -90,21 +90,23 @@ def intervals(
 
 
 def _exceeds(
-    values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: np.ndarray, road: RoadParameters | None
+    segments: Segments, rows: np.ndarray, s: np.ndarray, name: str, bound: np.ndarray, road: RoadParameters | None
 ) -> np.ndarray:
     """Check whether a quantity violates its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
 
-    The times are measured from the start of the segment, and `values` returns the derivatives.
+    The times are measured from the start of the segment.
     """
     entry = quantity(name)
-    derivatives = values(np.broadcast_to(rows, s.shape), s, max(entry.order, 1))
+    derivatives = segments.values(np.broadcast_to(rows, s.shape), s, max(entry.order, 1))
+    if segments.origin is not None:
+        derivatives[0] = derivatives[0] + segments.origin
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
     return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))
 
 
-def _exceeds_by_speed(values: Any, rows: np.ndarray, s: np.ndarray, name: str, bound: OfSpeed) -> np.ndarray:
+def _exceeds_by_speed(segments: Segments, rows: np.ndarray, s: np.ndarray, name: str, bound: OfSpeed) -> np.ndarray:
     """Check whether a quantity violates a limit that depends on the speed; the arguments are those of `_exceeds`."""
-    derivatives = values(np.broadcast_to(rows, s.shape), s, 2)
+    derivatives = segments.values(np.broadcast_to(rows, s.shape), s, 2)
     i = Invariants([(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives])
     value, limit = compared(i, name, bound)
     return np.asarray(quantity(name).side * (value - limit) > 0)

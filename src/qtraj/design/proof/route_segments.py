@@ -14,15 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
+from qtraj.design.proof.at_rest import at_rest
+from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.proof.composed import Composed, fractions_along, times_along
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
 from qtraj.design.proof.sources import PolynomialSource, Source
-from qtraj.design.proof.standing import ZERO, standing, standing_source
+from qtraj.design.proof.standing import standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.quantity import COMBINED, QUANTITIES
-from qtraj.path.standstill import ORDER, driven_invariants
 from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
@@ -85,12 +85,14 @@ def findings(
     result.codes[undefined], result.values[undefined] = UNDEFINED, np.nan
     result.times[undefined] = np.where(at_stop[:, 0], 0.0, segments.durations[stopping])[within, None]
     _judge(result, task, stopping[~within], every[kinds == "shape"], _regular)
-    result.codes[~moving], result.values[~moving] = _at_rest(limits, road, np.flatnonzero(~moving), count)
+    result.codes[~moving], result.values[~moving] = at_rest(segments, limits, road, np.flatnonzero(~moving))
     return result
 
 
 def _kind(limit: Limit) -> str:
     """Return how the limit is judged next to a stop."""
+    if limit.entry.own is not None:
+        return limit.entry.own.stop
     if limit.entry.divisor is None:
         return "path"
     name = limit.entry.base or limit.entry.name
@@ -135,25 +137,7 @@ def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:
 def _regular(segments: Segments, rows: np.ndarray) -> Source:
     c = segments.coefficients[rows]
     x, y, z = (np.ascontiguousarray(c[:, :, axis].T) for axis in range(3))
-    return PolynomialSource(x, y, z, None, segments.durations[rows])
-
-
-def _at_rest(
-    limits: Sequence[Limit], road: RoadParameters | None, rows: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the status codes and values of segments without motion: only gravity acts, on a road without slope."""
-    values = np.zeros(len(limits))
-    bounds = np.stack([np.broadcast_to(x.bounds, count)[rows] for x in limits], axis=1)
-    if road is not None:
-        zero: Any = np.zeros(())
-        one: Any = np.ones(())
-        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
-        values = np.array([float(x.entry.value(forces)) if x.entry.on_road else 0.0 for x in limits])
-    side = np.array([x.entry.side for x in limits])
-    margin = side * (bounds - values)
-    proved, broken = margin > ZERO * np.abs(values), margin < -ZERO * np.abs(values)
-    proved |= (values == 0) & (bounds == 0)
-    return np.where(proved, PROVED, np.where(broken, BROKEN, UNDECIDED)), np.broadcast_to(values, margin.shape)
+    return PolynomialSource(x, y, z, None, segments.durations[rows], origin=segments.origin)
 
 
 def worst(codes: Int[np.ndarray, "segments limits"]) -> Int[np.ndarray, " limits"]:

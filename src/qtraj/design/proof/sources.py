@@ -15,17 +15,18 @@ from jaxtyping import Bool, Float
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
-from qtraj.algebra.polynomial import taylor_terms
+from qtraj.algebra.polynomial import horner, taylor_terms
 from qtraj.algebra.sparse import add, is_zero, mul, sub
 from qtraj.path.components import Triple, rotated_z
 from qtraj.path.moving_basis import in_moving_basis
+from qtraj.path.own_facts import OwnFacts
 
 Columns = Float[np.ndarray, " n"]
 Instants = Float[np.ndarray, "k n"]
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of r with respect to u: `rows[k]` is the k-th, a triple; `rows[0]` is not used.
+    """Derivatives of r with respect to u: `rows[k]` is the k-th, a triple; `rows[0]` is None without the position.
 
     `rows[1]` may be a vector in the direction of the velocity; `pace` is then the velocity divided by this vector, and
     otherwise the integer 1. `up` is the vertical; None means the third axis. If `span` is not the integer 1, it is the
@@ -66,12 +67,20 @@ class Source(abc.ABC):
         """Return the derivatives up to `order` of path k as `ExactPolynomial`s, in metres; see `Derivatives.span`."""
         raise ValueError(f"path {k} is not polynomial")
 
+    def proves(self, facts: OwnFacts) -> bool:
+        """Return whether the polynomials of a quantity of one's own are known."""
+        return not facts.world
+
+    def positioned(self) -> Source:
+        """Return the source whose derivatives contain the position, if it is known."""
+        return self
+
 
 class PolynomialSource(Source):
     """Paths R_z(φ)·(x, y, z), where x, y, z and φ are polynomials in the time t; `y` and `angle` may be None for zero.
 
     The coefficients (terms, n) are in ascending order. `vertical` (n, 3) is the vertical in the axes of the placement;
-    None means the third axis.
+    None means the third axis. Positions are relative to `origin` (3,); None is zero.
     """
 
     def __init__(
@@ -82,6 +91,7 @@ class PolynomialSource(Source):
         angle: Float[np.ndarray, "_ n"] | None,
         duration: Columns,
         vertical: Float[np.ndarray, "n 3"] | None = None,
+        origin: Float[np.ndarray, " 3"] | None = None,
     ):
         self.duration, self.vertical = duration, vertical
         self._azimuth = 0.0 if angle is None else angle[0]
@@ -93,6 +103,18 @@ class PolynomialSource(Source):
             sizes = [np.abs(c).max(axis=0) for c in scaled[:3] if c is not None]
             self.length = power_of_two(np.max(sizes, axis=0))
             self._scaled = [None if c is None else c / self.length for c in scaled[:3]] + scaled[3:]
+        self._in_world, self._whole, self._position = angle is None and vertical is None, (x, y, z), False
+        self._origin = np.zeros(3) if origin is None else np.asarray(origin, float)
+
+    def proves(self, facts: OwnFacts) -> bool:
+        """Return whether the path is polynomial in world axes if the quantity is computed in them."""
+        return self._in_world or not facts.world
+
+    def positioned(self) -> PolynomialSource:
+        """Return the same source with the position."""
+        if self._in_world:
+            self._position = True
+        return self
 
     def provable(self, upright: bool) -> Bool[np.ndarray, " n"]:
         """Return all paths, or for formulas with the vertical the paths whose axis is vertical."""
@@ -106,6 +128,8 @@ class PolynomialSource(Source):
         rows = in_moving_basis(x, y, z, angle)
         zero = np.zeros_like(u)
         rows = [None, *(tuple(zero if is_zero(c) else c + zero for c in row) for row in rows[1:])]
+        if self._position:
+            rows[0] = tuple(horner([*c], u) + zero + x.c[0] for c, x in self._scaled_position())  # type: ignore[call-overload]
         return Derivatives(rows, up=self._up(u))
 
     def bounded(self, order: int) -> Derivatives:
@@ -115,6 +139,8 @@ class PolynomialSource(Source):
         rows = moving_derivatives(x, y, z, angle, order)
         if np.any(signs < 0):
             rows = [None, *((r[0], _signed(r[1], signs), _signed(r[2], signs)) for r in rows[1:])]
+        if self._position:
+            rows[0] = tuple(BoundedPolynomial(c, k=2 * len(c) + 2) + x for c, x in self._scaled_position())
         return Derivatives(rows)
 
     def exact(self, k: int, order: int) -> Derivatives:
@@ -123,7 +149,20 @@ class PolynomialSource(Source):
         rows = moving_derivatives(x, y, z, angle, order)
         if self._signs()[k] < 0:
             rows = [None, *((r[0], -r[1], -r[2]) for r in rows[1:])]
+        if self._position:
+            rows[0] = tuple(
+                ExactPolynomial.from_floats(c[:, k]) + float(x) for c, x in zip(self._axes(), self._origin, strict=True)
+            )
         return Derivatives(rows, span=float(self.duration[k]))
+
+    def _axes(self) -> list[Float[np.ndarray, "_ n"]]:
+        """Return the coefficients of the position relative to the origin."""
+        return [np.zeros((1, self.count)) if c is None else c for c in self._whole]
+
+    def _scaled_position(self) -> list[tuple[Float[np.ndarray, "_ n"], BoundedPolynomial]]:
+        """Return the same in the unit of length, and the origin."""
+        origin = [BoundedPolynomial.constant(x / self.length, k=1) for x in self._origin]
+        return [(c * powers(self.duration, len(c)) / self.length, x) for c, x in zip(self._axes(), origin, strict=True)]
 
     def _signs(self) -> np.ndarray:
         """Return −1 where the axis points down: a half turn about x makes the third axis point up."""

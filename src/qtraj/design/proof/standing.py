@@ -8,6 +8,7 @@ components of r'' relative to the direction of q.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.polynomial import horner
 from qtraj.algebra.sparse import is_one, mul
 from qtraj.design.proof.sources import Derivatives, Instants, Source, power_of_two
+from qtraj.path.own_facts import OwnFacts
 from qtraj.path.stops import Segments
 
 ZERO = 64 * float(np.finfo(float).eps)
@@ -34,10 +36,18 @@ class DirectedSource(Source):
     """Segments whose velocity is r' = pace·q, with exact polynomials q and pace; q does not vanish at stops.
 
     The first derivative is q. The higher derivatives are those of q or, if `keep_acceleration`, those of the velocity.
+    `positions` returns the position of each segment; None means that it is not known.
     """
 
-    def __init__(self, given: list[Directed], duration: np.ndarray, keep_acceleration: bool = False):
+    def __init__(
+        self,
+        given: list[Directed],
+        duration: np.ndarray,
+        keep_acceleration: bool = False,
+        positions: list[Callable[[], Vector]] | None = None,
+    ):
         self.duration, self._given, self._keep = duration, given, keep_acceleration
+        self._positions, self._positioned = positions, False
         sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in given]
         self.length = power_of_two(np.array(sizes, float))
         self._floats: dict[int, Any] = {}
@@ -46,11 +56,20 @@ class DirectedSource(Source):
         """Return all segments."""
         return np.ones(self.count, bool)
 
+    def proves(self, facts: OwnFacts) -> bool:
+        """Return whether a quantity contains no numbers with a unit, and the position is known if it contains that."""
+        return not facts.in_si and (self._positions is not None or not facts.position)
+
+    def positioned(self) -> DirectedSource:
+        """Return the same source with the position, if it is known."""
+        self._positioned = self._positions is not None
+        return self
+
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of segment k as exact polynomials."""
         q, pace = self._given[k]
         vector = [mul(pace, p) for p in q] if self._keep else q
-        rows: list[Any] = [None, tuple(q)]
+        rows: list[Any] = [tuple(self._positions[k]()) if self._positions and self._positioned else None, tuple(q)]
         for _ in range(order - 1):
             vector = [p.derivative() for p in vector]
             rows.append(tuple(vector))
@@ -59,23 +78,25 @@ class DirectedSource(Source):
     def bounded(self, order: int) -> Derivatives:
         """Return the same in floats, each rounded once."""
         rows, pace = self._stacked(order)
-        vectors = [tuple(BoundedPolynomial(c, k=1) for c in row) for row in rows]
-        return Derivatives([None, *vectors], 1 if is_one(pace) else BoundedPolynomial(pace, k=1))
+        vectors = [None if row is None else tuple(BoundedPolynomial(c, k=1) for c in row) for row in rows]
+        return Derivatives(vectors, 1 if is_one(pace) else BoundedPolynomial(pace, k=1))
 
     def at(self, u: Instants, order: int) -> Derivatives:
         """Return the derivatives at the fractions `u` of the durations, in floats."""
         rows, pace = self._stacked(order)
         zero = np.zeros_like(u)
-        vectors = [tuple(horner([*c], u) + zero for c in row) for row in rows]
-        return Derivatives([None, *vectors], 1 if is_one(pace) else horner([*pace], u))
+        vectors = [None if row is None else tuple(horner([*c], u) + zero for c in row) for row in rows]
+        return Derivatives(vectors, 1 if is_one(pace) else horner([*pace], u))
 
     def _stacked(self, order: int) -> Any:
         """Return the coefficients (terms, n) of all derivatives, and of the pace, or the integer 1 without one."""
         if order not in self._floats:
             each = [self.exact(k, order) for k in range(self.count)]
-            rows = [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(1, order + 1)]
+            first = 0 if self._positioned else 1
+            rows: list[Any] = [None] * first
+            rows += [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(first, order + 1)]
             pace = 1 if is_one(each[0].pace) else _stacked([x.pace for x in each])
-            self._floats[order] = [[c / self.length for c in row] for row in rows], pace
+            self._floats[order] = [None if row is None else [c / self.length for c in row] for row in rows], pace
         return self._floats[order]
 
 

@@ -9,14 +9,16 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from qtraj.design.along import Along
 from qtraj.design.ellipse import OfSpeed
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, limits_of
 from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
-from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of
+from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of, world_source
 from qtraj.design.proof.varying_parts import Divided, judged_parts
+from qtraj.design.regions import Regions
 from qtraj.design.timing.findings import joined
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
@@ -24,18 +26,25 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle_data import batch_of
 
 
 def certify_varying(
     path: AbstractHodograph, limits: Limits, certify: Callable[[AbstractHodograph, Limits], Certificate]
 ) -> Certificate:
-    """Return the certificate of one path for limits of which some change along the way.
+    """Return the certificate of a path or of a batch of paths for limits of which some change along the way.
 
     `certify` returns the certificate for the other limits.
 
-    **Raises:** ValueError for a batch of paths and for traced values.
+    **Raises:** ValueError for traced values.
     """
     require_known(path, limits)
+    if batch := path.duration.shape:
+        limits.require_batch(batch, "the paths")
+        each = [certify_varying(*_element(path, limits, k), certify) for k in np.ndindex(batch)]
+        fields = ([getattr(x, field) for x in each] for field in ("codes", "times", "values", "limits"))
+        names = tuple(limits.given())
+        return Certificate(names, *(np.reshape(x, (*batch, len(names))) for x in fields))
     limits = limits.on(path)
     given = limits.given()
     whole = _divided(path, limits)
@@ -70,12 +79,28 @@ def limit_by_speed(name: str, bound: OfSpeed) -> Limit:
 
 
 def require_known(path: AbstractHodograph, limits: Limits) -> None:
-    """Raise a ValueError for a batch of paths or traced values, with limits that change along the way."""
-    if path.duration.ndim or is_traced(path, limits):
+    """Raise a ValueError for traced values with limits that are not constant."""
+    if is_traced(path, limits):
         raise ValueError(
-            f"the limit {limits.varying[0]} is not constant, which certify supports for one path with concrete values: "
-            "call it outside jit, grad and vmap, once for each path"
+            f"the limit {limits.varying[0]} is not constant, which certify supports for paths with concrete values: "
+            "call it outside jit, grad and vmap"
         )
+
+
+def _element(path: AbstractHodograph, limits: Limits, index: tuple[int, ...]) -> tuple[AbstractHodograph, Limits]:
+    """Return one path of a batch, and its limits."""
+
+    def at(tree: Any) -> Any:
+        return jax.tree.map(lambda x: np.asarray(x)[index] if eqx.is_array(x) else x, tree)
+
+    def has_batch(bound: Any) -> bool:
+        if isinstance(bound, Regions | OfSpeed):
+            return False
+        return bound.distance.ndim > 1 if isinstance(bound, Along) else np.ndim(bound) > 0
+
+    bounds = {name: at(x) if has_batch(x) else x for name, x in limits.given().items()}
+    vehicle = limits.vehicle
+    return at(path), limits_of(bounds, at(vehicle) if batch_of(vehicle) else vehicle)
 
 
 def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
@@ -85,8 +110,10 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
     def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
         count = len(segment)
-        if arrays is None:  # the derivatives are compiled for one path
-            each = [_on_curve(path, limit, road, window, k) for k in range(count)]
+        in_world = limit.entry.own is not None and limit.entry.own.world
+        if arrays is None or in_world:  # the derivatives may be compiled, for one path
+            source = curve_source if arrays is None else world_source
+            each = [_on_curve(path, source, limit, road, window, k) for k in range(count)]
             return Findings(*(np.concatenate(x) for x in zip(*each, strict=True)))
         source = source_of([np.repeat(np.asarray(x)[None], count, axis=0) for x in arrays])
         return judge(source, [limit._replace(factors=np.repeat(limit.factors, count))], _each(road, count), window)
@@ -94,11 +121,11 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
     return Divided(np.zeros(1), np.full(1, float(path.duration)), distances(path), findings)
 
 
-def _on_curve(path: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
+def _on_curve(path: Any, source: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
     one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
     own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
-    return judge(curve_source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
+    return judge(source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
 
 
 def _each(road: RoadParameters | None, count: int) -> RoadParameters | None:

@@ -14,6 +14,7 @@ from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_segments import RANK
 from qtraj.design.varying import Varying
 from qtraj.design.windows import windows
+from qtraj.path.angle import gap_of_line
 from qtraj.path.distances import Distances
 from qtraj.path.path_quantity import PathQuantity
 
@@ -78,7 +79,7 @@ def judged_parts(path: Divided, entry: PathQuantity, along: Along, factor: float
     segment, window, bounds = _cut(path, *windows(limit))
     line = None
     if along.kind == "linear":
-        segment, window, line = _lines(path, limit, segment, window)
+        segment, window, line = _lines(path, limit, entry, segment, window)
         bounds = entry.side * np.min(entry.side * line, axis=1)
     found = path.findings(segment, Limit(entry, bounds, np.asarray(factor), line), window)
     ends = np.stack([bounds, bounds], axis=1) if line is None else line
@@ -87,12 +88,14 @@ def judged_parts(path: Divided, entry: PathQuantity, along: Along, factor: float
 
 
 def _lines(
-    path: Divided, limit: Varying, segment: np.ndarray, window: Window
+    path: Divided, limit: Varying, entry: PathQuantity, segment: np.ndarray, window: Window
 ) -> tuple[np.ndarray, Window, Float[np.ndarray, "parts 2"]]:
     """Return smaller parts, in which lines approximate a linear limit, and the lines."""
     for _ in range(HALVINGS):
         low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
         line, rest = limit.approximated(low, high)
+        if entry.tangent_of:
+            rest = rest + gap_of_line(line, entry.tangent_of)
         rough = rest > ACCURATE * np.abs(line).max(axis=1)
         if not rough.any() or segment.size + np.count_nonzero(rough) > MOST:
             break

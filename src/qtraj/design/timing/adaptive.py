@@ -141,7 +141,7 @@ def _halved(
     times = latest.times()
     if not np.isfinite(times).all():
         return with_positive(shape, cells, latest.powers)
-    return refined(shape, task, accuracy, cells, (latest.powers, times, profile))
+    return refined(shape, task, accuracy, cells, (latest.powers, times, latest.lost, profile))
 
 
 def _exceeding(p: Posed, found: Drafted | Searched) -> Bool[np.ndarray, " cells"]:

@@ -19,7 +19,7 @@ from qtraj.design.varying import Varying, at_places, in_cells, strictest, varies
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
 
-SMALLEST = 1e-9
+SMALLEST = 1e-12
 """Fraction of the length of the path below which a cell is not halved because of the shape of the path."""
 
 LONGER = 3.0
@@ -194,20 +194,20 @@ def refined(
     task: Task,
     accuracy: float,
     cells: Cells,
-    timing: tuple[Float[np.ndarray, "cells 4"], Float[np.ndarray, " cells"], Profile],
+    timing: tuple[Float[np.ndarray, "cells 4"], Float[np.ndarray, " cells"], Float[np.ndarray, " cells"], Profile],
 ) -> Cells:
-    """Halve cells where a timing is not smooth.
+    """Halve cells where a timing is not smooth, or where limits are much tighter between the nodes than at the nodes.
 
-    `timing` contains the coefficients of a = u̇² in the cells, the times in the cells [s], and the relaxed timing. The
-    third derivative of a smooth function hardly jumps.
+    `timing` contains the coefficients of a = u̇² in the cells, the times in the cells and those that are lost there by
+    tighter limits [s], and the relaxed timing. The third derivative of a smooth function hardly jumps.
     """
-    powers, times, least = timing
+    powers, times, lost, least = timing
     length = shape.lengths(cells)
     jump = np.pad(np.abs(np.diff(6 * powers[:, 3] / length**3)), 1)
     jump[1:-1][np.diff(cells.segment) > 0] = 0.0
     fourth = np.maximum(jump[1:], jump[:-1]) * length**3 / (PLACES - 1) ** 4
     a = powers @ np.linspace(0.0, 1.0, PLACES) ** np.arange(4)[:, None]
-    error = _errors(shape, task, cells, least._replace(a=a, fourth=fourth, times=times))
+    error = lost + _errors(shape, task, cells, least._replace(a=a, fourth=fourth, times=times))
     allowed = accuracy * times.sum() / error.size
     for _ in range(2):
         halved = error > allowed

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from qtraj.design.timing import road
 from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, symmetric
+from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 
 Gradients = Float[Any, "count orders *nodes"]
@@ -27,6 +28,12 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
         combined = combined._replace(factor=combined.factor * factors[c.before_combined])
     jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2
     return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own, bends, combined)
+
+
+def squares(p: Parts) -> np.ndarray:
+    """Return the power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
+    road = 0 if p.road is None else len(ROAD)
+    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * (p.jerk is not None) + [1.0] * road)
 
 
 def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:

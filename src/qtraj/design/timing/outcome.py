@@ -42,7 +42,7 @@ class Retimed(AbstractOutcome):
     """The result of `retime` for one path or a batch (batch axes in front of every array).
 
     - `path`: the path with its fastest timing. `path.path` is the path as a function of its original parameter. If the
-      path is a route, slow motion next to a stop is replaced by a stop.
+      path is a route, slow motion next to a stop is replaced by a stop, and creeping by an even progress.
     - `duration` [s]: the duration of `path`. Its derivatives are cheaper than those of `path.duration`.
     - `certificate`: the findings on all limits, for the whole path.
     - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.

@@ -57,6 +57,11 @@ class Searched(NamedTuple):
         """The coefficients of u̇² as known numbers, even if they are differentiated."""
         return np.asarray(constants(self.found.powers))
 
+    @property
+    def lost(self) -> Float[np.ndarray, " cells"]:
+        """The times [s] that are lost in the cells, because their limits are tightened."""
+        return np.zeros(self.grid.cells) if self.found.lost is None else self.found.lost
+
     def times(self) -> Float[np.ndarray, " cells"]:
         """Return the times in the cells [s] as known numbers."""
         return np.diff(np.asarray(Timing(self.powers, constants(self.knots), self.rest).times))
@@ -77,6 +82,11 @@ class Drafted(NamedTuple):
     def powers(self) -> Float[np.ndarray, "cells 4"]:
         """The coefficients of u̇² in each cell."""
         return self.draft.powers
+
+    @property
+    def lost(self) -> Float[np.ndarray, " cells"]:
+        """The times [s] that are lost in the cells as soon as the limits hold between the nodes, too."""
+        return self.draft.lost
 
     @property
     def converged(self) -> bool:

@@ -18,7 +18,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
-from qtraj.design.proof.exact_units import times_power
+from qtraj.design.proof.units import times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES

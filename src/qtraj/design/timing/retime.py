@@ -16,6 +16,7 @@ from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.constraints import NAMES, listed
+from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
@@ -107,7 +108,9 @@ def retime(
     A route is divided at its stops. Each drive between two stops is timed from rest to rest, and the stops keep their
     durations. With `stop_speed` > 0, an interval is also treated as a stop if the speed is at most `stop_speed` [m/s]
     and the vehicle stays within `stop_distance` [m]. There the path of the result differs from `path` by at most that
-    distance.
+    distance. Where a recorded vehicle creeps next to a stop or halts for a moment (see `fit_route`), the path parameter
+    of the result is not the recorded time: the same curves are passed with a nearly constant rate of progress, in the
+    same time.
 
     With `duration` [s], the timing takes so long and accelerates as gently as possible: the limits on accelerations are
     multiplied by the number `share` of the result, at most 1, the limit on the jerk by share^1.5, and the fastest
@@ -166,6 +169,7 @@ def retime(
     require_stop(stop_speed, stop_distance)
     if isinstance(path, Route) and stop_speed > 0:
         path = with_stops(path, known_segments(path), stop_speed, stop_distance)
+    path = evenly(path) if isinstance(path, Route) else path
     with np.errstate(over="ignore"):  # reported below
         parts, standing = of_path(path, names, of_shape)
     require_no_stops(lap, len(parts), any(standing))

@@ -43,6 +43,8 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
+    if batch:
+        limits.require_constant("certify of a batch of retimed paths", "check the paths one by one")
     if limits.varying and not (batch or is_traced(path, limits)):
         limits = limits.on(path.path)
     elif limits.varying:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.boundedness import unbounded
-from qtraj.design.timing.constraint_values import tightened, used
+from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import Program, State, begun, continued, solve
@@ -126,6 +126,19 @@ def _tighter(
     """Return the factors by which limits are tightened after a search; violations of other searches mean nothing."""
     excess = np.where(converged[:, None], grouped(between, found), 1.0)
     return np.where(excess > 1, 1 + OVER * 2.0 ** max(search - 2, 0) * (excess - 1), 1.0)
+
+
+def lost(between: Parts, r: Result) -> Float[np.ndarray, " cells"]:
+    """Return the times [s] that are lost in the cells of one problem, because its limits are tightened.
+
+    The multipliers are the derivatives of the minimum duration with respect to the limits. Violations between the nodes
+    count as if the limits were tightened already.
+    """
+    factors = r.used * _tighter(between, r.usage[:, None], np.ones(1, bool), 0)[:, 0]
+    at, inside = np.moveaxis(r.multipliers * np.log(at_nodes(factors)), -2, 0)
+    nodes = squares(between)[:, None] * np.stack([at, inside])
+    each, cells = nodes.sum(axis=1), factors.shape[-1]
+    return each[1, :cells] + 0.5 * (each[0, :-1] + each[0, 1:])
 
 
 def between_nodes(between: Parts, within: np.ndarray, coefficients: Any) -> Float[Any, "limits *batch cells"]:

@@ -17,7 +17,7 @@ from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD, slowing, without
-from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, searched, shapes
+from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, lost, searched, shapes
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import local
@@ -59,8 +59,8 @@ class Found(NamedTuple):
     `powers` (cells, 4) are the coefficients of a = u̇² for ascending powers of the position in each cell. `usage`
     (limits, cells) is the largest ratio of each quantity to its limit, in the order of `listed`. `sensitivity` has the
     value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, and `error`
-    the optimality error of the last search. `unbounded` indicates whether no limit
-    bounds the speed.
+    the optimality error of the last search. `unbounded` indicates whether no limit bounds the speed. `lost` (cells,) is
+    the time [s] that is lost in each cell, because its limits are tightened; None for a traced problem.
     """
 
     powers: Float[Any, "cells 4"]
@@ -69,6 +69,7 @@ class Found(NamedTuple):
     steps: Any
     error: Scalar
     unbounded: Any
+    lost: Float[np.ndarray, " cells"] | None = None
 
 
 def fastest(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | None = None) -> Found:
@@ -97,6 +98,11 @@ class Draft(NamedTuple):
     result: Result
 
     @property
+    def lost(self) -> Float[np.ndarray, " cells"]:
+        """The times [s] that are lost in the cells as soon as the limits hold between the nodes, too."""
+        return lost(self.places, self.result)[self.tables.filled]
+
+    @property
     def powers(self) -> Float[np.ndarray, "cells 4"]:
         """The coefficients of a = u̇² in each cell."""
         powers = np.einsum("pkn,kn->np", self.tables.powers, local(self.result.coefficients))
@@ -122,7 +128,7 @@ def _found(d: Draft, r: Result) -> Found:
     powers, usage, error = _satisfied(r, r.coefficients, d.tables, d.places, tuple(d.problem.bounds))
     zero, filled = np.zeros(()), d.tables.filled
     sensitivity: Any = zero
-    return Found(powers[filled], usage[:, filled], sensitivity, r.steps, error, r.unbounded)
+    return Found(powers[filled], usage[:, filled], sensitivity, r.steps, error, r.unbounded, lost(d.places, r)[filled])
 
 
 def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:

@@ -30,7 +30,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_order
 from qtraj.path.progress import composed
 from qtraj.path.route import Route
 
@@ -215,6 +215,7 @@ class RetimedPath(AbstractHodograph):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Any, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
+        require_order(order)
         u, rate_of_u = self.timing.motion(t)
         rate: Any = rate_of_u
         taylor, rows = self.timing.taylor(u), self.path.derivatives(u, order)

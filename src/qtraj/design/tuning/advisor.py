@@ -16,6 +16,9 @@ from qtraj.foundation.progress import Report
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import Vehicle
 
+ZONES = "Raise the limits that are violated where they are, or pass more starts."
+"""Advice if limits change along the way."""
+
 
 class Advisor:
     """Advice on the problems of a batch, computed on demand and cached.
@@ -57,7 +60,7 @@ class Advisor:
         searches, result = self._data
         element = slice(place, place + 1)
         one, at = searches.take(element), jax.tree.map(lambda x: x[element], result)
-        problem, names = one.problem, tuple(searches.limits)
+        problem, names = one.problem, (*searches.limits, *(zone.name for zone in searches.zones))
         vehicle = self._vehicle
         if vehicle is not None and vehicle.mass.ndim:
             vehicle = jax.tree.map(lambda x: x[place], vehicle)
@@ -66,6 +69,8 @@ class Advisor:
         if code != ResultCode.successful:
             sentences = [standstill_warning(problem, names), *sentences]
         if code == ResultCode.infeasible:
+            if one.zones:
+                return [ZONES, *sentences]
             return [advice(one, at, options), *sentences]
         if code == ResultCode.not_converged and not sentences[0]:
             more = "a larger max_steps, " if int(at.steps[0]) >= options.max_steps else ""

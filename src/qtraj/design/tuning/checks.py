@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from qtraj.design.ellipse import OfSpeed
+from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.own_limits import require_reduced
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
@@ -50,10 +52,10 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
-    by_speed = any(isinstance(x, OfSpeed) for x in limits.given().values())
-    others = "retime supports it" if by_speed else "tune_route and retime support it"
-    limits.require_constant("tune", f"{others} for a route, such as Route.from_path(path)")
+    by_speed = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
+    refuse_changing(by_speed, "tune", "retime supports it for a route, such as Route.from_path(path)")
     user_limits = limits.given()
+    require_reduced(user_limits, "tune")
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not bound_speed(user_limits):

@@ -16,6 +16,7 @@ from qtraj.design.tuning.objectives import custom
 from qtraj.design.tuning.peaks import Peaks
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.searches import CurveJets, Searches
+from qtraj.design.tuning.zone_model import expand_in_zone
 
 LOOSE = -0.7
 """Below this value, a constraint is expressed by ½((value/limit)² − 1).
@@ -76,6 +77,15 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
             gradient = curves.expand(name, owner, peaks.time[own], second=False).gradient
             value[rank, owner] = peaks.value[own]
             slopes[rank, :, owner] = np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0).T
+    for k, zone in enumerate(searches.zones, len(searches.limits)):
+        own = np.flatnonzero(peaks.limit == k)
+        if own.size:
+            owner, rank = peaks.owner[own], peaks.rank[own]
+            moves = ~(peaks.fixed[own] | peaks.edge[own])
+            expanded = expand_in_zone(curves, zone, owner, peaks.time[own], moves)
+            g, gradient, hessian = _loosened(peaks.value[own], *expanded[1:])
+            value[rank, owner], slopes[rank, :, owner] = g, gradient.T
+            curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
     return Model(slope, curvature, value, slopes, curvatures, limit, time, fixed)
 
 
@@ -113,6 +123,13 @@ def _expanded(
     # Correct the slope for the distance between the time of the exact peak and the time that the search found.
     gradient = g.gradient[:n] + drift * rate
     hessian = g.hessian[:n, :n] + drift[:, None] * mixed
+    return _loosened(value, gradient, hessian)
+
+
+def _loosened(
+    value: np.ndarray, gradient: np.ndarray, hessian: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return constraint values with gradients and Hessians, expressed by squares where they are `LOOSE`."""
     square = np.where(value < LOOSE, np.exp(2 * value), 1.0)
     hessian = square * hessian + (2 * (square < 1) * square) * (gradient[:, None] * gradient)
     gradient = square * gradient

@@ -9,11 +9,12 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from qtraj.algebra.jets import Jet, variables
+from qtraj.algebra.jets import Jet, sqrt, variables
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
+from qtraj.design.tuning.zones import Zone
 
 Batch = Float[np.ndarray, " batch"]
 Points = Float[np.ndarray, "*batch points"]
@@ -23,8 +24,9 @@ Points = Float[np.ndarray, "*batch points"]
 class Searches:
     """A batch of searches: problems, limits by name, and bounds on the variables.
 
-    With `weight` 0, a search minimises only the largest constraint value. `level` is true if the vertical is the third
-    axis of all placements.
+    Limits that change along the way are divided into `zones`; a constraint has the index of its limit, or, after
+    all limits, of its zone. With `weight` 0, a search minimises only the largest constraint value. `level` is true if
+    the vertical is the third axis of all placements.
     """
 
     problem: Problem
@@ -33,6 +35,7 @@ class Searches:
     high: Float[np.ndarray, "n batch"]
     weight: Batch
     level: bool
+    zones: tuple[Zone, ...] = ()
 
     @cached_property
     def formulas(self) -> Formulas:
@@ -47,13 +50,15 @@ class Searches:
     @property
     def order(self) -> int:
         """The highest order of derivatives in the limits."""
-        return constraints.order_of(tuple(self.limits))
+        return constraints.order_of(tuple(self.limits)) if self.limits else 0
 
     def take(self, index: Any) -> "Searches":
         """Return some of the searches."""
         problem = jax.tree.map(lambda x: x[index], self.problem)
         limits = {name: x[index] for name, x in self.limits.items()}
-        return Searches(problem, limits, self.low[:, index], self.high[:, index], self.weight[index], self.level)
+        bounds = self.low[:, index], self.high[:, index]
+        zones = tuple(zone.take(index) for zone in self.zones)
+        return Searches(problem, limits, *bounds, self.weight[index], self.level, zones)
 
     def units(self, z: Any) -> Units:
         """Return the data that turn invariants into constraint values, for the variables `z`."""
@@ -87,6 +92,17 @@ class Curves:
         curves.units = taken(self.units, owner)
         return curves
 
+    def within(self, limits: dict[str, Points]) -> "Curves":
+        """Return the curves with other limits."""
+        curves = object.__new__(Curves)
+        curves.cubics, curves.units = self.cubics, self.units._replace(limits={**self.units.limits, **limits})
+        return curves
+
+    def speeds(self, u: Points) -> Points:
+        """Return the speeds in metres per duration at the instants `u`."""
+        i = constraints.invariants(constraints.place(self.cubics, u, 1), self.units._replace(road=None))
+        return np.sqrt(i.S) * self.units.length
+
     def values(self, names: Sequence[str], u: Points, order: int) -> list[Points]:
         """Return the constraint values of some limits at the instants `u`."""
         at = constraints.place(self.cubics, u, order)
@@ -119,14 +135,17 @@ class CurveJets:
         self.units = searches.units(z)
         self.fixed_duration = searches.problem.objective.fixes_duration
 
-    def expand(self, name: str, owner: Int[np.ndarray, " points"], u: Points, second: bool = True) -> Jet:
+    def expand(
+        self, name: str, owner: Int[np.ndarray, " points"], u: Points, second: bool = True, limit: Any = None
+    ) -> Jet:
         """Return a constraint value at points as jets in the variables and in u, the last variable.
 
-        Without `second`, the jets are of first order and in the variables only.
+        Without `second`, the jets are of first order and in the variables only. `limit` replaces the limit.
         """
         order, count = max(1, constraints.order_of((name,))), u.size
         m = self.n + second
         units = taken(self.units, owner)
+        units = units if limit is None else units._replace(limits={**units.limits, name: limit})
         zeros = np.zeros((m, m, count)) if second else None
         expansion = _in_both if second else _in_variables
         at = Place(*(expansion([_gathered(c, owner) for c in cubic], u, order, self.n) for cubic in self.cubics))
@@ -135,6 +154,12 @@ class CurveJets:
         instant = Jet(u, _unit(self.n, m, count), zeros) if second else u
         g = constraints.value(name, at, constraints.invariants(at, units), units, instant)
         return g if isinstance(g, Jet) else Jet(g, np.zeros((m, count)), zeros)
+
+    def speeds(self, owner: Int[np.ndarray, " points"], u: Points) -> Jet:
+        """Return the speeds in metres per duration as jets in the variables and in u, the last variable."""
+        at = Place(*(_in_both([_gathered(c, owner) for c in cubic], u, 1, self.n) for cubic in self.cubics))
+        units = taken(self.units, owner)._replace(road=None)
+        return sqrt(constraints.invariants(at, units).S) * units.length
 
 
 def _unit(k: int, size: int, count: int) -> np.ndarray:
@@ -194,11 +219,13 @@ def _in_both(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
     return result
 
 
-def searches_of(problem: Problem, limits: dict[str, Any], low: Any, high: Any) -> Searches:
+def searches_of(
+    problem: Problem, limits: dict[str, Any], low: Any, high: Any, zones: tuple[Zone, ...] = ()
+) -> Searches:
     """Return the searches of a batch of problems with leading batch axes, from concrete arrays."""
     problem, limits, low, high = jax.tree.map(
         lambda x: np.asarray(x, float) if np.asarray(x).dtype.kind == "f" else np.asarray(x),
         (problem, limits, low, high),
     )
     level = bool(np.all(problem.vertical == np.array([0.0, 0.0, 1.0])))
-    return Searches(problem, limits, low.T, high.T, np.ones(len(low)), level)
+    return Searches(problem, limits, low.T, high.T, np.ones(len(low)), level, zones)

@@ -22,8 +22,8 @@ MIN_LIMIT = 1e-100
 
 
 def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
-    """Return the limits that are set, by name; the corridor is the last."""
-    return limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
+    """Return the limits that do not change along the way, by name; the corridor is the last."""
+    return limits.constant() | ({} if corridor is None else {CORRIDOR.name: corridor})
 
 
 def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:

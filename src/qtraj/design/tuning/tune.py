@@ -25,9 +25,11 @@ from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import broadcasting, pose
-from qtraj.design.tuning.searches import searches_of
+from qtraj.design.tuning.search import SearchResult
+from qtraj.design.tuning.searches import Searches, searches_of
 from qtraj.design.tuning.targets import search_limits
 from qtraj.design.tuning.task import Task, one
+from qtraj.design.tuning.zoned import require_supported, solve_in_zones
 from qtraj.foundation.arrays import as_float, constants, is_traced, like
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
@@ -88,6 +90,10 @@ def tune(
     on the shape of `nearest_to` and on its direction, but not on its timing. If no limit determines the timing of the
     result either, fix the duration: many paths are then equally near, and derivatives of the solution do not exist.
 
+    Limits may change along the way (`Along`, with the method "sqp"): they hold between distances along the path that is
+    being tuned. `Regions` become limits along the initial path; if the tuned path violates them, they become limits
+    along this path, and the path is tuned again.
+
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
@@ -140,7 +146,7 @@ def tune(
     start, end, batch = _as_batch(start, end)
     road = RoadParameters(*map(as_float, limits.road())) if limits.parametric else None
     axis, bounds_of = Placement() if placement is None else placement, _as_floats(bounds)
-    _require_batch((duration, turn, axis, bounds_of, road, limits.given(), corridor), batch)
+    _require_batch((duration, turn, axis, bounds_of, road, limits.constant(), corridor), batch)
     limits.require_batch(batch, "the states")
     count = start.position.shape[0]
 
@@ -158,6 +164,7 @@ def tune(
     constant, *others = constants((tasks, turn, limits, corridor))
     checked: Any = (constant.problem if batch else one(constant.problem), *others, placement is not None)
     unknown = is_traced(constant, others)
+    require_supported(limits, method, batch, is_traced(tasks, start, end, turn, limits, corridor))
     if not (batch or unknown):
         require_well_posed(*checked)
     with np.errstate(all="ignore"), broadcasting():
@@ -168,8 +175,14 @@ def tune(
         return outcome.check() if throw else outcome
     with reporting(progress) as report:
         searches = searches_of(constant.problem, constant.limits, constant.low, constant.high)
-        result = multistart.solve(method, searches, starts, max_steps, report)
-        outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
+
+        def solved(searches: Searches) -> tuple[SearchResult, Tuned]:
+            result = multistart.solve(method, searches, starts, max_steps, report)
+            return result, make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
+
+        searches, result, outcome = (
+            solve_in_zones(searches, limits, corridor, solved) if limits.varying else (searches, *solved(searches))
+        )
         if is_traced(tasks, turn, limits, corridor):
             return outcome.check() if throw else outcome
         advisor = Advisor(searches, result, starts, max_steps, bounds, limits.vehicle)

@@ -9,6 +9,7 @@ import numpy as np
 from qtraj.design.bound import numbers
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
@@ -54,6 +55,7 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
 
 def require_suitable(names: tuple[str, ...], objective: str) -> None:
     """Raise a ValueError if a route cannot be tuned for this objective within limits of these names."""
+    require_reduced(names, "tune_route", in_world=True, order=3)
     # The natural trihedral does not exist on straights.
     wrong = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.divisor == "cross_norm")
     if wrong:

@@ -10,6 +10,7 @@ from qtraj.io.track.column_scales import scales
 from qtraj.io.track.column_units import Unit, unit_of
 from qtraj.io.track.given_times import given_times
 from qtraj.io.track.kitti_poses import pose_axes, require_times
+from qtraj.io.track.limit_columns import limit_samples
 from qtraj.io.track.one_object import require_one_object
 from qtraj.io.track.plausibility import oddities, rows_without_a_fix
 from qtraj.io.track.race_line import race_line
@@ -63,8 +64,9 @@ def assemble(source: Source, reading: Reading) -> Recording:
     notes = oddities(track, columns, origin, unordered)
     notes += () if plane is None else tuple(rows_without_a_fix(numbers[rows.start : rows.stop, :2]))
     line = None if source.line is None else source.line.part(slice(rows.start, rows.stop))
-    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line, origin)
-    return Recording(track, read, notes, line)
+    limits = limit_samples(path, table, times.seconds, slice(rows.start, rows.stop), reading.limits)
+    read = facts(columns, times, given, track, rows, (merged.note, *source.notes), line, origin, limits)
+    return Recording(track, read, notes, line, limits)
 
 
 def _is_geographic(reading: Reading, header: list[str]) -> bool:
@@ -110,6 +112,8 @@ def _columns(source: Source, reading: Reading, globe: bool) -> Columns:
         axes = choose_axes(chosen, reading.axes, globe)
     except ValueError as error:
         raise ValueError(f"{source.name}: {error}") from error
+    if reading.angles is not None and "rate" in axes:
+        axes["rate"] = reading.angles.axes  # the axes of the gyro are those of the angles
     return Columns(table.header, chosen, units, axes, angled)
 
 

@@ -32,7 +32,8 @@ class AttitudeAngles:
     "xyz". `heading` is "north-clockwise" (from world y, north, towards world x, east) or "x-anticlockwise" (from world
     x towards world y). `unit` is "deg" or "rad". `body` names the directions of the body axes x, y, z,
     "forward-right-down" or "forward-left-up". Roll and pitch are right-handed about x and y, so a positive pitch raises
-    the nose with "forward-right-down" and lowers the nose with "forward-left-up".
+    the nose with "forward-right-down" and lowers the nose with "forward-left-up". Recorded rates are in the same body
+    axes, and are converted to forward, left, up, too.
 
     **Raises:** ValueError for any other value; the message contains the allowed values.
     """
@@ -55,6 +56,11 @@ class AttitudeAngles:
                 raise ValueError(
                     f"the {name} of attitude angles must be {options}, but {getattr(self, name)!r} was given"
                 )
+
+    @property
+    def axes(self) -> str:
+        """The name of the body axes in `recorded_axes`, "ned" for forward, right, down."""
+        return "ned" if self.body == BODIES[0] else "enu"
 
     def quaternions(self, angles: np.ndarray) -> np.ndarray:
         """Convert `angles` (n, 3) to unit quaternions (n, 4); the columns are roll, pitch and heading in `unit`.

@@ -15,9 +15,14 @@ def squeezed(name: str) -> str:
     return _SEPARATOR.sub("", _base(name).lower())
 
 
+def bracketed(name: str) -> list[str]:
+    """Return the texts in brackets in a column name."""
+    return _BRACKET.findall(name)
+
+
 def unit_in(name: str) -> tuple[str, Unit] | None:
     """Return the unit in a column name and its text: in brackets, as in `x [km]`, or at the end, as in `x_km`."""
-    for text in _BRACKET.findall(name):
+    for text in bracketed(name):
         if unit := unit_of(text):
             return text, unit
     if text := IMPLIED.get(squeezed(name)):

@@ -25,10 +25,10 @@ def scales(
     """
     kinds = _kinds(part, len(names), globe, angles is not None)
     if part in units:
-        return _by_user(part, units[part], kinds, [_found(name, rows) for name in names])
-    found = [_meant(_found(name, rows), kind) for name, kind in zip(names, kinds, strict=True)]
+        return _by_user(part, units[part], kinds, [unit_of_column(name, rows) for name in names])
+    found = [meant(unit_of_column(name, rows), kind) for name, kind in zip(names, kinds, strict=True)]
     for k, (name, item) in enumerate(zip(names, found, strict=True)):
-        if item is not None and item[1].kind != kinds[k] and _is_wrong(name, item[0]):
+        if item is not None and item[1].kind != kinds[k] and is_wrong(name, item[0]):
             _raise_other_kind(part, name, item, angles)
         if item is not None and item[1].kind != kinds[k]:
             found[k] = None
@@ -69,19 +69,20 @@ def _by_user(part: str, text: str, kinds: list[str], found: Sequence[tuple[str, 
     return [unit if kind == unit.kind else other for kind, other in zip(kinds, own, strict=True)]
 
 
-def _meant(item: tuple[str, Unit] | None, kind: str) -> tuple[str, Unit] | None:
+def meant(item: tuple[str, Unit] | None, kind: str) -> tuple[str, Unit] | None:
     """Return a unit and its text; `ms` of a speed, as in `vx_ms`, is m/s, because only times are in milliseconds."""
     return (item[0], SPELLINGS["m/s"]) if kind == "speed" and item is not None and item[0].lower() == "ms" else item
 
 
-def _found(name: str, rows: Mapping[str, str]) -> tuple[str, Unit] | None:
+def unit_of_column(name: str, rows: Mapping[str, str]) -> tuple[str, Unit] | None:
+    """Return the unit of a column and its text: in its name, or in the row of units below the header."""
     if item := unit_in(name):
         return item
     unit = unit_of(rows.get(name, ""))
     return None if unit is None else (rows[name], unit)
 
 
-def _is_wrong(name: str, text: str) -> bool:
+def is_wrong(name: str, text: str) -> bool:
     """Return whether a unit of another kind is in brackets or has several letters, and so cannot be a name."""
     return len(text) > 1 or "[" in name or "(" in name
 

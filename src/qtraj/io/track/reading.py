@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from qtraj.io.track.attitude_angles import AttitudeAngles
 from qtraj.io.track.column_scales import Units, require_units
 from qtraj.io.track.given_times import require_rate
+from qtraj.io.track.limit_columns import LimitColumn, LimitSamples
 from qtraj.io.track.recorded_line import LineResidual, RecordedLine, line_residual
 from qtraj.io.track.repeated_times import CHOICES
 from qtraj.io.track.tangent_plane import TangentPlane
@@ -22,13 +24,14 @@ ORDERS = ("wxyz", "xyzw")
 class Recording(NamedTuple):
     """A track, four lines of text that state what was read and as what, and texts about what is odd in it.
 
-    `line`: heading and curvature of a race line, or None.
+    `line`: heading and curvature of a race line, or None. `limits`: limits that the recording contains, by name.
     """
 
     track: Track
     facts: tuple[str, str, str, str]
     notes: tuple[str, ...] = ()
     line: RecordedLine | None = None
+    limits: Mapping[str, LimitSamples] = MappingProxyType({})
 
 
 def recorded(recording: Recording | None) -> dict[str, Any] | None:
@@ -44,7 +47,7 @@ def recording_residual(recording: Recording | None, path: AbstractHodograph) -> 
 
 
 class Reading(NamedTuple):
-    """The options of `read_track`."""
+    """The options of `read_track`, and the columns of the limits that are also read."""
 
     columns: Mapping[str, str | Sequence[str] | None]
     angles: AttitudeAngles | None
@@ -56,6 +59,7 @@ class Reading(NamedTuple):
     duplicates: str | None = None
     quaternion: str | None = None
     segment: int | None = None
+    limits: Mapping[str, LimitColumn] = MappingProxyType({})
 
     @property
     def timed(self) -> bool:

@@ -1,11 +1,13 @@
 """State in four lines what was read from a recording, and as what."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from qtraj.io.track.column_names import find, squeezed
 from qtraj.io.track.column_units import Unit
 from qtraj.io.track.known_names import CURVATURE, HEADING, SPEED
+from qtraj.io.track.limit_columns import LimitSamples
 from qtraj.io.track.recorded_axes import MEANING
 from qtraj.io.track.recorded_line import RecordedLine
 from qtraj.io.track.recorded_times import Times
@@ -38,6 +40,7 @@ def facts(
     notes: Sequence[str] = (),
     line: RecordedLine | None = None,
     origin: Sequence[float] | None = None,
+    limits: Mapping[str, LimitSamples] = MappingProxyType({}),
 ) -> tuple[str, str, str, str]:
     """Return four lines of text: the time, the position, the other quantities, and the rows with what was left out.
 
@@ -48,8 +51,10 @@ def facts(
     others = [part for part in ("velocity", "attitude", "rate") if part in columns.chosen]
     used = {name for names in columns.chosen.values() for name in names}
     used |= set() if line is None else {name for name in line.columns if name is not None}
+    used |= {limit.column for limit in limits.values()}
     left = [name for name in columns.header if name not in used and repr(name) not in given_times]
     texts = [_quantity(columns, part) for part in others] + ([] if line is None else [line.text()])
+    texts += [limit.text(name) for name, limit in limits.items()]
     return (
         _time(columns, times, given_times),
         _quantity(columns, "position")

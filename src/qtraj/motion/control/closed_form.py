@@ -14,7 +14,7 @@ from qtraj.foundation.result import AbstractResult, batch_prefix, extent, times_
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
-from qtraj.motion.control.laws import AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AccelerationLaw, RateLaw, require_linear
 from qtraj.motion.control.response import error_state
 
 
@@ -64,7 +64,10 @@ def closed_motion(
 
     `references`: the attitudes of the program at these times, with fields (n, …). `quaternion` (4,) and `rate` (4,)
     [rad/s], body axes, virtual rate first: the state at times[0]. A rate law does not use `rate`.
+
+    **Raises:** ValueError for a law of another class, whose error equation is not linear: use `simulate`.
     """
+    require_linear(law, "the motion under a law")
     kind = law.error if isinstance(law, AccelerationLaw) else "body"
     first = jax.tree.map(lambda x: x[0], references)
     error, derivative = error_quaternion(first, quaternion, kind), error_rate(first, quaternion, rate, kind)

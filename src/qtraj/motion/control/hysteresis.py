@@ -21,7 +21,7 @@ from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import QuaternionFeedback, signed_quaternion_feedback
 from qtraj.motion.control.errors import error_quaternion
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, has_state
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 HALF_WIDTH = 0.25
@@ -63,7 +63,10 @@ class HystereticLaw(AbstractLaw):
         sampling: ArrayInput | None = None,
     ):
         if not isinstance(law, AccelerationLaw | QuaternionFeedback):
-            raise ValueError(f"a HystereticLaw needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given")
+            raise ValueError(
+                f"a HystereticLaw needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given. Other laws "
+                "must choose the sign of λ themselves, for example by the scalar part of the error quaternion."
+            )
         self.law = law
         self.half_width = real_scalar(half_width, "the half-width")
         value = concrete(self.half_width)
@@ -118,10 +121,11 @@ def with_sign(sign: Scalar | None, quaternion: Quat) -> Quat:
 
 
 def require_continuous_law(law: Any, name: str) -> None:
-    """Raise a ValueError unless `law` commands accelerations and has no discrete state; `name` is for the message."""
-    if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw | HystereticLaw):
+    """Raise a ValueError unless `law` commands accelerations and has no state; `name` is for the message."""
+    valid = isinstance(law, AbstractLaw) and law.commands == "acceleration" and not has_state(law)
+    if not valid or isinstance(law, HystereticLaw):
         raise ValueError(
-            f"{name} must be a law that commands accelerations and has no discrete state, such as "
+            f"{name} must be a law that commands accelerations and has no discrete state, and none of its own, such as "
             f"AccelerationLaw(2.0, 1.0), but "
             f"{law!r} was given"
         )

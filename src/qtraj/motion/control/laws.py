@@ -8,7 +8,7 @@ virtual: the on-board computer uses it to control |λ|, which has no effect on t
 
 import abc
 import os
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.toml_fault import quoted
-from qtraj.foundation.types import ArrayInput, Quat
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import (
     error_angle,
@@ -39,23 +39,47 @@ Gain = Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
 
 
 class AbstractLaw(eqx.Module):
-    """A feedback law, which computes a command from the attitude of the program and the state of the body.
+    """A feedback law, which computes a command from the attitude of the program and the measured state of the body.
 
-    `vectorized`: whether `deviation` also accepts arrays over many instants, NumPy or JAX, with components last.
+    An own law is a subclass with the method `__call__`. A law may have a state of its own, such as the integral of the
+    error or the estimate of an observer. Such a law also has the methods `start` and `slope`, and takes its state as
+    the fourth argument of `__call__`. `simulate` integrates the state with the motion if the command is continuous, and
+    calls `updated` at each new command if the sensor or the actuator is sampled.
+
+    `commands`: "acceleration" (default) or "rate", what the law commands. `vectorized`: whether `deviation` also
+    accepts arrays over many instants, NumPy or JAX, with components last.
     """
 
+    commands: ClassVar[str] = "acceleration"
     vectorized: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """Return the command (4,) in body axes, with the virtual scalar part first, then the physical vector.
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat | Vec3:
+        """Return the command in body axes [rad/s²], or [rad/s] if `commands` is "rate".
 
-        `reference` is the attitude of the program; `quaternion` (4,) and `rate` (4,) [rad/s] are the measured state.
+        The command is the physical vector (3,), or (4,) with a virtual scalar part first. `reference` is the attitude
+        of the program; `quaternion` (4,) and `rate` (4,) [rad/s], virtual rate first, are the measured state.
         """
 
-    @abc.abstractmethod
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
-        """Return the error quaternion (4,) that the law controls."""
+        """Return the error quaternion (4,) that the law controls; by default the body error μ."""
+        return error_quaternion(reference, quaternion)
+
+    def start(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Any:
+        """Return the initial state of the law, an array or a tree of arrays, or None for a law without a state."""
+        return None
+
+    def slope(self, state: Any, reference: Attitude, quaternion: Quat, rate: Quat) -> Any:
+        """Return the time derivative of `state`, with the same structure; only laws with a state have it."""
+        raise TypeError(f"{type(self).__name__} has a state, so it needs the method slope")
+
+    def updated(self, state: Any, elapsed: Scalar, reference: Attitude, quaternion: Quat, rate: Quat) -> Any:
+        """Return the state of the law at a new command, `elapsed` [s] after the previous one, in a sampled loop.
+
+        By default `state` + `elapsed`·`slope`, with the slope at the new measurement.
+        """
+        slope = self.slope(state, reference, quaternion, rate)
+        return jax.tree.map(lambda x, dx: x + elapsed * dx, state, slope)
 
     _repr_html_ = shown_html
 
@@ -129,6 +153,7 @@ class RateLaw(AbstractLaw):
     """
 
     k: Gain
+    commands: ClassVar[str] = "rate"
     vectorized: ClassVar[bool] = True
 
     def __init__(self, k: ArrayInput):
@@ -147,6 +172,38 @@ class RateLaw(AbstractLaw):
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
+
+
+def commanded(law: AbstractLaw, state: Any, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    """Return the command (4,) of a law; the virtual part of a command (3,) is 0.
+
+    `state`: the state of the law, None for a law without a state.
+
+    **Raises:** ValueError for a command of another shape.
+    """
+    function: Any = law
+    command = function(reference, quaternion, rate, *(() if state is None else (state,)))
+    command = as_float(jnp.asarray(command) if isinstance(command, list | tuple) else command).astype(quaternion.dtype)
+    if command.shape not in ((3,), (4,)):
+        raise ValueError(
+            f"the command of {type(law).__name__} must have shape (3,), or (4,) with the virtual part first, but has "
+            f"shape {command.shape}"
+        )
+    return pure(command) if command.shape == (3,) else command
+
+
+def has_state(law: AbstractLaw) -> bool:
+    """Return whether a law defines a state of its own."""
+    return type(law).start is not AbstractLaw.start
+
+
+def require_linear(law: Any, what: str) -> None:
+    """Raise a ValueError unless the error equation of a law is linear, so that `what` has a closed form."""
+    if not isinstance(law, AccelerationLaw | RateLaw):
+        raise ValueError(
+            f"{what} has a closed form only for an AccelerationLaw or a RateLaw, whose error equations are linear, but "
+            f"{law!r} was given: use simulate"
+        )
 
 
 def errors_at(

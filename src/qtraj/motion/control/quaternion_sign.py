@@ -17,7 +17,7 @@ from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, require_linear
 from qtraj.motion.control.response import error_state
 
 SIGNS, NORMALIZATIONS = ("auto", "near", "far"), ("unit", "gibbs")
@@ -37,6 +37,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
 
     **Raises:** ValueError for the additive error, for which |μ| depends on the program.
     """
+    require_linear(law, "the minimum of |μ|")
     if isinstance(law, AccelerationLaw) and law.error == "additive":
         raise ValueError(
             "the minimum of |μ| cannot be computed in advance for error='additive', because it depends on the program: "

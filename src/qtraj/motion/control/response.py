@@ -20,7 +20,7 @@ from qtraj.algebra.polynomial import horner
 from qtraj.foundation.arrays import as_float, as_seconds, real_vector
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, apply
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, apply, require_linear
 
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
@@ -63,6 +63,7 @@ def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None
 
     For an acceleration law, `mu_rate0=None` means zero; a rate law ignores `mu_rate0`.
     """
+    require_linear(law, "the response of a law")
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):
         x = _decayed(law.k.astype(mu0.dtype), mu0 - target("body", mu0), t)

@@ -23,7 +23,7 @@ from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, output_times
 from qtraj.motion.control.errors import error_angle, to_body, to_inertial
 from qtraj.motion.control.hysteresis import require_continuous_law
-from qtraj.motion.control.laws import AbstractLaw
+from qtraj.motion.control.laws import AbstractLaw, commanded
 from qtraj.motion.manipulator.arm import Arm
 from qtraj.motion.manipulator.arm_motion import ArmMotion
 from qtraj.motion.manipulator.inverse import Damping, joint_accelerations, smallest_singular_value
@@ -73,7 +73,7 @@ class _Task(eqx.Module):
         The acceleration is ε_ξ (3,) [rad/s²]. With a path, it is (ε_ξ, a) (6,) with the linear acceleration a [m/s²].
         """
         reference, quaternion = self.reference(t, state), gripper.quaternion
-        command = to_inertial(quaternion, self.law(reference, quaternion, gripper.rate))
+        command = to_inertial(quaternion, commanded(self.law, None, reference, quaternion, gripper.rate))
         if self.path is None:
             return command[0], command[1:]
         r = self.path.derivatives(t, 2).astype(command.dtype)

@@ -23,7 +23,7 @@ from qtraj.foundation.types import ArrayInput, DualQuat, Quat, Scalar, ScalarLik
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, output_times
 from qtraj.motion.control.hysteresis import require_continuous_law
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, apply, gain
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, apply, commanded, gain
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
 from qtraj.path.hodograph import AbstractHodograph
 
@@ -108,7 +108,7 @@ class PoseLaw(eqx.Module):
         axes.
         """
         feedback = apply(self.k1, velocity - target[1]) + apply(self.k2, position - target[0])
-        return self.attitude(reference, quaternion, rate), target[2] - feedback
+        return commanded(self.attitude, None, reference, quaternion, rate), target[2] - feedback
 
 
 def pose_error(program: DualQuat, body: DualQuat) -> DualQuat:

@@ -19,10 +19,10 @@ from qtraj.motion.control.errors import error_angle, pure
 from qtraj.motion.pose.pose_law import PoseLaw, PoseProgram, initial_state, pose_error
 from qtraj.motion.pose.pose_motion import PoseMotion
 from qtraj.motion.simulation import ode
-from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
 from qtraj.motion.simulation.initial_sign import NEARER
 from qtraj.motion.simulation.interval import MAX_STEPS, Method, State, Tolerances
 from qtraj.motion.simulation.ode import Grid
+from qtraj.motion.simulation.signals import Signal, at_instant, checked_signal
 from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
 
 

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 from numpy.polynomial import Polynomial
 
 from qtraj.algebra import polynomial
+from qtraj.foundation.argument import require_whole
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, of_arrays, xp
@@ -76,6 +77,7 @@ class Profile(eqx.Module):
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
         """Return Φ and its time derivatives up to `order` at time `t` [s]; derivative k is in rad s^-k."""
+        require_whole(order, "the order of a derivative")
         shape = self.shape(t, order)
         return _scaled(shape, self.total) if self.proportional else shape
 
@@ -245,8 +247,12 @@ def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
 
 def is_fixed(motion_profile: AbstractProfile) -> bool:
     """Return whether a slew cannot be slowed down, because its duration or one of its end rates is fixed."""
-    rates = (getattr(motion_profile, name, None) for name in ("start_rate", "end_rate"))
-    return motion_profile.duration is not None or any(rate is not None for rate in rates)
+    return motion_profile.duration is not None or has_end_rates(motion_profile)
+
+
+def has_end_rates(motion_profile: AbstractProfile) -> bool:
+    """Return whether a start rate or an end rate of a motion profile is set."""
+    return any(getattr(motion_profile, name, None) is not None for name in ("start_rate", "end_rate"))
 
 
 def require_limits(motion_profile: AbstractProfile) -> None:

@@ -29,11 +29,12 @@ JERKS = (1, 0, -1, 0, -1, 0, 1)
 class SCurve(AbstractProfile):
     """The S-curve profile, with seven segments of constant jerk and a trapezoidal or triangular acceleration.
 
-    The limits are `max_rate` [rad/s], None for no limit, `max_acceleration` [rad/s²] and `max_jerk` [rad/s³]. If a
-    fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the jerk keeps its limit value.
-    For a distance along a line, read m instead of rad.
+    The limits are `max_rate` [rad/s], by default None for no limit, `max_acceleration` [rad/s²] and `max_jerk`
+    [rad/s³], which are required. If a fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the
+    jerk keeps its limit value. For a distance along a line, read m instead of rad.
 
-    **Raises:** ValueError for values that are not positive. `profile` raises a ValueError if the duration is too short.
+    **Raises:** ValueError for a missing limit, and for values that are not positive. `profile` raises a ValueError if
+    the duration is too short.
     """
 
     max_rate: Scalar | None
@@ -45,9 +46,9 @@ class SCurve(AbstractProfile):
 
     def __init__(
         self,
-        max_rate: ArrayInput | None,
-        max_acceleration: ArrayInput,
-        max_jerk: ArrayInput,
+        max_rate: ArrayInput | None = None,
+        max_acceleration: ArrayInput | None = None,
+        max_jerk: ArrayInput | None = None,
         duration: ArrayInput | None = None,
     ):
         self.max_rate = limit(max_rate)

@@ -28,16 +28,17 @@ RAMP_ROUND_OFF = 8
 class TimeOptimal(AbstractProfile):
     """The time-optimal profile of full acceleration, a coast if `max_rate` is reached, and full deceleration.
 
-    `max_rate` [rad/s]: the limit on the rate, None for no limit. `max_acceleration` [rad/s²]: the limit on the
-    acceleration. `start_rate` and `end_rate` [rad/s], about the axis of the slew, are zero for None. If a fixed
-    `duration` [s] exceeds the minimum, the slew coasts at another rate; the acceleration keeps its limit value. The
-    profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. If
-    the acceleration about each body axis has its own limit, slews about a moving axis can be faster (Bilimoria and Wie
-    1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s). For a distance along a
-    line, read m instead of rad.
+    `max_rate` [rad/s]: the limit on the rate, by default None for no limit. `max_acceleration` [rad/s²]: the limit on
+    the acceleration, which is required. `start_rate` and `end_rate` [rad/s], about the axis of the slew, are zero for
+    None. If a fixed `duration` [s] exceeds the minimum, the slew coasts at another rate; the acceleration keeps its
+    limit value. The profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a
+    limit on |ε|. If the acceleration about each body axis has its own limit, slews about a moving axis can be faster
+    (Bilimoria and Wie 1993: 180° about a body axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s). For a
+    distance along a line, read m instead of rad.
 
-    **Raises:** ValueError if a limit or the duration is not positive, or if the magnitude of a start or end rate
-    exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or not possible with these rates.
+    **Raises:** ValueError if `max_acceleration` is missing, if a limit or the duration is not positive, or if the
+    magnitude of a start or end rate exceeds `max_rate`. `profile` raises a ValueError if the duration is too short, or
+    not possible with these rates.
     """
 
     max_rate: Scalar | None
@@ -50,8 +51,8 @@ class TimeOptimal(AbstractProfile):
 
     def __init__(
         self,
-        max_rate: ArrayInput | None,
-        max_acceleration: ArrayInput,
+        max_rate: ArrayInput | None = None,
+        max_acceleration: ArrayInput | None = None,
         start_rate: ArrayInput | None = None,
         end_rate: ArrayInput | None = None,
         duration: ArrayInput | None = None,

@@ -69,7 +69,7 @@ class RotationMinimizing(eqx.Module):
             )
         real_vector(self.initial, "the initial attitude of a rotation-minimizing frame", self.initial.shape[0])
         value = concrete(self.initial)
-        if value is not None and not value.any():
+        if value is not None and np.abs(value).max() < np.finfo(value.dtype).tiny:
             raise ValueError("the initial attitude of a rotation-minimizing frame must not be zero")
 
     def __repr__(self) -> str:
@@ -168,6 +168,7 @@ def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None)
     direction = concrete(_direction(initial, 0 if initial.shape == (4,) else 1))
     if tangent is None or direction is None:
         return
+    direction, tangent = (x / np.abs(x).max() if x.any() else x for x in (direction, tangent))  # no underflow
     sine = np.linalg.norm(np.cross(direction, tangent)) / (np.linalg.norm(direction) * np.linalg.norm(tangent))
     if initial.shape == (4,) and (sine > TILT or direction @ tangent < 0):
         angle = float(np.arctan2(sine, direction @ tangent / np.linalg.norm(direction) / np.linalg.norm(tangent)))

@@ -7,7 +7,8 @@ with
 
 E is the identity matrix, and [θ×] the matrix of the cross product with θ. The rates at the inner attitudes follow from
 the continuity of the acceleration. They are computed by Newton's method with a block tridiagonal matrix. The rates at
-both ends are the mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline.
+both ends are the mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline, if
+SciPy's iteration has converged; SciPy stops it after ten iterations.
 """
 
 import math

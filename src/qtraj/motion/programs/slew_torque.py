@@ -1,74 +1,30 @@
-"""Compute torques of eigenaxis slews, and slow slews down to satisfy torque limits.
+"""Slow slews down to satisfy torque limits, or reduce their acceleration in a fixed duration.
 
-A slew of a body with inertia J by the angle Φ(t) about the axis e needs the torque M = Φ̈p + Φ̇²q with p = Je and q =
-e×Je, in body axes (Euler's equations). On each segment of a profile the torque is a polynomial in time, so its maximum
-is found without sampling. Since q ⊥ p, |M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
+The torque is that of `slew_peak_torque`. A slew that is s times slower needs the torque M/s².
 """
 
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import AbstractProfile, Profile, is_fixed, stationary_points
+from qtraj.motion.profiles.profile import AbstractProfile, has_end_rates
+from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
+from qtraj.motion.programs.slew_peak_torque import MARGIN, TorquePeak, coefficients, peak_torque, slews_of
 
 MAX_STEPS = 200
 """Number of steps of each search for a coasting rate; a step reduces the interval to at most 62 % of its length."""
 
-MARGIN = 1e-10
-"""Relative margin below the torque limit; computed maxima of polynomials up to degree 24 have errors of about 1e-11."""
-
-
-class TorquePeak(NamedTuple):
-    """The largest torques [N m] of a program, and the first instants [s] at which they occur.
-
-    `axes` (3,) and `axes_times` (3,) refer to the absolute value of each component, body axes. `norm` and `norm_time`
-    refer to the magnitude of the torque vector.
-    """
-
-    axes: tuple[float, float, float]
-    axes_times: tuple[float, float, float]
-    norm: float
-    norm_time: float
-
-
-def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> TorquePeak:
-    """Compute the largest torque [N m] of a slew, or of a slew sequence, in body axes.
-
-    `inertia` [kg m²]: a scalar, (3,) principal moments, or (3, 3), about the centre of mass, in body axes. The maxima
-    have a relative error of about 1e-10 in float64: the torque is evaluated at the ends and at the stationary points of
-    its polynomials, on both sides of each switch. Impulses at a jump of the rate, such as at the end of a slew with an
-    `end_rate`, are not included.
-
-    **Raises:** ValueError for an invalid inertia, a program that is neither an `EulerTurn` nor a `SlewSequence`, or
-    inside a trace.
-    """
-    J = np.asarray(inertia_matrix(inertia), float)
-    axes, axes_times, norm, norm_time = np.zeros(3), np.zeros(3), 0.0, 0.0
-    for start, axis, profile in _slews(program):
-        p, q = _coefficients(J, axis)
-        for begin, width, rate, acceleration in _pieces(profile):
-            squared = rate * rate
-            torque = [acceleration * p[k] + squared * q[k] for k in range(3)]
-            torque_squared = acceleration * acceleration * (p @ p) + squared * squared * (q @ q)
-            for k, component in enumerate(torque):
-                value, u = _largest(component)
-                if value > axes[k] * (1 + MARGIN):
-                    axes[k], axes_times[k] = value, start + begin + u * width
-            value, u = _largest(torque_squared)
-            if value**0.5 > norm * (1 + MARGIN):
-                norm, norm_time = value**0.5, start + begin + u * width
-    return TorquePeak(_three(axes), _three(axes_times), norm, norm_time)
+STEPS = 45
+"""Number of steps of each search for an acceleration, whose relative error is then below 1e-9."""
 
 
 def within_torque(
@@ -80,82 +36,94 @@ def within_torque(
     limits each component in body axes. A program that satisfies the limit is returned unchanged. For a single slew with
     a `TimeOptimal` profile, the coasting rate and the constant acceleration are chosen for minimum duration (the
     duration is convex in the rate); a slew whose acceleration varies with the rate could be faster. A slew with another
-    profile, or a slew sequence, is stretched in time until its largest torque equals the limit. The largest torque is
-    computed as in `peak_torque`, so the limit is satisfied on the whole slew.
+    profile, or a slew sequence, is stretched in time until its largest torque equals the limit. With a fixed duration,
+    a `TimeOptimal` or an `SCurve` profile keeps its duration, and its acceleration is reduced to the largest value that
+    satisfies the limit. The largest torque is computed as in `peak_torque`, so the limit holds on the whole slew.
 
-    **Raises:** ValueError for a torque limit that is not positive; for a slew that violates the limit and has a fixed
-    duration, a start rate or an end rate; and in the same cases as `peak_torque`.
+    **Raises:** ValueError for a torque limit that is not positive; for a slew that violates the limit and has a start
+    rate or an end rate, or a fixed duration in which its profile cannot satisfy the limit; and in the same cases as
+    `peak_torque`.
     """
     bound = _bound(max_torque)
     ratio = _ratio(peak_torque(program, inertia), bound)
     if ratio <= 1:
         return program
     law = program.law
-    if is_fixed(law):
+    needed = f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot"
+    if has_end_rates(law):
         raise ValueError(
-            f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot "
-            "be slowed down, because its duration, start_rate or end_rate is fixed. Increase the duration, or omit "
-            "duration, start_rate and end_rate."
+            f"{needed} be slowed down, because its start_rate or end_rate is fixed. Omit start_rate, end_rate and "
+            "duration."
         )
     target = bound * (1 - MARGIN)
+    if law.duration is not None:
+        gentler = _gentler(program, inertia, target)
+        if gentler is None:
+            slower = within_torque(dataclasses.replace(program, law=_unhurried(law, ratio)), inertia, max_torque)
+            raise ValueError(
+                f"{needed} satisfy the limit in its fixed duration of {float(law.duration):.9g} s. Increase the "
+                f"duration to at least {float(slower.duration) / _count(program):.9g} s."
+            )
+        return gentler
     if isinstance(program, EulerTurn) and isinstance(law, TimeOptimal):
         J = np.asarray(inertia_matrix(inertia), float)
-        law = _shortest(law, float(program.angle), *_coefficients(J, np.asarray(program.axis(), float)), target)
+        law = _shortest(law, float(program.angle), *coefficients(J, np.asarray(program.axis(), float)), target)
     else:
         law = _slowed(law, (ratio / (1 - MARGIN)) ** 0.5)
     return dataclasses.replace(program, law=law)
 
 
-def _three(values: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
+def _gentler(
+    program: EulerTurn | SlewSequence, inertia: ArrayInput, target: np.ndarray
+) -> EulerTurn | SlewSequence | None:
+    """Return the program of a fixed duration with the largest acceleration within the torque `target`, or None.
+
+    A smaller acceleration needs a higher coasting rate, so the torque, whose parts are proportional to the acceleration
+    and to the square of the rate, has a minimum. Above it, the torque increases with the acceleration.
+    """
+    law = program.law
+    if not isinstance(law, TimeOptimal | SCurve):
+        return None
+    angles = [float(slew.total) for _, _, slew in slews_of(program)]
+
+    def tried(acceleration: float) -> EulerTurn | SlewSequence:
+        return dataclasses.replace(program, law=dataclasses.replace(law, max_acceleration=acceleration))
+
+    def ratio(acceleration: float) -> float:
+        return _ratio(peak_torque(tried(acceleration), inertia), target)
+
+    highest = float(law.max_acceleration)
+    lowest = _bisected(lambda a: all(_feasible(law, a, angle) for angle in angles), highest, 0.0)
+    best = lowest + _argmin(lambda x: ratio(lowest + x), highest - lowest, STEPS) if lowest < highest else highest
+    if ratio(best) > 1:
+        return None
+    return tried(_bisected(lambda a: ratio(a) <= 1, best, highest))
 
 
-def _slews(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray, Profile]]:
-    """Return start [s], axis in body axes and profile of each slew."""
-    if isinstance(program, EulerTurn):
-        slews, starts = [program], [0.0]
-    elif isinstance(program, SlewSequence):
-        slews = [
-            EulerTurn(a, b, program.law) for a, b in zip(program.attitudes[:-1], program.attitudes[1:], strict=True)
-        ]
-        starts = [float(t) for t in program.times[:-1]]
-    else:
-        raise ValueError(f"an EulerTurn or a SlewSequence was expected, but a {type(program).__name__} was given")
-    if any(concrete(slew.angle) is None for slew in slews):
-        raise ValueError(
-            "the torque of a slew needs concrete values, but a traced slew was given: call this function outside jit, "
-            "grad and vmap"
-        )
-    return [(start, np.asarray(slew.axis(), float), slew.profile) for start, slew in zip(starts, slews, strict=True)]
+def _feasible(law: AbstractProfile, acceleration: float, angle: float) -> bool:
+    """Return whether a slew of `angle` [rad] is possible in the fixed duration of the profile."""
+    profile, _ = dataclasses.replace(law, max_acceleration=acceleration).timed(np.asarray(angle))  # pyright: ignore[reportCallIssue, reportArgumentType]
+    return bool(profile.feasible)
 
 
-def _coefficients(J: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return p and q of M = Φ̈p + Φ̇²q; components of q below round-off, as for a principal axis, are set to zero."""
-    p = J @ axis
-    q = np.cross(axis, p)
-    return p, np.where(np.abs(q) > 8 * np.finfo(float).eps * np.linalg.norm(p), q, 0.0)
+def _bisected(holds: Callable[[float], bool], inside: float, outside: float) -> float:
+    """Return a number between `inside`, where a condition holds, and `outside`, next to where it ceases to hold."""
+    for _ in range(STEPS):
+        middle = (inside + outside) / 2
+        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    return inside
 
 
-def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial]]:
-    """Return start [s], width [s], and Φ̇ and Φ̈ as polynomials in u, of each segment of nonzero width."""
-    scale = float(profile.total) if profile.proportional else 1.0
-    pieces = []
-    for start, width, coefficients in zip(
-        *map(np.asarray, (profile.starts, profile.widths, profile.pieces)), strict=True
-    ):
-        if width > 0:
-            angle = Polynomial(scale * coefficients.astype(float))
-            pieces.append((float(start), float(width), angle.deriv() / width, angle.deriv(2) / width**2))
-    return pieces
+def _unhurried(law: AbstractProfile, ratio: float) -> AbstractProfile:
+    """Return a profile with a fixed duration as one whose slews take the time that their limits need."""
+    if isinstance(law, TimeOptimal | SCurve):
+        return dataclasses.replace(law, duration=None)
+    return dataclasses.replace(law, duration=law.duration * (ratio / (1 - MARGIN)) ** 0.5)  # pyright: ignore[reportOptionalOperand, reportCallIssue]
 
 
-def _largest(curve: Polynomial) -> tuple[float, float]:
-    """Return the maximum of |curve| on [0, 1], and the first u at which it occurs."""
-    points = np.array(stationary_points(curve))
-    values = np.abs(curve(points))
-    first = int(np.argmax(values >= values.max() * (1 - MARGIN)))
-    return float(values.max()), float(points[first])
+def _count(program: EulerTurn | SlewSequence) -> int:
+    """Return the number of slews, each of which has the duration of the profile."""
+    return 1 if isinstance(program, EulerTurn) else len(slews_of(program))
 
 
 def _bound(max_torque: ArrayInput) -> np.ndarray:
@@ -208,12 +176,12 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
     return TimeOptimal(best, acceleration(best))
 
 
-def _argmin(function: Callable[[float], float], high: float) -> float:
+def _argmin(function: Callable[[float], float], high: float, steps: int = MAX_STEPS) -> float:
     """Return the minimiser of a convex function on (0, high] by golden-section search."""
     ratio, low, top = (5**0.5 - 1) / 2, 0.0, high
     a, b = top - ratio * (top - low), low + ratio * (top - low)
     fa, fb = function(a), function(b)
-    for _ in range(MAX_STEPS):
+    for _ in range(steps):
         if fa <= fb:
             top, b, fb = b, a, fa
             a = top - ratio * (top - low)

@@ -11,18 +11,21 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+from numpy.polynomial import Polynomial
 
 from qtraj.algebra import quaternion
 from qtraj.foundation.arrays import real_vector
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, user_limits
+from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, stationary_points, user_limits
 from qtraj.motion.profiles.smooth_step import Cubic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
+from qtraj.motion.programs.slew_advice import advice
 from qtraj.motion.programs.slew_history import Leg, slew_legs
-from qtraj.motion.programs.slew_torque import peak_torque, within_torque
+from qtraj.motion.programs.slew_peak_torque import peak_torque
+from qtraj.motion.programs.slew_torque import within_torque
 
 ORDERS = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
 """For each limit, the order of the time derivative of the angle that it bounds."""
@@ -50,6 +53,8 @@ class SlewVerdict(AbstractResult):
     - `switches` (k,) [s]: the instants between two segments of a profile.
     - `least_duration` [s]: the duration of the fastest slew within the limits; NaN if the profile does not have a fixed
       duration or if there are no limits.
+    - `overshoots` (m,) [rad]: how far each slew goes beyond its start or its end, because of end rates.
+    - `advice`: changes of the profile with which the limits are satisfied; they have been computed.
     - `end` (4,): the quaternion at the end of the program. `sign` is −1 if `end` and the requested quaternion have
       opposite signs, otherwise 1.
     """
@@ -67,6 +72,8 @@ class SlewVerdict(AbstractResult):
     least_duration: Scalar
     end: Quat
     sign: Int[Array, ""]
+    overshoots: Float[Array, " m"]
+    advice: str = eqx.field(static=True)
 
     @property
     def status(self) -> dict[str, str]:
@@ -92,15 +99,32 @@ class SlewVerdict(AbstractResult):
 
     @property
     def result(self) -> str:
-        """A description of the result, with advice if a limit is violated."""
+        """A description of the result, with advice if a limit is violated, and a slew that overshoots its end."""
+        return " ".join(filter(None, (self._comparison, self._overshoot)))
+
+    @property
+    def _overshoot(self) -> str:
+        """A text about the slew that goes furthest beyond its ends; empty if there is none."""
+        k = int(np.argmax(self.overshoots))
+        beyond, angle = math.degrees(float(self.overshoots[k])), math.degrees(float(self.angles[k]))
+        if not beyond:
+            return ""
+        return (
+            f"The slew of {angle:.6g}° goes {beyond:.6g}° beyond its ends and returns, because the acceleration is too "
+            "small for its start_rate and end_rate."
+        )
+
+    @property
+    def _comparison(self) -> str:
+        """A description of the limits that are violated or active."""
         if np.isnan(self.body_axes).all():
             return "there is no slew, because all attitudes are the same."
         minimum, status = float(self.least_duration), self.status
         if not self.met:
             exceeded = np.asarray(self.peaks) / np.asarray(self.limits) - 1
             worst = [f"{x} by {100 * exceeded[k]:.3g} %" for k, x in enumerate(self.names) if status[x] == BROKEN]
-            least = "" if math.isnan(minimum) else f" Within the limits, the slew takes at least {minimum:.9g} s."
-            return f"limits are violated: {', '.join(worst)}.{least} Increase the duration, or raise the limits."
+            least = "" if math.isnan(minimum) else f"Within the limits, the slew takes at least {minimum:.9g} s."
+            return " ".join(filter(None, (f"limits are violated: {', '.join(worst)}.", least, self.advice)))
         if active := self.active:
             listed = " and ".join(filter(None, [", ".join(active[:-1]), active[-1]]))
             return f"all limits are met; {listed} {'is' if len(active) == 1 else 'are'} active."
@@ -127,6 +151,7 @@ class SlewVerdict(AbstractResult):
             "angle": Quantity(self.angles, "rad", "angle of each slew", slew),
             "axis_body": Quantity(self.body_axes, "1", "axis of each slew, body axes", ("slew", "body")),
             "axis_inertial": Quantity(self.inertial_axes, "1", "axis of each slew, inertial axes", ("slew", "world")),
+            "overshoot": Quantity(self.overshoots, "rad", "how far each slew goes beyond its start or its end", slew),
             "switch_time": Quantity(self.switches, "s", "instants between two segments of a profile", ("switch",)),
             "least_duration": Quantity(self.least_duration, "s", "duration of the fastest slew within the limits"),
             "end_quaternion": Quantity(self.end, "1", "attitude quaternion at the end", ("component",)),
@@ -175,6 +200,13 @@ def judge_slew(
     elif max_torque is not None:
         raise ValueError("max_torque needs the inertia of the body: pass inertia [kg m²] too")
     names, peaks, times, bounds = zip(*rows, strict=True)
+    factors = [(peak / bound) ** (1 / ORDERS.get(name, 2)) for name, peak, _, bound in rows if bound is not None]
+
+    def is_met(other: EulerTurn | SlewSequence) -> bool:
+        return judge_slew(other, user_bounds, inertia, max_torque, end).met
+
+    violated = any(bound is not None and peak > bound * (1 + TOLERANCE) for _, peak, _, bound in rows)
+    remedies = advice(program, user_bounds, inertia, max_torque, max(factors), is_met) if violated else ""
     last = legs[-1].turn
     requested = last.end_q if end is None else real_vector(end, "the end attitude", 4)
     return SlewVerdict(
@@ -191,6 +223,8 @@ def judge_slew(
         least_duration=jnp.asarray(_least_duration(program, user_bounds, inertia, max_torque)),
         end=last.end,
         sign=jnp.where(quaternion.unit(requested) @ last.end < 0, -1, 1),
+        overshoots=jnp.asarray([_beyond(leg) for leg in legs], float),
+        advice=remedies,
     )
 
 
@@ -209,6 +243,21 @@ def _peak(legs: Sequence[Leg], order: int) -> tuple[float, float]:
         if value > best * (1 + TOLERANCE):
             best, instant = value, leg.start + time
     return best, instant
+
+
+def _beyond(leg: Leg) -> float:
+    """Return how far [rad] the angle of a slew goes below 0 or above the angle of its end; 0 for round-off."""
+    profile = leg.profile
+    if profile.proportional:
+        return 0.0
+    values = [
+        float(curve(u))
+        for curve in map(Polynomial, np.asarray(profile.pieces, float)[np.asarray(profile.widths) > 0])
+        for u in stationary_points(curve)
+    ]
+    total = float(profile.total)
+    beyond = max(max(values, default=0.0) - max(total, 0.0), min(total, 0.0) - min(values, default=0.0))
+    return beyond if beyond > TOLERANCE * max(map(abs, values), default=0.0) else 0.0
 
 
 def _torques(program: EulerTurn | SlewSequence, inertia: ArrayInput, limit: ArrayInput | None) -> list[tuple[Any, ...]]:

@@ -11,11 +11,21 @@ from jaxtyping import Array, Float
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_float, as_seconds, concrete, one_instant, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_spline as spline
 from qtraj.motion.programs.euler_turn import attitude_table
+
+OUTSIDE = ("error", "hold", "extrapolate")
+"""What a program does outside its table."""
+
+SLACK = 4 * float(np.finfo(np.float32).eps)
+"""Times may exceed the table by this fraction of its duration, to allow for rounding errors."""
+
+HALF_TURN = 1e-6
+"""Neighbouring attitudes must be closer than a half turn by more than this angle [rad]; files round quaternions."""
 
 
 @storable
@@ -24,31 +34,45 @@ class TableProgram(AbstractProgram):
 
     The quaternions need not be normalised and may have either sign; they are stored with continuous signs. The
     program's quaternion has norm 1, is continuous and starts with the sign of the first quaternion. Neighbouring
-    attitudes are connected by the shorter rotation, which must be less than a half turn. The rates at both ends are the
-    mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline, up to the tolerance
-    of about 1e-9 at which SciPy's iteration stops. Program time is measured from times[0]; outside [0, duration] the
-    first and the last polynomial are extrapolated.
+    attitudes are connected by the shorter rotation, which must be less than a half turn, because the axis of a half
+    turn between two attitudes is arbitrary. The rates at both ends are the mean rates of the first and the last
+    interval. The spline is the same as SciPy's RotationSpline if SciPy's iteration converges. SciPy stops it after ten
+    iterations or at a relative change of 1e-9. For steps of 2 rad and more its attitudes then differ by 1e-5 to
+    1e-3 rad, and its acceleration jumps.
+
+    Program time is measured from times[0]. `outside` determines what happens outside [0, duration]: "error" raises an
+    error (NaN for traced times), "hold" keeps the first and the last attitude at rest, and "extrapolate" continues the
+    first and the last polynomial, whose rates soon become very large.
 
     `rates` (n, 3) [rad/s]: the angular rates at the attitudes, body axes. With None, the rates are computed and stored
-    when the program is created; for traced attitudes, they are NaN if the iteration does not converge. If you pass
-    `rates`, they are not changed, and the acceleration may jump. First and second derivatives with respect to the table
-    are exact.
+    when the program is created; for traced attitudes, they are NaN if the iteration does not converge, or if
+    neighbouring attitudes are a half turn apart. If you pass `rates`, they are not changed, and the acceleration may
+    jump. First and second derivatives with respect to the table are exact.
 
     **Raises:** ValueError for fewer than two attitudes, times that do not increase, wrong shapes, values that are not
-    finite, a zero quaternion, or attitudes that are too far apart for the iteration to converge.
+    finite, a zero quaternion, neighbouring attitudes that are a half turn apart to within 1e-6 rad, attitudes that are
+    too far apart for the iteration to converge, or an unknown `outside`; at a call, for a time outside [0, duration].
     """
 
     times: Float[Array, " n"]
     quaternions: Float[Array, "n 4"]
     rates: Float[Array, "n 3"]
+    outside: str = eqx.field(static=True)
 
-    def __init__(self, times: ArrayInput, quaternions: ArrayInput, rates: ArrayInput | None = None):
+    def __init__(
+        self, times: ArrayInput, quaternions: ArrayInput, rates: ArrayInput | None = None, outside: str = "error"
+    ):
+        if outside not in OUTSIDE:
+            raise ValueError(f"outside must be {' or '.join(map(repr, OUTSIDE))}, but {outside!r} was given")
+        self.outside = outside
         table = attitude_table(quaternions, "a table program")
         instants = as_seconds(times, from_first=True)
         dtype = np.promote_types(instants.dtype, table.dtype)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
-        self.rates = _spline_rates(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
+        distinct = _require_axes(self.times, self.quaternions)
+        found = _spline_rates(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
+        self.rates = found if distinct is None else xp.where(distinct, found, np.nan)
         if self.rates.shape != (table.shape[0], 3):
             raise ValueError(
                 f"rates must have shape ({table.shape[0]}, 3), one row for each attitude, "
@@ -60,8 +84,14 @@ class TableProgram(AbstractProgram):
         return shown(self, times="s", rates="rad/s")
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        """Return the attitude at the time `t` [s]."""
-        return _attitude(self, one_instant(t).astype(self.times.dtype))
+        """Return the attitude at the time `t` [s] after the first attitude.
+
+        **Raises:** ValueError for a time outside [0, duration], unless `outside` allows it.
+        """
+        t = one_instant(t).astype(self.times.dtype)
+        if self.outside == "error":
+            _require_within(self, t)
+        return _attitude(self, t)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -71,6 +101,20 @@ class TableProgram(AbstractProgram):
 
 @eqx.filter_jit
 def _attitude(program: TableProgram, t: Scalar) -> Attitude:
+    last = program.times[-1] - program.times[0]
+    beyond = (t < -SLACK * last) | (t > (1 + SLACK) * last)
+    if program.outside == "error":
+        at = _extended(program, jnp.where(beyond, 0.0, t))
+        return jax.tree.map(lambda x: jnp.where(beyond, jnp.nan, x), at)
+    if program.outside == "extrapolate":
+        return _extended(program, t)
+    at = _extended(program, jnp.clip(t, 0.0, last))
+    still = (t < 0) | (t > last)
+    return Attitude(at.quaternion, jnp.where(still, 0.0, at.rate), jnp.where(still, 0.0, at.acceleration))
+
+
+def _extended(program: TableProgram, t: Scalar) -> Attitude:
+    """Return the attitude at `t` [s] with the first and the last polynomial outside the table."""
     starts, rates = program.times - program.times[0], program.rates
     piece = jnp.sum(t >= starts[1:-1])
     start, vector = _rotation(program.quaternions[piece], program.quaternions[piece + 1])
@@ -116,6 +160,47 @@ def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> 
 def _tolerance(dtype: Any) -> float:
     """Return the largest acceptable jump of the acceleration of the spline, relative to angle/interval²."""
     return float(jnp.finfo(dtype).eps) ** 0.5
+
+
+def _require_within(program: TableProgram, t: Scalar) -> None:
+    """Raise a ValueError if a concrete time `t` [s] is outside the table."""
+    value, times = concrete(t), concrete(program.times)
+    if value is None or times is None:
+        return
+    last = float(times[-1] - times[0])
+    if -SLACK * last <= float(value) <= (1 + SLACK) * last or np.isnan(value):
+        return
+    clock = f" (the table starts at {float(times[0]):.9g} s; the time of a program starts at 0)" if times[0] else ""
+    raise ValueError(
+        f"a table program lasts from 0 to {last:.9g} s, but it was evaluated at {float(value):.9g} s{clock}: pass "
+        "outside='hold' to keep the attitudes at its ends, or outside='extrapolate' to continue its polynomials"
+    )
+
+
+def _require_axes(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> Flag | None:
+    """Return whether no two neighbouring attitudes are a half turn apart, or None if that is known.
+
+    **Raises:** ValueError if concrete attitudes are a half turn apart.
+    """
+    halves = _half_cosines(quaternions)
+    values, instants = concrete(halves), concrete(times)
+    if values is None:
+        return xp.all(halves > HALF_TURN / 2)
+    if (values > HALF_TURN / 2).all():
+        return None
+    k = int(np.argmin(values > HALF_TURN / 2))
+    at = "" if instants is None else f", at {instants[k]:.9g} s and {instants[k + 1]:.9g} s,"
+    raise ValueError(
+        f"the attitudes {k} and {k + 1} of a table program{at} are a half turn apart, so the axis of the rotation "
+        "between them is arbitrary: add an attitude between them"
+    )
+
+
+@of_arrays
+def _half_cosines(quaternions: Float[Array, "n 4"]) -> Float[Array, " _"]:
+    """Return |cos(Φ/2)| of the angles Φ between neighbouring attitudes."""
+    units = quaternion.unit(quaternions)
+    return abs(xp.sum(units[1:] * units[:-1], axis=-1))
 
 
 def _require_increasing(times: Array, count: int) -> None:

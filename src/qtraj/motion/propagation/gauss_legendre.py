@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
+from qtraj.foundation.argument import is_whole
 from qtraj.foundation.namespace import is_host, matmul, repeat, xp
 from qtraj.motion.propagation.increment import AbstractIncrement, constant
 
@@ -43,11 +44,11 @@ class GaussLegendre(AbstractIncrement):
     order: int = eqx.field(static=True)
 
     def __init__(self, stages: int = 8):
-        if not 1 <= stages <= MAX_STAGES:
+        if not is_whole(stages) or not 1 <= stages <= MAX_STAGES:
             raise ValueError(
                 f"the number of stages must be an integer from 1 to {MAX_STAGES}, but {stages!r} was given"
             )
-        self.stages, self.order = stages, 2 * stages
+        self.stages, self.order = int(stages), 2 * int(stages)
 
     @property
     def nodes(self) -> np.ndarray:

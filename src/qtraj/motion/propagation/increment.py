@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.namespace import float_dtype, is_host, matmul, to_jax, xp
 from qtraj.foundation.types import Quat
 
@@ -50,6 +51,12 @@ class AbstractIncrement(eqx.Module):
 
         Leading axes are a batch of steps.
         """
+
+
+def require_method(method: AbstractIncrement | None) -> None:
+    """Raise a ValueError unless `method` is an integration method or None."""
+    expected = "an integration method, GaussLegendre(stages=8) or Magnus(order=6), or None"
+    require_type(method, AbstractIncrement | None, "method", expected)
 
 
 def increments(

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.algebra.vector import cross
+from qtraj.foundation.argument import is_whole
 from qtraj.motion.propagation.gauss_legendre import tableau
 from qtraj.motion.propagation.increment import AbstractIncrement
 
@@ -25,7 +26,7 @@ class Magnus(AbstractIncrement):
     order: int = eqx.field(static=True, default=6)
 
     def __check_init__(self):
-        if self.order not in (4, 6):
+        if not is_whole(self.order) or self.order not in (4, 6):
             raise ValueError(f"the order of a Magnus expansion must be 4 or 6, but {self.order!r} was given")
 
     @property

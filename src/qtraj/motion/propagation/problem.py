@@ -15,7 +15,7 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation import mesh as meshes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import AbstractIncrement, propagated
+from qtraj.motion.propagation.increment import AbstractIncrement, propagated, require_method
 from qtraj.motion.propagation.mesh import Errors, Mesh
 from qtraj.motion.propagation.sampling import Sampler, vectorized
 
@@ -57,6 +57,7 @@ def checked(
     **Raises:** ValueError for invalid arguments.
     """
     require_axes(axes)
+    require_method(method)
     if not callable(omega):
         raise ValueError(
             f"omega must be a function of time, but {type(omega).__name__} was given: for recorded rates call "

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeAliasType
 
-from qtraj.foundation.arrays import as_float, constants, is_traced
+from qtraj.foundation.arrays import as_array, as_float, constants, is_traced
 from qtraj.foundation.namespace import on_host, stop_gradient, xp
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
@@ -24,7 +24,16 @@ from qtraj.motion.checks import at_once
 from qtraj.motion.propagation import mesh as meshes, plan
 from qtraj.motion.propagation.increment import AbstractIncrement, as_inputs, propagated
 from qtraj.motion.propagation.mesh import Errors, Mesh
-from qtraj.motion.propagation.problem import Problem, Rate, at_outputs, checked, known_part, mesh_errors, solve
+from qtraj.motion.propagation.problem import (
+    KnownProblem,
+    Problem,
+    Rate,
+    at_outputs,
+    checked,
+    known_part,
+    mesh_errors,
+    solve,
+)
 
 Quats = TypeAliasType("Quats", Float[Array, "n 4"])
 """One quaternion for each instant."""
@@ -150,8 +159,8 @@ def _with_equal_steps(problem: Problem, steps: int) -> Quats:
     """Return the quaternions for `steps` equal steps in each interval."""
     plan.require_steps(steps)
     mesh = meshes.uniform(problem.intervals, steps)
-    known = None if is_traced(problem) else known_part(problem)
-    rates = None if known is None else plan.rates_at_nodes(known, mesh)
+    known = known_part(problem)
+    rates = None if known is None or _compiled(problem, known) else plan.rates_at_nodes(known, mesh)
     if known is None or rates is None or known.rate.differentiated:
         return solve(problem, meshes.on_device(mesh, problem.times.dtype))
     return as_inputs(_multiplied(problem, mesh, rates), (problem.q0, problem.times))
@@ -173,7 +182,7 @@ def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propag
         return _traced(problem, steps, max_steps)
     mesh, rates, errors = planned
     code = _result_code(errors, on_host(constants(problem.tolerance)))
-    if is_traced(problem) or known.rate.differentiated:
+    if _compiled(problem, known):
         # The number of slots is a power of two, so that few sizes are compiled.
         slots = 1 << max(int(mesh.count) - 1, 7).bit_length()
         quaternions = solve(problem, meshes.on_device(meshes.padded(mesh, slots), problem.times.dtype))
@@ -183,9 +192,22 @@ def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propag
     return Propagation(problem.times, quaternions, estimate, mesh.count, code)
 
 
+def _compiled(problem: Problem, known: KnownProblem) -> bool:
+    """Return whether JAX computes the quaternions from ω.
+
+    If only q0 is traced, the rates of a NumPy function are constants.
+    """
+    only_q0 = not known.rate.uses_jax and not is_traced((problem.times, problem.tolerance))
+    return known.rate.differentiated or (is_traced(problem) and not only_q0)
+
+
 def _multiplied(problem: Problem, mesh: Mesh, rates: Any) -> Any:
-    """Return the quaternions at the output times in NumPy, from the rates at the nodes of the steps."""
-    q0, (_, h) = on_host(problem.q0), meshes.spans(mesh, on_host(problem.times))
+    """Return the quaternions at the output times from the rates at the nodes, in NumPy unless q0 is traced."""
+    q0, (_, h) = problem.q0, meshes.spans(mesh, on_host(problem.times))
+    if is_traced(q0):
+        rates, h = (as_array(x, q0.dtype) for x in (rates, h))
+    else:
+        q0 = on_host(q0)
     return at_outputs(q0, propagated(problem.method, problem.axes, q0, rates, h), mesh, problem.intervals)
 
 

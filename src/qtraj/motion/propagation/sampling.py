@@ -114,14 +114,30 @@ def _uses_jax(omega: Callable[..., Any]) -> bool:
 
 def _one_by_one(omega: Callable[..., Any], times: Any) -> Any:
     with np.errstate(all="ignore"):
-        values = [np.asarray(omega(t), float) for t in times]
+        values = [np.asarray(omega(t)) for t in times]
     require_rate(values[0].shape)
-    return np.stack(values)
+    _require_real(values[0].dtype)
+    return np.stack(values).astype(float)
+
+
+def _require_real(dtype: Any) -> None:
+    if not (jnp.issubdtype(dtype, jnp.floating) or np.dtype(dtype).kind in "iub"):
+        raise ValueError(f"omega(t) must return real numbers [rad/s], but it returns an array of dtype {dtype}")
 
 
 @eqx.filter_jit
 def vectorized(omega: Callable[..., Any], times: Float[Array, " m"]) -> Float[Array, "m k"]:
-    """Return the rates (m, k) at `times` (m,) by JAX."""
-    rates = jax.vmap(lambda t: jnp.asarray(omega(t)))(times)
+    """Return the rates (m, k) at `times` (m,) by JAX.
+
+    **Raises:** ValueError for a rate of another shape, complex rates, and a function that JAX cannot trace.
+    """
+    try:
+        rates = jax.vmap(lambda t: jnp.asarray(omega(t)))(times)
+    except jax.errors.JAXTypeError as error:
+        raise ValueError(
+            "omega cannot be traced by JAX, because it uses numpy or math: write it with jax.numpy. A NumPy function "
+            "needs times and parameters that are neither traced (jit, vmap) nor differentiated."
+        ) from error
     require_rate(rates.shape[1:])
+    _require_real(rates.dtype)
     return rates.astype(times.dtype)

@@ -7,17 +7,29 @@ to high order.
 
 from __future__ import annotations  # so that `help` shows short names
 
+import warnings
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.foundation.argument import require_whole
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.namespace import matmul, needs_jax, on_host, xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import AbstractIncrement, as_inputs, constant, propagated
+from qtraj.motion.propagation.increment import (
+    AbstractIncrement,
+    as_inputs,
+    constant,
+    propagated,
+    require_method,
+)
 from qtraj.motion.propagation.lagrange import lagrange, lagrange_slopes
+
+GAP = 5.0
+"""An interval is a gap if it is longer than this multiple of the median interval."""
 
 KINDS = ("instantaneous", "mean", "increment")
 
@@ -39,7 +51,7 @@ def propagate_samples(
     *,
     degree: int | None = None,
     method: AbstractIncrement | None = None,
-    max_gap: float | None = 5.0,
+    max_gap: float | None = GAP,
 ) -> Float[Array, "n 4"]:
     """Return the quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
@@ -53,13 +65,21 @@ def propagate_samples(
     degree of the local polynomial of the rate, by default 5, or 6 for means and increments; for short recordings the
     degree is limited by the number of samples. `method`: the integration method for the polynomials,
     `GaussLegendre(stages=6)` for None. Times may be unevenly spaced, and absolute (`datetime64`). An interval longer
-    than `max_gap` times the median interval raises an error; None disables this check.
+    than `max_gap` times the median interval raises an error; with None, no interval does. The motion in a gap is only a
+    guess of the polynomial, so each interval longer than 5 times the median that is bridged causes a warning.
 
-    **Raises:** ValueError for arrays of another shape, an unknown `kind` or `axes`, a negative `degree`, rates that are
-    not finite, times that do not increase strictly, or a gap. If a sample is invalid, the message gives the index and
-    the time of the sample.
+    **Raises:** ValueError for arrays of another shape, an unknown `kind` or `axes`, a `degree` that is not a whole
+    number or negative, a `max_gap` that is not a number of at least 1, rates that are not finite, times that do not
+    increase strictly, a gap, or a `method` of another type. If a sample is invalid, the message gives the index and the
+    time of the sample.
+
+    **Warns:** UserWarning for a bridged gap.
     """
     require_axes(axes)
+    require_method(method)
+    if degree is not None:
+        require_whole(degree, "the degree of the local polynomial")
+    _require_max_gap(max_gap)
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")
     if np.ndim(rates) != 2:
@@ -70,13 +90,11 @@ def propagate_samples(
     with at_once():
         times, q0 = output_times(times, from_first=True), initial_quaternion(q0)
         rates = _checked_rates(rates, times, kind)
-        _require_no_gap(times, max_gap)
+        _check_gaps(times, max_gap)
     if times.shape[0] == 1:
         return q0[None]
     if degree is None:
         degree = DEGREE if kind == "instantaneous" else DEGREE_OF_MEANS
-    if degree < 0:
-        raise ValueError(f"the degree of the local polynomial must not be negative, but {degree!r} was given")
     dtype = common_dtype(times, rates, q0)
     method = GaussLegendre(stages=6) if method is None else method
     arrays = times.astype(dtype), rates.astype(dtype), q0.astype(dtype)
@@ -104,17 +122,37 @@ def _at(times: Array, i: int) -> str:
     return "" if values is None else f" at {values[i]:.9g} s"
 
 
-def _require_no_gap(times: Array, max_gap: float | None) -> None:
+def _require_max_gap(max_gap: float | None) -> None:
+    number = isinstance(max_gap, int | float | np.number) and not isinstance(max_gap, bool)
+    if max_gap is not None and not (number and max_gap >= 1):
+        raise ValueError(
+            f"max_gap must be None or a number of at least 1, a multiple of the median interval, but {max_gap!r} was "
+            "given"
+        )
+
+
+def _check_gaps(times: Array, max_gap: float | None) -> None:
+    """Raise a ValueError for an interval longer than `max_gap` median intervals; warn of other gaps."""
     values = concrete(times)
-    if values is None or max_gap is None or values.size < 3:
+    if values is None or values.size < 3:
         return
     steps = np.diff(values)
     i, median = int(np.argmax(steps)), float(np.median(steps))
-    if steps[i] > max_gap * median:
+    where = (
+        f"{steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} at {values[i + 1]:.9g} s; the "
+        f"median interval is {median:.3g} s"
+    )
+    if max_gap is not None and steps[i] > max_gap * median:
         raise ValueError(
-            f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} "
-            f"at {values[i + 1]:.9g} s; the median interval is {median:.3g} s. Propagate the samples before and after "
-            "the gap separately, or increase max_gap (a multiple of the median interval)."
+            f"the recording has a gap of {where}. Propagate the samples before and after the gap separately, or "
+            "increase max_gap (a multiple of the median interval)."
+        )
+    if count := int(np.sum(steps > GAP * median)):
+        gaps = "a gap" if count == 1 else f"{count} gaps, the longest one"
+        warnings.warn(
+            f"the recording has {gaps} of {where}. The attitude after a gap can have any error, because the motion in "
+            "it was not recorded.",
+            stacklevel=3,
         )
 
 

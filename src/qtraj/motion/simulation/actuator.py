@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Quat, Vec3
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 
 Sampling = Float[Array, ""] | Float[Array, " m"]
 
@@ -23,17 +23,27 @@ class Actuator(eqx.Module):
     component is clipped to the limit, a scalar or (3,) with one limit for each axis. `sampling` [s]: a period, counted
     from the first instant of the simulation, or the instants (m,) of new commands; the whole command is held between
     samples (zero-order hold). With None, the command is continuous. Instants may be traced; derivatives of the closed
-    loop with respect to instants are exact.
+    loop with respect to instants are exact. `time_constant` τ [s]: the actuator follows the limited command u with the
+    lag ȧ = (u − a)/τ, and starts at the first command; None for no lag. a is the physical acceleration (the rate for a
+    rate law), or the torques of a `RigidBody`. Between samples the lag is computed in closed form; with a continuous
+    command, steps are at most about 3τ.
 
-    **Raises:** ValueError for limits or periods that are not positive, instants that do not increase, an
-    unknown `saturation`, or a limit of shape (3,) with `"norm"`.
+    **Raises:** ValueError for limits, periods or time constants that are not positive, instants that do not increase,
+    an unknown `saturation`, or a limit of shape (3,) with `"norm"`.
     """
 
     limit: Float[Array, "..."] | None
     saturation: str = eqx.field(static=True)
     sampling: Sampling | None
+    time_constant: Scalar | None
 
-    def __init__(self, limit: ArrayInput | None = None, saturation: str = "norm", sampling: ArrayInput | None = None):
+    def __init__(
+        self,
+        limit: ArrayInput | None = None,
+        saturation: str = "norm",
+        sampling: ArrayInput | None = None,
+        time_constant: ArrayInput | None = None,
+    ):
         if saturation not in ("norm", "axis"):
             raise ValueError(f"saturation must be 'norm' or 'axis', but {saturation!r} was given")
         self.saturation = saturation
@@ -47,9 +57,12 @@ class Actuator(eqx.Module):
                 raise ValueError("a limit for each axis requires saturation = 'axis', but 'norm' was given")
             require_positive(self.limit, "the actuator's limit", "rad/s², or rad/s for a rate law")
         self.sampling = sampling_instants(sampling)
+        self.time_constant = None if time_constant is None else real_scalar(time_constant, "the time constant")
+        if self.time_constant is not None:
+            require_positive(self.time_constant, "the time constant", "s")
 
     def __repr__(self) -> str:
-        return shown(self, sampling="s")
+        return shown(self, sampling="s", time_constant="s")
 
     def __call__(self, command: Quat) -> Quat:
         """Return the `command` (4,) with its physical part limited."""

@@ -11,7 +11,6 @@ distributes M_c to the wheels with the pseudo-inverse of A, so that −Au = M_c.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -23,9 +22,9 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Mat3, Scalar, Vec3
+from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
+from qtraj.motion.simulation.signals import Signal, SignalInput, at_state, checked_signal
 
 MIN_SINGULAR_VALUE = 1e-6
 """Unit spin axes span three dimensions if the smallest singular value of their matrix exceeds this value."""
@@ -98,12 +97,14 @@ class RigidBody(eqx.Module):
     """A rigid body for `simulate`: its inertia, torques, and optional reaction wheels.
 
     `inertia` [kg m²]: a scalar, principal moments (3,), or a tensor (3, 3). `assumed` [kg m²]: the inertia that the
-    control computer uses; None for the exact inertia. `torque` [N m]: an external torque in body axes, constant (3,) or
-    a function t → (3,). `wheels`: the `ReactionWheels` that produce the control torque; None for thrusters, for which
-    `max_torque` [N m] limits the magnitude of the torque.
+    control computer uses; None for the exact inertia. `torque` [N m]: an external torque in body axes, a constant (3,),
+    a function t → (3,), or a function (t, quaternion, rate) → (3,) of the true state, such as a
+    `torques.GravityGradient` (see `DisturbanceAcceleration`). `wheels`: the `ReactionWheels` that produce the control
+    torque; None for thrusters, for which `max_torque` [N m] limits the magnitude of the torque.
 
     With the exact inertia, exact measurements, a continuous command, no external torque or disturbance and no active
-    limit, the acceleration of the body is exactly the command of the law.
+    limit, the acceleration of the body is exactly the command of the law. Without a law, `integrate(body.free, ...)` is
+    the free motion under the external torque.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive definite, a torque of another shape, or
     both `wheels` and `max_torque`.
@@ -122,13 +123,13 @@ class RigidBody(eqx.Module):
         self,
         inertia: ArrayInput,
         assumed: ArrayInput | None = None,
-        torque: Callable[[Scalar], Vec3] | ArrayInput | None = None,
+        torque: SignalInput | None = None,
         wheels: ReactionWheels | None = None,
         max_torque: ArrayInput | None = None,
     ):
         self.inertia = inertia_matrix(inertia)
         self.assumed = self.inertia if assumed is None else inertia_matrix(assumed)
-        self.torque = None if torque is None else checked_signal(torque, "the external torque")
+        self.torque = None if torque is None else checked_signal(torque, "the external torque", of_state=True)
         if wheels is not None and not isinstance(wheels, ReactionWheels):
             raise ValueError(f"wheels must be ReactionWheels(axes), but {wheels!r} was given")
         if wheels is not None and max_torque is not None:
@@ -173,13 +174,23 @@ class RigidBody(eqx.Module):
         torques = self.actual_torques(commanded, momentum)
         return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
-    def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
+    def acceleration(self, t: Scalar, quaternion: Quat, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
         """Return the acceleration (3,) [rad/s²], body axes, by Euler's equations under the `commanded` torques."""
         inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
-            torque = torque + at_instant(self.torque, t).astype(rate.dtype)
+            torque = torque + at_state(self.torque, t, quaternion, rate).astype(rate.dtype)
         total_momentum = _matmul(inertia, rate) + self.wheel_momentum(momentum)
         return jnp.linalg.solve(inertia, torque - jnp.cross(rate, total_momentum))
+
+    def free(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
+        """Return the acceleration (4,) [rad/s²] without control torque, body axes, for `integrate`.
+
+        The external torque acts, and wheels keep their initial momenta. `rate` (4,): virtual rate first.
+        """
+        momentum = self.momentum.astype(rate.dtype)
+        nothing = jnp.zeros_like(rate, shape=(3,) if self.wheels is None else momentum.shape)
+        physical = self.acceleration(t, quaternion, rate[1:], momentum, nothing)
+        return jnp.concatenate([jnp.zeros_like(rate[:1]), physical.astype(rate.dtype)])
 
     def momentum_rate(self, commanded: Torques, momentum: Momenta) -> Momenta:
         """Return the time derivative ḣ (n,) [N m] of the momenta of the wheels; (0,) without wheels."""

@@ -1,5 +1,8 @@
 """Define the components of a closed loop, and the instants of new commands."""
 
+import math
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,11 +12,11 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import concrete
-from qtraj.foundation.types import Quat, Scalar
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.hysteresis import HystereticLaw
-from qtraj.motion.control.laws import AbstractLaw, RateLaw
-from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.control.laws import AbstractLaw, commanded
+from qtraj.motion.simulation.actuator import Actuator, sampling_instants
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
@@ -24,8 +27,8 @@ ROUNDING = 1e-9
 MAX_RENEWALS = 1_000_000
 """Maximum number of commands; a simulation with more commands would take many minutes."""
 
-
-DISTURBANCE = "an object such as DisturbanceTorque(torque, inertia)"
+MAX_LAGS = 1_000_000
+"""Maximum duration of a simulation with a continuous command, in time constants of the actuator."""
 
 
 class Loop(eqx.Module):
@@ -78,15 +81,15 @@ class Loop(eqx.Module):
     @property
     def commands_rate(self) -> bool:
         """Whether the law commands the rate instead of the acceleration."""
-        return isinstance(self.law, RateLaw)
+        return self.law.commands == "rate"
 
     def reference(self, t: Scalar, dtype: DTypeLike) -> Attitude:
         """Return the program's attitude at `t` [s] with the dtype of the state."""
         return jax.tree.map(lambda x: x.astype(dtype), self.program(t))
 
-    def command(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    def command(self, reference: Attitude, quaternion: Quat, rate: Quat, law_state: Any) -> Quat:
         """Return the command (4,), body axes, for a measured state, limited by the actuator."""
-        return self.actuator(self.law(reference, quaternion, rate))
+        return self.actuator(commanded(self.law, law_state, reference, quaternion, rate))
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
@@ -100,10 +103,30 @@ def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"
         return _renewal_instants(loop, times)
 
 
+def steps_with_lag(loop: Loop, times: ArrayInput, max_steps: int) -> int:
+    """Return the maximum number of steps between two instants, increased for the short steps of a continuous lag.
+
+    **Raises:** ValueError for a lag that is too short for the time span.
+    """
+    lag, instants = loop.actuator.time_constant, concrete(times)
+    lag = None if lag is None or loop.holds else concrete(lag)
+    if lag is None or instants is None or np.size(instants) < 2:
+        return max_steps
+    span = float(np.ptp(instants))
+    if span > MAX_LAGS * float(lag):
+        raise ValueError(
+            f"the actuator's time constant of {float(lag):.6g} s is much shorter than the simulation of {span:.6g} s, "
+            "so that a continuous command would need millions of steps. Omit the time constant, because such a lag has "
+            "almost no effect, or set the sampling of the actuator: between samples, lags are computed in closed form."
+        )
+    return max(max_steps, 16 ** math.ceil(math.log(max(span / float(lag), 1.0), 16)))
+
+
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     law = loop.law if isinstance(loop.law, HystereticLaw) else None
     parts = {"sensor": loop.sensor, "actuator": loop.actuator, "hysteretic law": law}
-    named = {name: part.sampling for name, part in parts.items() if part is not None and part.sampling is not None}
+    given = {name: sampling_instants(part.sampling) for name, part in parts.items() if part is not None}
+    named = {name: sampling for name, sampling in given.items() if sampling is not None}
     samplings = list(named.values())
     if not samplings:
         if law is not None:

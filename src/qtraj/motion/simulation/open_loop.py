@@ -20,7 +20,7 @@ from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import output_times, require_axes
-from qtraj.motion.control.errors import body_errors_at, pure
+from qtraj.motion.control.errors import body_errors_at, pure, to_body
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
 from qtraj.motion.simulation.interval import MAX_STEPS
@@ -95,7 +95,8 @@ class ProgramAcceleration(eqx.Module):
         epsilon = self._acceleration(t, quaternion)
         if self.disturbance is None:
             return pure(epsilon)
-        disturbance = self.disturbance.acceleration(t).astype(quaternion.dtype)
+        body_rate = rate if self.axes == "body" else to_body(quaternion, rate)
+        disturbance = self.disturbance.acceleration(t, quaternion, body_rate[1:]).astype(quaternion.dtype)
         return pure(epsilon + (disturbance if self.axes == "body" else rotate(quaternion, disturbance)))
 
     def command(self, t: Scalar, quaternion: Quat) -> Quat:

@@ -24,7 +24,11 @@ Memory = PyTree[Array]
 
 
 class AbstractSensor(eqx.Module):
-    """A sensor, which computes the measured state (the input of the law) from the true state."""
+    """A sensor, which computes the measured state (the input of the law) from the true state.
+
+    An own sensor is a subclass with a field `sampling` [s] (a period, instants, or None for a continuous sensor) and
+    the methods `start` and `measure`. Noise needs sampling.
+    """
 
     sampling: eqx.AbstractVar[Sampling | None]
 

@@ -7,7 +7,9 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
@@ -16,7 +18,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.hysteresis import without_hysteresis
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, errors_at
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, commanded, errors_at
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
@@ -24,7 +26,7 @@ from qtraj.motion.simulation.closed_loop import Output, outputs_at, run
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, is_far, require_sign, start_quaternion
 from qtraj.motion.simulation.interval import MAX_STEPS, Method
-from qtraj.motion.simulation.loop import Loop, renewal_instants
+from qtraj.motion.simulation.loop import Loop, renewal_instants, steps_with_lag
 from qtraj.motion.simulation.plant import Plant
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.motion.simulation.solution import Solution
@@ -61,12 +63,14 @@ def simulate(
     program. With the other quaternion, the body would rotate by more than a half turn. "as given" keeps the sign of
     `quaternion`: use it after `control.place` or `control.choose_sign`, which also consider the rate, or to study such
     rotations. Only a `HystereticLaw` changes the sign later. `disturbance`: a `DisturbanceTorque`, a
-    `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes. `sensor`: `Sensor` or `Gyros`; None for
-    exact measurements. `actuator`: an `Actuator`, which can limit the command and hold it between samples; None for no
-    limit and no hold. With a sampled sensor or actuator, the command changes at the samples only. `jumps` [s]: instants
-    at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the tolerances,
-    `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In this case
-    `rate` determines only the dtype, and a disturbance is not possible.
+    `DisturbanceAcceleration`, or a function t → (3,) or (t, quaternion, rate) → (3,) [rad/s²] in body axes, where
+    quaternion (4,) is the unit quaternion of the true attitude and rate (3,) [rad/s] the true rate in body axes.
+    `sensor`: `Sensor` or `Gyros`; None for exact measurements. `actuator`: an `Actuator`, which can limit the command,
+    hold it between samples and follow it with a lag; None for an ideal one. With a sampled sensor or actuator, the
+    command changes at the samples only. `law` may have a state of its own (see `control.AbstractLaw`). `jumps` [s]:
+    instants at which the program or the disturbance jumps, such as `profile.switches` of a slew. `jumps`, the
+    tolerances, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate. In
+    this case `rate` determines only the dtype, and a disturbance is not possible.
 
     `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
     assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and
@@ -76,13 +80,14 @@ def simulate(
     The `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
 
     **Raises:** ValueError in the same cases as `integrate`; for a `sign` other than "nearer" or "as given"; for
-    arguments of another type, or a disturbance that is not a function of the time alone; if a disturbance, `Gyros` or a
+    arguments of another type, or a disturbance with other arguments; if a disturbance, `Gyros` or a
     `body` is combined with a rate law; if sensor, actuator and hysteretic law have different sampling; for a period
     that is traced or too short. RuntimeError if `throw` is true and an instant was not reached.
     """
     require_sign(sign)
-    task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator, body)
+    method = Method(solver, adjoint, steps_with_lag(loop, times, max_steps))
+    task = checked(quaternion, rate, times, jumps, rtol, atol, method)
     renewals = renewal_instants(loop, task.times)
     first = program(task.times[0])
     task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
@@ -91,18 +96,21 @@ def simulate(
     error, angle = errors_at(law, outputs.reference, outputs.quaternion)
     if isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
         code = _refined_code(code, outputs.quaternion, is_far(first, task.quaternion))
-    commands = "rate" if isinstance(law, RateLaw) else "acceleration"
-    motion = (task.times, outputs.quaternion, outputs.rate, code, outputs.held.command, error, angle)
-    solution = Solution(*motion, "body", commands, body_motion)
+    motion = (task.times, outputs.quaternion, outputs.rate, code, outputs.command, error, angle)
+    solution = Solution(*motion, "body", law.commands, body_motion, outputs.law_state)
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
 def _simulate(loop: Loop, setup: Setup) -> tuple[Output, Int[Array, ""], BodyMotion | None]:
-    plant = Plant(loop, setup.scale)
-    states, code = run(plant, setup)
+    plant, states, code = run(loop, setup)
     outputs = outputs_at(plant, setup, states)
-    return outputs, code, _body_motion(plant, setup, outputs)
+    body_motion = _body_motion(plant, setup, outputs)
+    if outputs.law_state is not None:
+        rows = jax.vmap(lambda x: ravel_pytree(x)[0])(outputs.law_state)
+        reached = jnp.isfinite(outputs.quaternion[:, :1])
+        outputs = eqx.tree_at(lambda x: x.law_state, outputs, jnp.where(reached, rows, jnp.nan))
+    return outputs, code, body_motion
 
 
 def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | None:
@@ -114,9 +122,9 @@ def _body_motion(plant: Plant, setup: Setup, outputs: Output) -> BodyMotion | No
 
     def at(x: tuple[Scalar, Output]) -> tuple[Quat, Array, Quat | None]:
         t, now = x
-        epsilon = plant.disturbed(t, plant.acceleration(t, now.rate, now.momentum, now.held))
-        mismatch = epsilon - loop.law(now.reference, now.quaternion, now.rate)
-        torque = body.control_torque(now.held.torques, now.momentum)
+        epsilon = plant.acceleration(t, now.quaternion, now.rate, now.momentum, now.applied)
+        mismatch = epsilon - commanded(loop.law, now.law_state, now.reference, now.quaternion, now.rate)
+        torque = body.control_torque(now.applied.torques, now.momentum)
         if not isinstance(law, AccelerationLaw):
             return mismatch, torque, None
         return mismatch, torque, residual_of(law, now.reference, now.quaternion, mismatch)

@@ -49,6 +49,7 @@ class Solution(AbstractOutcome):
     `result`: a description of the result. Under `vmap` all fields have leading batch axes. `axes`: "body" or
     "inertial", the axes of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
     torques, wheel momenta and the deviation from the exact error equation, only for a simulated `RigidBody`.
+    `law_state` (n, k): the state of a law with a state of its own, as one vector.
 
     **Raises:** ValueError for unknown `axes` or `commands`.
     """
@@ -63,6 +64,7 @@ class Solution(AbstractOutcome):
     axes: str = eqx.field(static=True)
     commands: str = eqx.field(static=True)
     body: BodyMotion | None
+    law_state: Float[Array, "*batch n k"] | None
 
     def __init__(
         self,
@@ -76,6 +78,7 @@ class Solution(AbstractOutcome):
         axes: str = "body",
         commands: str = "acceleration",
         body: BodyMotion | None = None,
+        law_state: ArrayInput | None = None,
     ):
         self.times, self.quaternion, self.rate = as_float(times), as_float(quaternion), as_float(rate)
         self.code = jnp.asarray(code, jnp.int32)
@@ -86,6 +89,7 @@ class Solution(AbstractOutcome):
         if commands not in ("acceleration", "rate"):
             raise ValueError(f"commands must be 'acceleration' or 'rate', but {commands!r} was given")
         self.axes, self.commands, self.body = axes, commands, body
+        self.law_state = None if law_state is None else as_float(law_state)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result of one motion, with advice and the last instant that was reached."""
@@ -119,6 +123,7 @@ class Solution(AbstractOutcome):
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "angle": Quantity(self.angle, "rad", "attitude error angle", (along,)),
+            "law_state": Quantity(self.law_state, "", "state of the law", (along, "state")),
             "result": Quantity(np.asarray(self.result), "", "description of the result"),
             "code": Quantity(self.code, "1", "result code"),
         }

@@ -1,0 +1,55 @@
+"""Findings on segments of a route without motion, such as those of a parked vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
+from qtraj.design.proof.findings import Limit
+from qtraj.design.proof.standing import ZERO
+from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.standstill import ORDER, driven_invariants
+from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
+
+
+def at_rest(
+    segments: Segments, limits: Sequence[Limit], road: RoadParameters | None, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the status codes and values of the segments `rows`: only gravity acts, on a road without slope."""
+    if not rows.size:
+        return np.zeros((0, len(limits)), int), np.zeros((0, len(limits)))
+    count, entries = len(segments.durations), [x.entry for x in limits]
+    values = np.stack([_values(entry, segments, road, rows) for entry in entries], axis=1)
+    bounds = np.stack([np.broadcast_to(x.bounds, count)[rows] for x in limits], axis=1)
+    side = np.array([x.side for x in entries])
+    margin = side * (bounds - values)
+    proved, broken = margin > ZERO * np.abs(values), margin < -ZERO * np.abs(values)
+    proved |= (values == 0) & (bounds == 0)
+    of_formula = np.array([x.own is None or x.own.formula is not None for x in entries])
+    met = np.where(of_formula, PROVED, SAMPLED)
+    codes = np.where(proved, met, np.where(broken, BROKEN, UNDECIDED))
+    return np.where(np.isnan(values), np.where(of_formula, UNDEFINED, UNDECIDED), codes), values
+
+
+def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None, rows: np.ndarray) -> np.ndarray:
+    zero: Any = np.zeros(())
+    if road is not None and entry.on_road:
+        one: Any = np.ones(())
+        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
+        return np.full(rows.size, float(entry.value(forces)))
+    own = entry.own
+    if own is None or not (own.in_si or own.position or entry.needs):
+        return np.zeros(rows.size)
+    if entry.divisor is not None or own.guards:
+        return np.full(rows.size, np.nan)
+    zeros = np.zeros(rows.size)
+    origin = np.zeros(3) if segments.origin is None else segments.origin
+    position: Any = tuple((segments.coefficients[rows, 0] + origin).T)
+    with np.errstate(all="ignore"):
+        found = entry.value(Invariants([position, *[(zeros, zeros, zeros)] * ORDER], None, road, np.sqrt))
+    return np.asarray(found) + zeros

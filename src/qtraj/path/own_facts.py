@@ -1,0 +1,115 @@
+"""What a proof must know about a quantity of one's own: its order, its divisors, and how it behaves at a stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+from qtraj.path.formula import CROSS, JERK, VELOCITY
+from qtraj.path.product import Factor, Product
+from qtraj.path.product_vector import Basic
+
+NONZERO = ("mass", "wheelbase", "inv_long", "inv_lat")
+"""The parameters of a vehicle that are positive for every vehicle."""
+
+POSITION: Basic = ("derivative", 0)
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A factor that must be nonzero or, if it is not a `divisor`, must not be negative because of its root.
+
+    `exponents` are those of m and s in its unit, or None if it has none.
+    """
+
+    factor: Factor
+    divisor: bool
+    exponents: tuple[Any, ...] | None
+
+
+@dataclass(frozen=True)
+class OwnFacts:
+    """Properties of a quantity of one's own, in addition to those of `PathQuantity`.
+
+    `formula` is None for a function that is not a formula, which is only sampled. `in_si` means that the function
+    contains numbers with a unit, so that it is computed in SI units. `world` means that it contains world components x
+    or y, or the position, which are polynomials only on paths in world axes; `position` that it contains the position.
+    `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
+    "component" or "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied.
+    """
+
+    formula: Product | None = field(compare=False)
+    in_si: bool = True
+    world: bool = True
+    position: bool = True
+    shape: bool = False
+    stop: str = "path"
+    guards: tuple[Guard, ...] = ()
+
+
+def vectors_of(formula: Product) -> set[Basic]:
+    """Return the derivatives and cross products in a formula."""
+    found: set[Basic] = set()
+    rest = [v for f in formula.factors() for v in f.vectors]
+    while rest:
+        basic = rest.pop()
+        found.add(basic)
+        rest += basic[1:] if basic[0] == "cross" else ()
+    return found
+
+
+def order_of(formula: Product) -> int:
+    """Return the order of the highest derivative in a formula."""
+    return max([0, *(v[1] for v in vectors_of(formula) if v[0] == "derivative")])
+
+
+def axes_of(formula: Product) -> set[int]:
+    """Return the world axes on which a formula depends."""
+    return {2 if f.kind == "level" else f.parts[1] for f in formula.factors() if f.kind in ("component", "level")}
+
+
+def is_shape(formula: Product) -> bool:
+    """Return whether a formula has the same values for all timings of a path."""
+    return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6)) == 0
+
+
+def stop_of(formula: Product, shape: bool) -> str:
+    """Return how a quantity with a divisor is proved next to a stop; see `OwnFacts`."""
+    if formula.degree(lambda f: _weight(f, velocity=1, cross=2, triple=3)) == 0:
+        return "direction"
+    if POSITION not in vectors_of(formula) and formula.degree(_velocities) == 0:
+        return "component"
+    return "shape" if shape else "path"
+
+
+def divisor_of(formula: Product) -> tuple[str | None, list[Factor]]:
+    """Return the name of the registry's divisor that makes a formula exist, and all other divisors."""
+    speed = Factor("dot", (VELOCITY, VELOCITY))
+    bend = Factor("dot", (CROSS, CROSS))
+    level = Factor("level", (VELOCITY,))
+    divisors = [f for f, e in formula.exponents.items() if e < 0 and f.parts[0] not in NONZERO]
+    name = "speed" if speed in divisors else None
+    if level in divisors or bend in divisors:
+        name = "level" if level in divisors else "cross_norm"
+    named = (speed, level if name == "level" else bend)
+    return name, [f for f in divisors if f not in named]
+
+
+def _weight(f: Factor, velocity: int, cross: int, triple: int) -> Fraction | None:
+    """Return the power of a factor by which a factor of the velocity multiplies it; None if there is no such power."""
+    if f.kind == "dot" and f.parts == (CROSS, JERK):
+        return Fraction(triple)
+    known = {VELOCITY: velocity, CROSS: cross}
+    return Fraction(sum(known[v] for v in f.vectors)) if all(v in known for v in f.vectors) else None
+
+
+def _velocities(f: Factor) -> Fraction:
+    """Return the degree of a factor in the velocity."""
+    vectors = list(f.vectors)
+    count = 0
+    while vectors:
+        basic = vectors.pop()
+        count += basic == VELOCITY
+        vectors += basic[1:] if basic[0] == "cross" else ()
+    return Fraction(count)
