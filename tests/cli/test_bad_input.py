@@ -67,7 +67,7 @@ BAD = {
     ),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),
-        ["the key 'limits.curvature' has the value '0.1'", "expected a positive finite number, a range or steps"],
+        ["the key 'limits.curvature' has the value '0.1'", "expected a positive finite number, a range, steps"],
     ),
     "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' has the value True"]),
     "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' has the value -0.1", "positive"]),

@@ -75,6 +75,17 @@ def test_an_even_progress_keeps_the_curve_and_the_time(route):
         np.testing.assert_allclose(even.position(t), route.position(t), rtol=0, atol=1e-12)
 
 
+def test_a_reversed_route_creeps_as_little():
+    route = halting(0.01)
+    even = evenly(route.reversed())
+    np.testing.assert_allclose(positions(even), positions(route.reversed()), rtol=0, atol=1e-9)
+    assert float(even.duration) == pytest.approx(float(route.duration))
+    assert slowest_inside(even) > 2.5 * slowest_inside(route)
+    timed, back = (qt.retime(x, LIMITS, 0.0, 0.0) for x in (route, route.reversed()))
+    assert back.converged
+    assert float(back.duration) == pytest.approx(float(timed.duration), rel=2e-3)
+
+
 def test_a_vehicle_that_creeps_for_long_takes_less_time():
     route = halting(1e-4)
     even = evenly(route)

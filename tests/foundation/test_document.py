@@ -63,7 +63,12 @@ def test_a_file_is_replaced_at_once(tmp_path):
         ("a.json", "{", "not valid JSON"),
         ("a.toml", "x = 1", "'format' must be 'qtraj/1'"),
         ("a.json", "[1]", "'format' must be 'qtraj/1'"),
-        ("a.toml", 'format = "qtraj/1"\ntype = "Nothing"', "unknown type 'Nothing'"),
+        (
+            "a.toml",
+            'format = "qtraj/1"\ntype = "Nothing"',
+            "unknown type 'Nothing'; if it is an own class, import the module",
+        ),
+        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelx"', "unknown type 'SpiralHelx'; did you mean 'SpiralHelix'?"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\ncolour = 1', "no field 'colour'"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\norigin = [0, 0]', "shape (3,)"),
         ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "SpiralHelix lacks the field 'angle'"),

@@ -415,6 +415,7 @@ def test_functions_return_results():
     }
     wanted |= {
         qt.Shape,
+        qt.Study,
         qt.ArmMotion,
         qt.Attitude,
         qt.BodyMotion,

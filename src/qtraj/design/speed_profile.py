@@ -31,7 +31,7 @@ from qtraj.path.vehicle import RoadParameters
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PER_CELL, REACHED, STILL = 4, 0.99, 1e-9
+PER_CELL, REACHED, STILL = 4, 0.99, 1e-12
 """Number of samples in each cell of the timing; a limit is reached if the quantity is at least this fraction of it, and
 a speed counts as zero below this fraction of the highest speed."""
 ORDER = 3

@@ -20,6 +20,7 @@ import numpy as np
 import tomli_w
 
 from qtraj.foundation.files import write_atomically
+from qtraj.foundation.suggestion import nearest
 from qtraj.foundation.untrusted import parse_json, parse_toml, read_text
 
 FORMAT = "qtraj/1"
@@ -193,8 +194,8 @@ def _encode(value: Any) -> Any:
     if isinstance(value, bool | int | float | str):
         return value
     raise ValueError(
-        f"type {type(value).__name__} cannot be stored; register an own class with @qtraj.storable. The types that can "
-        f"be stored are {', '.join(sorted(_classes))}"
+        f"type {type(value).__name__} cannot be stored; paths, programs, laws, limits, tracks, vehicles and results of "
+        "qtraj can, and own classes that are registered with @qtraj.storable"
     )
 
 
@@ -215,9 +216,10 @@ def _decode(value: Any) -> Any:
 def _construct(name: Any, fields: dict[str, Any]) -> Any:
     cls = _classes.get(name) if isinstance(name, str) else None
     if cls is None:
+        near = nearest(name, sorted(_classes)) if isinstance(name, str) else ""
         raise ValueError(
-            f"unknown type {name!r}; if it is an own class, import the module that registers it with @qtraj.storable "
-            f"first. The known types are {', '.join(sorted(_classes))}"
+            f"unknown type {name!r:.80}; {f'did you mean {near!r}? If' if near else 'if'} it is an own class, "
+            "import the module that registers it with @qtraj.storable first"
         )
     build = _forms[name][1] if name in _forms else cls
     parameters = inspect.signature(build).parameters

@@ -11,13 +11,13 @@ SYNONYMS = {"velocity": ("speed", "rate")}
 
 def suggestion(name: str, known: Sequence[str], what: str = "keys") -> str:
     """Return a suggestion for the unknown `name`, or the known names, which are of the kind `what`."""
-    best = _best(name, known)
+    best = nearest(name, known)
     return f"did you mean '{best}'?" if best else f"the known {what} are {', '.join(known)}"
 
 
-def _best(name: str, known: Sequence[str]) -> str:
+def nearest(name: str, known: Sequence[str]) -> str:
     """Return the known name that the user most probably meant, or '' if there is none."""
-    begun = [key for key in known if key.startswith(name)]  # the user may have shortened the name
+    begun = [key for key in known if name and key.startswith(name)]  # the user may have shortened the name
     if begun:
         return difflib.get_close_matches(name, begun, n=1, cutoff=0.0)[0]
     if contained := _contained([name], known):

@@ -48,7 +48,7 @@ class AbstractHodograph(eqx.Module):
     Paths that do not support this are computed by JAX, which compiles their functions.
     """
 
-    def __init_subclass__(cls, **options: Any):
+    def __init_subclass__(cls, **options: Any) -> None:
         with_array_duration(cls)
         super().__init_subclass__(**options)
 

@@ -37,6 +37,7 @@ class OwnFacts:
     or y, or the position, which are polynomials only on paths in world axes; `position` that it contains the position.
     `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
     "component" or "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied.
+    `zero_at_rest` means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
     """
 
     formula: Product | None = field(compare=False)
@@ -46,6 +47,7 @@ class OwnFacts:
     shape: bool = False
     stop: str = "path"
     guards: tuple[Guard, ...] = ()
+    zero_at_rest: bool = False
 
 
 def vectors_of(formula: Product) -> set[Basic]:
@@ -72,6 +74,11 @@ def axes_of(formula: Product) -> set[int]:
 def is_shape(formula: Product) -> bool:
     """Return whether a formula has the same values for all timings of a path."""
     return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6)) == 0
+
+
+def is_zero_at_rest(formula: Product) -> bool:
+    """Return whether a formula has a positive degree in the derivatives of the path."""
+    return (formula.degree(_derivatives) or 0) > 0
 
 
 def stop_of(formula: Product, shape: bool) -> str:
@@ -106,10 +113,21 @@ def _weight(f: Factor, velocity: int, cross: int, triple: int) -> Fraction | Non
 
 def _velocities(f: Factor) -> Fraction:
     """Return the degree of a factor in the velocity."""
-    vectors = list(f.vectors)
-    count = 0
-    while vectors:
-        basic = vectors.pop()
-        count += basic == VELOCITY
-        vectors += basic[1:] if basic[0] == "cross" else ()
-    return Fraction(count)
+    return Fraction(sum(basic == VELOCITY for basic in _derivatives_in(f)))
+
+
+def _derivatives(f: Factor) -> Fraction:
+    """Return the degree of a factor in the derivatives of the path, without the position."""
+    return Fraction(sum(basic != POSITION for basic in _derivatives_in(f)))
+
+
+def _derivatives_in(f: Factor) -> list[Basic]:
+    """Return the derivatives in a factor that is not a sum, as often as they are multiplied."""
+    found, rest = [], list(f.vectors)
+    while rest:
+        basic = rest.pop()
+        if basic[0] == "cross":
+            rest += basic[1:]
+        else:
+            found.append(basic)
+    return found

@@ -13,7 +13,18 @@ from qtraj.foundation.namespace import is_host, xp
 from qtraj.path import formula as formulas
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frenet import Invariants
-from qtraj.path.own_facts import POSITION, Guard, OwnFacts, axes_of, divisor_of, is_shape, order_of, stop_of, vectors_of
+from qtraj.path.own_facts import (
+    POSITION,
+    Guard,
+    OwnFacts,
+    axes_of,
+    divisor_of,
+    is_shape,
+    is_zero_at_rest,
+    order_of,
+    stop_of,
+    vectors_of,
+)
 from qtraj.path.own_motion import NAMES, motion_of, recorded_motion
 from qtraj.path.own_name import OwnName
 from qtraj.path.own_units import (
@@ -37,7 +48,10 @@ HIGHEST = len(NAMES) - 1
 MAGNITUDE = "_magnitude"
 """The ending of the output with the magnitude of a signed quantity."""
 
-TAKEN = {*QUANTITIES, *SIDES, *CHANNELS, CORRIDOR.name, "time", "vehicle", "own"}
+FIELDS = ("values", "batched", "components", "frame", "axes")
+"""The fields of a `Table`."""
+
+TAKEN = {*QUANTITIES, *SIDES, *CHANNELS, CORRIDOR.name, "time", "vehicle", "own", *FIELDS}
 """Names that a quantity of one's own cannot have."""
 
 
@@ -54,7 +68,7 @@ class Quantity:
 
     On a spiral-helix, the components x and y and the position are not polynomials, so limits on quantities with them
     are sampled. `qtraj.certify` gives a quantity that divides by zero, or takes the root of a negative number, the
-    status "undefined".
+    status "undefined". Equal factors cancel before: x / x is 1, also where x is zero.
 
     Args:
         name: The name, an identifier that no other quantity or output has.
@@ -123,7 +137,7 @@ class Quantity:
         singular = divisor is not None or bool(every)
         world = position or bool(axes & {0, 1})
         stop = stop_of(f, shape) if singular else "path"
-        facts = OwnFacts(f, exponents is None, world, position, shape, stop, tuple(every))
+        facts = OwnFacts(f, exponents is None, world, position, shape, stop, tuple(every), is_zero_at_rest(f))
         parameters = {x.parts[0] for x in f.factors() if x.kind == "parameter"}
         needs = WHEELBASE if "wheelbase" in parameters else PARAMETERS if parameters else ""
         magnitude = PathQuantity(

@@ -124,6 +124,11 @@ def _cross(a: Basic, b: Basic) -> ProductVector:
     if a[0] == b[0] == "axis":
         sign = 1 if (b[1] - a[1]) % 3 == 1 else -1
         return ProductVector({("axis", 3 - a[1] - b[1]): ONE * sign})
+    if b[0] == "axis":
+        return -_cross(b, a)
+    if a[0] == "axis":
+        second, third = (a[1] + 1) % 3, (a[1] + 2) % 3
+        return ProductVector({("axis", second): -_component(b, third), ("axis", third): _component(b, second)})
     if repr(a) > repr(b):
         return -_cross(b, a)
     return ProductVector({("cross", a, b): ONE})

@@ -252,9 +252,11 @@ def test_own_classes_are_saved_once_they_are_registered(tmp_path):
     qt.foundation.document.save(body, tmp_path / "body.json")
     assert float(qt.load(tmp_path / "body.json").torque.size) == 0.3
     file.write_text(file.read_text(encoding="utf-8").replace("Spiral", "Spyral"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"unknown type 'Spyral'; if it is an own class, import the module"):
+    with pytest.raises(
+        ValueError, match=r"unknown type 'Spyral'; did you mean 'Spiral'\? If it is an own class, import"
+    ):
         qt.load(file)
-    with pytest.raises(ValueError, match=r"register an own class with @qtraj.storable"):
+    with pytest.raises(ValueError, match=r"own classes that are registered with @qtraj.storable"):
         Proportional(1.0, 1.0).save(tmp_path / "law.toml")
     with pytest.raises(ValueError, match="can already be stored"):
         qt.storable(type("Route", (Wind,), {"__annotations__": {}}))

@@ -11,6 +11,7 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, U
 from qtraj.design.proof.findings import Limit
 from qtraj.design.proof.standing import ZERO
 from qtraj.path.frenet import Invariants
+from qtraj.path.own_facts import OwnFacts
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.standstill import ORDER, driven_invariants
 from qtraj.path.stops import Segments
@@ -43,13 +44,25 @@ def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None
         forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
         return np.full(rows.size, float(entry.value(forces)))
     own = entry.own
-    if own is None or not (own.in_si or own.position or entry.needs):
-        return np.zeros(rows.size)
-    if entry.divisor is not None or own.guards:
+    if own is not None and _undefined(entry, own):
         return np.full(rows.size, np.nan)
+    if own is None or own.zero_at_rest or not (own.in_si or own.position or entry.needs):
+        return np.zeros(rows.size)
     zeros = np.zeros(rows.size)
     origin = np.zeros(3) if segments.origin is None else segments.origin
     position: Any = tuple((segments.coefficients[rows, 0] + origin).T)
     with np.errstate(all="ignore"):
         found = entry.value(Invariants([position, *[(zeros, zeros, zeros)] * ORDER], None, road, np.sqrt))
     return np.asarray(found) + zeros
+
+
+def _undefined(entry: PathQuantity, own: OwnFacts) -> bool:
+    """Return whether a quantity of one's own is undefined at rest.
+
+    Quantities that are defined next to a stop although they divide by the speed, such as the lateral acceleration, are
+    zero at rest, as those of the registry.
+    """
+    if any(guard.divisor for guard in own.guards) or (entry.divisor is not None and own.stop == "path"):
+        return True
+    singular = entry.divisor is not None or bool(own.guards)
+    return singular and not own.zero_at_rest and bool(own.in_si or own.position or entry.needs)

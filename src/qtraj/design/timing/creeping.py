@@ -66,6 +66,8 @@ def evenly(route: Route) -> Route:
     if route.progress is None:
         return route
     s = known_segments(route)
+    forward = np.where(_rates(s, 1).sum(axis=1) < 0, -1.0, 1.0)[:, None]  # progress decreases on reversed routes
+    s = s._replace(progress=forward * s.known_progress())
     found = [run for run in _runs(s) if _creeps(s, run)]
     if not found:
         return route
@@ -75,9 +77,9 @@ def evenly(route: Route) -> Route:
         parts += [_unchanged(s, at, run.first).earlier(saved), even.earlier(saved)]
         at, saved = run.last, saved + even.saved
     parts.append(_unchanged(s, at, len(s.starts)).earlier(saved))
-    starts, rows, own, _ = zip(*parts, strict=True)
-    starts, own = (like(np.concatenate(x), route.starts) for x in (starts, own))
-    chosen = part(route.coefficients, np.concatenate(rows))
+    starts, rows, own = (np.concatenate([x[k] for x in parts]) for k in range(3))
+    starts, own = (like(x, route.starts) for x in (starts, forward[rows] * own))
+    chosen = part(route.coefficients, rows)
     return from_segments(starts, chosen, route.duration - saved, route.origin, own)
 
 

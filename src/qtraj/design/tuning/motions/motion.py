@@ -33,7 +33,7 @@ class AbstractMotion(abc.ABC):
     velocities: ClassVar[tuple[str, ...]]
     is_uniform: ClassVar[bool]
 
-    def __init_subclass__(cls, **kwargs: Any):
+    def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         jax.tree_util.register_static(cls)
 
