@@ -12,7 +12,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from qtraj.design.along import Along, Changing
+from qtraj.design.along import Along, Changing, Variable
 from qtraj.design.by_speed import BySpeed, one_side
 from qtraj.design.ellipse import Ellipse
 from qtraj.design.regions import Regions
@@ -26,7 +26,7 @@ from qtraj.path.sides import LOWER, has_sides, upper_side
 BY_SPEED = ("longitudinal_acceleration", "lateral_acceleration")
 """Quantities whose limits may depend on the speed."""
 
-Limit = ArrayInput | Changing | None | tuple[ArrayInput | Changing | None, ArrayInput | Changing | None]
+Limit = ArrayInput | Variable | None | tuple[ArrayInput | Changing | None, ArrayInput | Changing | None]
 """The value of a limit: a number for the magnitude, or a pair (lower, upper); None means no limit."""
 
 OneBound = Scalar | Changing | Ellipse

@@ -16,7 +16,7 @@ from qtraj.design.divisors import divisors
 from qtraj.design.ellipse import Ellipse
 from qtraj.design.limit_checks import refuse_changing, refuse_unknown, require_needs, require_shapes
 from qtraj.design.margins import margins_of, values_of
-from qtraj.design.own_limits import OwnLimits, own_limits
+from qtraj.design.own_limits import OwnInput, OwnLimits, own_limits
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
@@ -26,7 +26,6 @@ from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
-from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import LIMITED, quantity
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
@@ -157,9 +156,9 @@ class Limits(eqx.Module):
         tangential_moment: Limit = None,
         normal_moment: Limit = None,
         binormal_moment: Limit = None,
-        combined_acceleration: Ellipse | None = None,
+        combined_acceleration: Limit = None,
         vehicle: Vehicle | None = None,
-        own: Mapping[Quantity, Limit] | OwnLimits | None = None,
+        own: OwnInput = None,
         **unknown: Any,
     ):
         given = {name: limit for name, limit in locals().items() if name in LIMITED}

@@ -132,13 +132,12 @@ Inside = Annotated[dict[Literal["regions", "outside"], list[Area] | Value], Tag(
 
 
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
-    number, along = Annotated[keys.Positive, Tag("number")], Steps | Table | Column | Areas | Inside
+    forms: Any = Annotated[keys.Positive, Tag("number")] | Steps | Table | Column | Areas | Inside
+    if has_sides(entry):
+        forms = forms | Annotated[keys.Range, Tag("range")]
     if entry.name in BY_SPEED:
-        along = along | BySpeedTable
-    kind: Any = Annotated[
-        number | Annotated[keys.Range, Tag("range")] | along if has_sides(entry) else number | along,
-        Discriminator(_form),
-    ]
+        forms = forms | BySpeedTable
+    kind: Any = Annotated[forms, Discriminator(_form)]
     values = (
         f"a positive finite number{', a range' if has_sides(entry) else ''}, steps [{{from = …, value = …}}, …], a "
         f"column {{column = …}} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"

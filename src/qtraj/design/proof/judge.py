@@ -157,11 +157,7 @@ class _Task:
             provable = self.source.provable(name in UPRIGHT_DIVISORS)
             found = decided(
                 provable,
-                lambda: (
-                    None
-                    if self._bounded is None
-                    else self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest))
-                ),
+                lambda: self._bounded and self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest)),
                 lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
                 strict=True,
             )
@@ -230,11 +226,10 @@ class _Task:
         For a linear limit, it is the value that exceeds the limit most.
         """
         entry, source, grid = limit.entry, self.source, self._grid(provable)
-        si = _in_si(entry)
-        unit = limit.factors * (1.0 if si else source.length**entry.length / source.duration**entry.per_time)
-
         if limit.by_speed is not None:
             return nearest_to_limit(self._at, grid, source, limit, hints)
+        si = _in_si(entry)
+        unit = limit.factors * (1.0 if si else source.length**entry.length / source.duration**entry.per_time)
 
         def limit_at(u: np.ndarray) -> Any:
             return 0.0 if limit.line is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit

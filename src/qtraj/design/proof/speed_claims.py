@@ -30,7 +30,6 @@ from qtraj.path.quantity import quantity
 Constant = Callable[[float, int], Any]
 """A function of a number and the negative exponent of the second in its unit, which returns a constant polynomial."""
 
-
 EASY = 20_000
 """Number of additions of integers to find out whether the speed is always outside of a range."""
 
@@ -38,8 +37,8 @@ EASY = 20_000
 class Motion(NamedTuple):
     """The polynomials A (`along`), C (`across`) and S (`square`), the squared speed, and the integer d (`divisor`).
 
-    The claims are about their values on [0, 1].
-    `claim` returns the claim that a number is nonnegative, whose roots are those of the squares in `Surd.squares`.
+    The claims are about their values on [0, 1]. `claim` returns the claim that a number is nonnegative, whose roots are
+    those of the squares in `Surd.squares`.
     """
 
     along: Any
@@ -108,14 +107,14 @@ def lines(limit: BySpeed, constant: Constant) -> list[Line]:
     for (low, first), (high, last) in pairwise(ends):
         if result and first == last and is_zero(result[-1].slope):  # the same constant
             low = result.pop().speeds[0]
-        own: Any = [None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high)]
-        first_value, last_value = constant(first, 2), constant(last, 2)
+        start, end = (None if x in (0.0, np.inf) else constant(x, 1) for x in (low, high))
+        p, q = constant(first, 2), constant(last, 2)
         if first == last:
-            result.append(Line(first_value, 0, 1, *own, (low, high)))
-            continue
-        start = first_value * own[1] if own[0] is None else first_value * own[1] - last_value * own[0]
-        width = own[1] if own[0] is None else own[1] - own[0]
-        result.append(Line(start, last_value - first_value, width, *own, (low, high)))
+            result.append(Line(p, 0, 1, start, end, (low, high)))
+        elif start is None:
+            result.append(Line(p * end, q - p, end, start, end, (low, high)))
+        else:
+            result.append(Line(p * end - q * start, q - p, end - start, start, end, (low, high)))
     return result
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
-from qtraj.design.ellipse import Ellipse
-from qtraj.foundation.namespace import namespace
+from qtraj.design.ellipse import FIELDS, Ellipse
 
 ROUNDED = 0.01
 """A hinge is rounded off over this fraction of the shorter line next to it."""
@@ -56,8 +55,8 @@ def curve_of(limit: BySpeed, pace: Float[Any, "*nodes"], side: int = 1) -> Curve
     widths = ROUNDED * np.where(np.isfinite(shorter), shorter, 1.0)
     shape = (-1, *[1] * pace.ndim)
     widths = np.where(slopes < 0, widths, -widths)
-    columns: Any = (np.broadcast_to(x.reshape(shape), (v.size, *pace.shape)) for x in (slopes, v, widths))
-    return Curve(np.full(pace.shape, side * f[0]), *columns, pace)
+    slopes, speeds, widths = (np.broadcast_to(x.reshape(shape), (v.size, *pace.shape)) for x in (slopes, v, widths))
+    return Curve(np.full(pace.shape, side * f[0]), slopes, speeds, widths, pace)
 
 
 def _hinge(x: Any, widths: Any) -> tuple[Any, Any, Any]:
@@ -113,16 +112,16 @@ def stacked(curves: list[Curve | None], pace: Float[Any, "*nodes"]) -> Curve | N
     hinges = (
         [np.concatenate([own, fill[len(own) :]]) for own, fill in zip(x[1:4], absent[1:4], strict=True)] for x in each
     )
-    columns: Any = (np.stack(x, axis=1) for x in zip(*hinges, strict=True))
-    return Curve(np.stack([x.start for x in each]), *columns, np.stack([x.pace for x in each]))
+    slopes, speeds, widths = (np.stack(x, axis=1) for x in zip(*hinges, strict=True))
+    return Curve(np.stack([x.start for x in each]), slopes, speeds, widths, np.stack([x.pace for x in each]))
 
 
 class Combined(NamedTuple):
     """The limit on the combined acceleration.
 
     `along` are the coefficients of a and a' in the longitudinal acceleration, and `across` is that of a in the lateral
-    one. `factor` is at least 1, by which the limit is tightened, and `upper` is
-    1/a for the largest a that the lateral acceleration allows.
+    one. `factor` is at least 1, by which the limit is tightened, and `upper` is 1/a for the largest a that the lateral
+    acceleration allows.
     """
 
     along: Float[Any, "2 *nodes"]
@@ -186,6 +185,6 @@ class Combined(NamedTuple):
 
 def combined_of(limit: Ellipse, along: Any, across: Any, pace: Any) -> Combined:
     """Return the limit on the combined acceleration; `along` and `across` are the fields of `Combined`."""
-    curves: Any = (curve_of(x, pace) for x in (limit.braking, limit.accelerating, limit.lateral))
+    braking, accelerating, lateral = (curve_of(getattr(limit, name), pace) for name in FIELDS)
     upper = largest_squares(limit.lateral, across, pace)
-    return Combined(namespace(across).stack(along), across, *curves, np.ones_like(pace), upper)
+    return Combined(np.stack(along), across, braking, accelerating, lateral, np.ones_like(pace), upper)

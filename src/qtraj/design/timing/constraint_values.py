@@ -32,8 +32,9 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
 
 def squares(p: Parts) -> np.ndarray:
     """Return the power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
+    quadratic = (p.combined is not None) + (p.jerk is not None)
     road = 0 if p.road is None else len(ROAD)
-    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * (p.jerk is not None) + [1.0] * road)
+    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * quadratic + [1.0] * road)
 
 
 def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:

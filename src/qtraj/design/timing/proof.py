@@ -132,20 +132,25 @@ def _codes(
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
+
+    def defined(name: str) -> Bool[Any, " n"]:
+        """Return where the quantity is proved to be defined and the motion to go on."""
+        if (divisor := quantity(name).divisor) not in positive:
+            own = task.decided(finite, lambda claims, _: claims.divisor(divisor), strict=True)
+            positive[divisor] = forward & own.proved
+        return positive[divisor]
+
     for name, limit in limits.items():
         entry = quantity(name)
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
         absent = np.isinf(strictest) | ((name == SLOWEST) & (strictest <= 0))
-        wanted, divisor = finite & np.isfinite(strictest) & ~absent, entry.divisor
-        found = _within(task, name, strictest, wanted)
-        if divisor not in positive:
-            own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
-            positive[divisor] = forward & own.proved
-        proved = (positive[divisor] & found.proved) | (forward & absent)
+        found = _within(task, name, strictest, finite & np.isfinite(strictest) & ~absent)
+        proved = (defined(name) & found.proved) | (forward & absent)
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     for name, limit in by_speed.items():
         found = task.by_speed(finite & bool(np.isfinite(np.asarray(limit.values)).all()), name, limit)
-        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(forward & found.proved, PROVED, UNDECIDED))
+        proved = defined(name) & found.proved
+        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
 
