@@ -201,8 +201,8 @@ def test_profiles_and_files_contain_the_limit(tmp_path):
     assert np.asarray(profile.bounds)[row][1:-1] == pytest.approx(known[1:-1], abs=0.3)
     assert float(np.max(profile.values[profile.names.index("combined_acceleration")])) == pytest.approx(6 / 7, rel=1e-3)
     assert str(qt.Limits(longitudinal_acceleration=motor)) == (
-        "Limits(longitudinal_acceleration=(BySpeed([0, 10, 30], values=[-6, -6, -4]), "
-        "BySpeed([0, 10, 30], magnitude=[3, 3, 0.8])))"
+        "Limits(longitudinal_acceleration=(BySpeed([0, 10, 30], lower=[-6, -6, -4]), "
+        "BySpeed([0, 10, 30], upper=[3, 3, 0.8])))"
     )
 
 

@@ -72,10 +72,8 @@ def _bound_of(value: Any, name: str) -> Bound | None:
         return value
     if isinstance(value, Sides):
         value = value.lower, value.upper
-    if isinstance(value, BySpeed) and value.values.ndim == 1 and entry.component is not None:
-        _require_positive(value, f"the limit {name}", entry)
-        value = value.scaled(-1.0), value
-    if isinstance(value, Changing) and value.values.ndim > 1:
+    of_sides = value.kind != "magnitude" or entry.component is not None if isinstance(value, BySpeed) else False
+    if isinstance(value, Changing) and (of_sides or value.values.ndim > 1):
         value = value.sides()
     if isinstance(value, tuple | list):
         return _two_sided(value, entry)

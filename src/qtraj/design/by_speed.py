@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.along import Changing, numbers_of
+from qtraj.design.along import Changing
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable, stored_as
@@ -18,11 +19,14 @@ MAX_LISTED = 6
 """Largest number of values that are listed in texts."""
 
 
+SIDES = ("lower", "upper")
+
+Kind = Literal["magnitude", "lower", "upper", "sides"]
+
+
 def _stored(x: BySpeed) -> dict[str, Any]:
-    if x.values.ndim == 1:
-        return {"speeds": x.speeds, "magnitude": x.values}
-    sides = dict(zip(("lower", "upper"), x.values.T, strict=True))
-    return {"speeds": x.speeds} | {name: y for name, y in sides.items() if not np.isnan(np.asarray(y)).any()}
+    columns = dict(zip(SIDES, x.values.T, strict=True)) if x.kind == "sides" else {x.kind: x.values}
+    return {"speeds": x.speeds} | columns
 
 
 def _built(speeds: Any, lower: Any | None = None, upper: Any | None = None, magnitude: Any | None = None) -> BySpeed:
@@ -48,8 +52,8 @@ class BySpeed(Changing):
         magnitude: (n,) [m/s²], positive, the bound on the magnitude, instead of `lower` and `upper`.
 
     Raises:
-        ValueError: For speeds that are negative or do not increase, for another number of values, values that are not
-            finite, and for no values or a magnitude together with `lower` or `upper`.
+        ValueError: For speeds that are negative or do not increase, another number of values, values that are not
+            finite, a magnitude that is not positive, and for no values or a magnitude together with a bound.
 
     Example:
         >>> grip = BySpeed([0.0, 30.0], magnitude=[9.0, 7.0])
@@ -59,6 +63,7 @@ class BySpeed(Changing):
 
     speeds: Float[Array, " n"]
     values: Float[Array, " n *sides"]
+    kind: Kind = eqx.field(static=True)
 
     def __init__(
         self,
@@ -71,35 +76,45 @@ class BySpeed(Changing):
         if (magnitude is None) == (lower is None and upper is None):
             raise ValueError("pass either a magnitude, or a lower bound, an upper bound or both")
         self.speeds = _speeds(speeds)
-        if magnitude is not None:
-            self.values = _values(magnitude, "magnitude", self.speeds)
-            return
-        sides = zip(("lower", "upper"), (lower, upper), strict=True)
-        absent = np.full(self.speeds.shape, np.nan)
-        self.values = as_float(
-            np.stack([absent if x is None else np.asarray(_values(x, what, self.speeds)) for what, x in sides], axis=1)
-        )
+        given = {"lower": lower, "upper": upper, "magnitude": magnitude}
+        found = {what: _values(x, what, self.speeds) for what, x in given.items() if x is not None}
+        self.kind, *_ = found if len(found) == 1 else ("sides",)
+        self.values = found[self.kind] if len(found) == 1 else namespace(*found.values()).stack([*found.values()], 1)
+        if self.kind == "magnitude" and not (np.asarray(self.values) > 0).all():
+            raise ValueError(f"magnitude must be positive at every speed [m/s²], but {_listed(self.values)} was given")
 
     def __repr__(self) -> str:
         v, known = np.asarray(self.speeds), concrete(self.values)
         if known is None or v.size > MAX_LISTED:
             return f"BySpeed({v.size} values up to {v[-1]:.6g} m/s)"
-        if known.ndim == 1:
-            return f"BySpeed({_listed(v)}, {'magnitude' if (known > 0).all() else 'values'}={_listed(known)})"
-        sides = [f"{what}={_listed(x)}" for what, x in zip(("lower", "upper"), known.T, strict=True) if x[0] == x[0]]
-        return f"BySpeed({_listed(v)}, {', '.join(sides)})"
+        columns = zip(SIDES, known.T, strict=True) if self.kind == "sides" else [(self.kind, known)]
+        return f"BySpeed({_listed(v)}, {', '.join(f'{what}={_listed(x)}' for what, x in columns)})"
 
     def at(self, speed: Any) -> Any:
-        """Return the value at a speed [m/s]; for two bounds a pair on the last axis, NaN for a missing one."""
+        """Return the value at a speed [m/s]; with two bounds a pair (lower, upper) on the last axis."""
         xp = namespace(self.values, speed)
-        if self.values.ndim == 1:
+        if self.kind != "sides":
             return xp.interp(xp.asarray(speed), xp.asarray(self.speeds), xp.asarray(self.values))
         columns = [xp.interp(xp.asarray(speed), xp.asarray(self.speeds), x) for x in xp.asarray(self.values).T]
         return xp.stack(columns, axis=-1)
 
-    def scaled(self, factor: Any) -> BySpeed:
-        """Return the same with the values multiplied by `factor`."""
-        return self._with(self.values * factor)
+    def sides(self) -> tuple[BySpeed | None, BySpeed | None]:
+        """Return the lower and the upper bound, or None for a missing one."""
+        if self.kind == "sides":
+            lower, upper = np.asarray(self.values).T
+            return BySpeed(self.speeds, lower=lower), BySpeed(self.speeds, upper=upper)
+        if self.kind == "magnitude":
+            return self.scaled(-1.0), BySpeed(self.speeds, upper=self.values)
+        return (self, None) if self.kind == "lower" else (None, self)
+
+    def scaled(self, factor: float) -> BySpeed:
+        """Return the same with the values multiplied by `factor`; a negative one exchanges the bounds."""
+        if not factor < 0:
+            return self._with(self.values * factor)
+        if self.kind == "sides":
+            lower, upper = np.asarray(factor * self.values).T
+            return BySpeed(self.speeds, lower=upper, upper=lower)
+        return BySpeed(self.speeds, **{"upper" if self.kind == "lower" else "lower": factor * self.values})
 
     def stricter(self, side: int, fraction: float) -> BySpeed:
         """Return the bound on this `side` that is stricter by `fraction` of its largest magnitude."""
@@ -124,37 +139,39 @@ def of_magnitude(value: Any, what: str) -> BySpeed:
 
     **Raises:** ValueError with the name `what` and what was expected.
     """
-    found = value
-    if not isinstance(value, BySpeed):
-        try:
-            number = as_float(value)
-        except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"{what} must be a number [m/s²] or a BySpeed, but {described(value)} was given"
-            ) from error
-        if number.ndim:
-            raise ValueError(f"{what} must be one number [m/s²] or a BySpeed, but {described(value)} was given")
-        found = BySpeed([0.0], magnitude=number[None])
-    elif value.values.ndim > 1:
-        found = one_side(value, 1, what)
-    if not (np.asarray(found.values) > 0).all():
-        raise ValueError(f"{what} must be positive at every speed [m/s²], but {value!r} was given")
-    return found
+    if isinstance(value, BySpeed):
+        upper = one_side(value, 1, what)
+        if not (np.asarray(upper.values) > 0).all():
+            raise ValueError(f"{what} must be positive at every speed [m/s²], but {value!r} was given")
+        return BySpeed(value.speeds, magnitude=value.values)
+    try:
+        number = as_float(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what} must be a number [m/s²] or a BySpeed, but {described(value)} was given") from error
+    if number.ndim:
+        raise ValueError(f"{what} must be one number [m/s²] or a BySpeed, but {described(value)} was given")
+    known = concrete(number)
+    if known is None:
+        raise ValueError(f"{what} must have a concrete value: create Ellipse outside jit, grad and vmap")
+    if not 0 < known < np.inf:
+        raise ValueError(f"{what} must be positive and finite [m/s²], but {known:g} was given")
+    return BySpeed([0.0], magnitude=number[None])
 
 
 def one_side(given: BySpeed, side: int, what: str) -> BySpeed:
     """Return the lower (`side` −1) or the upper bound (1) of a limit that has no other one.
 
+    A magnitude is an upper bound.
+
     **Raises:** ValueError if there are two bounds, or only the one on the other side.
     """
-    if given.values.ndim == 1:
-        return given
-    lower, upper = given.sides()
-    found, other = (lower, upper) if side < 0 else (upper, lower)
-    if found is None or other is not None:
-        names = ("lower", "upper") if side < 0 else ("upper", "lower")
-        raise ValueError(f"{what} must have the bound {names[0]}= or magnitude=, and no {names[1]}=, but is {given!r}")
-    return found
+    wanted, other = SIDES if side < 0 else SIDES[::-1]
+    if given.kind == "magnitude" and side > 0:
+        return BySpeed(given.speeds, upper=given.values)
+    if given.kind != wanted:
+        more = "" if side < 0 else " or magnitude="
+        raise ValueError(f"{what} must have the bound {wanted}={more}, and no {other}=, but is {given!r}")
+    return given
 
 
 def _speeds(given: ArrayInput) -> Array:
@@ -174,15 +191,17 @@ def _speeds(given: ArrayInput) -> Array:
 
 
 def _values(given: ArrayInput, what: str, speeds: Array) -> Array:
-    found = numbers_of(given)
+    count = speeds.shape[0]
+    expected = f"{what} must contain one finite number [m/s²] for each of the {count} speeds"
+    try:
+        found = as_float(given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{expected}, but {described(given)} was given") from error
     known = concrete(found)
     if known is None:
         raise ValueError(f"{what} must have concrete values: create BySpeed outside jit, grad and vmap")
     if known.shape != speeds.shape or not np.isfinite(known).all():
-        raise ValueError(
-            f"{what} must contain one finite number [m/s²] for each of the {speeds.shape[0]} speeds, but "
-            f"{known.tolist()} was given"
-        )
+        raise ValueError(f"{expected}, but {known.tolist()} was given")
     return found
 
 

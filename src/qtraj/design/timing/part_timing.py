@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -123,5 +124,5 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
 def _if_bounded(xp: Any, unbounded: Any, bound: Any) -> Any:
     """Return a limit, or NaN if the timing is `unbounded`."""
     if isinstance(bound, OfSpeed):
-        return bound.scaled(np.nan) if np.any(unbounded) else bound
+        return jax.tree.map(lambda x: np.nan * x, bound) if np.any(unbounded) else bound
     return xp.where(unbounded, np.nan, bound)

@@ -204,14 +204,19 @@ class _Task:
                 claims.speed_roots = [root.bounded(p) for root, p in zip(self._speed_roots, squares, strict=True)]
             return claims.within_speed(name, limit, in_floats)
 
-        def exact(k: int) -> AnyClaim:
+        def exact(k: int, by_roots: bool) -> AnyClaim:
             claims, constant = self._in_integers(k), lambda x, n: times_power(ExactPolynomial.of(x), self._unit[k], n)
-            if self._speed_roots and all(root.good[k] for root in self._speed_roots):
+            claims.speed_roots = None
+            if by_roots and self._speed_roots and all(root.good[k] for root in self._speed_roots):
                 squares = zip(self._speed_roots, claims.speed_squares(), strict=True)
                 claims.speed_roots = [root.exact(p, k) for root, p in squares]
             return claims.within_speed(name, limit, constant)
 
-        return decided(wanted, floats, exact, False, MORE_WORK, PATIENCE)
+        found = decided(wanted, floats, lambda k: exact(k, True), False, MORE_WORK, PATIENCE)
+        enclosed = np.all([root.good for root in self._speed_roots], axis=0) if self._speed_roots else False
+        rest = wanted & enclosed & ~(found.proved | found.refuted)  # nearer to a limit than the enclosures are wide
+        more = decided(rest, lambda: None, lambda k: exact(k, False), False, MORE_WORK, PATIENCE)
+        return Decided(found.proved | more.proved, found.refuted | more.refuted, found.at)
 
     def _in_floats(self) -> CellClaims:
         if self._floats is None:
