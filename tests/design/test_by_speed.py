@@ -1,15 +1,18 @@
 """Limits that depend on the speed, and ellipses of accelerations: closed forms, dense samples and an exact pass."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 from benchmarks.random_paths import exact_duration, random_path, with_speed
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import qtraj as qt
+from qtraj.foundation.document import save
 
-CLOSED_FORM, ORACLE, EXTREME = 1e-3, 5e-3, (1e-9, 1e-6)
-"""Relative tolerances of durations, and distances of limits from the exact extreme: of paths, and of timings."""
+CLOSED_FORM, ORACLE, EXTREME = 1e-3, 5e-3, 1e-9
+"""Relative tolerances of durations, and the relative distance of limits from the exact extreme."""
 
 LINE = qt.Shape.through([[0, 0, 0], [200, 0, 0], [400, 0, 0]])
 ANGLES = np.linspace(0, 2 * np.pi, 33)[:-1]
@@ -31,6 +34,39 @@ def test_an_engine_curve_gives_the_exponential_start():
     exact = brentq(lambda t: 50 * t - 50 / 0.06 * (1 - np.exp(-0.06 * t)) - 400, 1, 100)
     assert exact <= float(timed.duration) <= exact * (1 + CLOSED_FORM)
     assert float(timed.speeds[1]) == pytest.approx(50 * (1 - np.exp(-0.06 * exact)), rel=CLOSED_FORM)
+
+
+def distance_to(speed, acceleration) -> float:
+    """The distance in which the speed changes from 0 by an acceleration that depends on it: ∫ v dv/a(v)."""
+    return quad(lambda v: v / acceleration(v), 0, speed, points=[10, 20], epsabs=1e-10)[0]
+
+
+def test_motor_and_brake_curves_on_a_straight_line_agree_with_quadratures():
+    def motor(v):
+        return np.interp(v, [0, 10, 20, 30], [3, 3, 1.5, 0.8])
+
+    def brake(v):
+        return np.interp(v, [0, 10, 20, 30], [6, 6, 5, 3])
+
+    speeds = [0, 10, 20, 30]
+    curves = qt.BySpeed(speeds, lower=[-6, -6, -5, -3], upper=[3, 3, 1.5, 0.8])
+    timed = proved(LINE, qt.Limits(longitudinal_acceleration=curves), start_speed=0, end_speed=0)
+    top = brentq(lambda v: distance_to(v, motor) + distance_to(v, brake) - 400, 1, 60)
+    exact = sum(quad(lambda v, f=f: 1 / f(v), 0, top, points=[10, 20])[0] for f in (motor, brake))
+    assert exact <= float(timed.duration) <= exact * (1 + CLOSED_FORM)
+
+
+def test_a_brake_that_changes_along_the_way_and_a_motor_curve_agree_with_quadratures():
+    """The brake allows 2 m/s² up to 300 m and then 1 m/s²: from there on, v² = 2(400 − s)."""
+
+    def motor(v):
+        return 3 - 0.08 * v
+
+    limits = qt.Limits(longitudinal_acceleration=(qt.Along([0, 300], [-2, -1]), qt.BySpeed([0, 30], upper=[3, 0.6])))
+    timed = proved(LINE, limits, start_speed=0, end_speed=0)
+    top = brentq(lambda v: distance_to(v, motor) + (v * v - 200) / 4 - 300, 15, 29)
+    exact = quad(lambda v: 1 / motor(v), 0, top)[0] + (top - np.sqrt(200)) / 2 + np.sqrt(200)
+    assert exact <= float(timed.duration) <= exact * (1 + CLOSED_FORM)
 
 
 def test_an_ellipse_on_a_straight_line_brakes_and_accelerates_differently():
@@ -118,14 +154,14 @@ def extreme(path, ratio) -> float:
 @pytest.mark.parametrize(("kind", "seed"), [*((x, k) for x in ("helix", "route") for k in range(4)), ("timing", 1)])
 def test_limits_beside_the_exact_extreme_are_decided(kind, seed):
     """A limit that is slightly larger than the extreme is proved, and one that is smaller is refuted."""
-    path, rng, near = sample_path(kind, seed), np.random.default_rng(100 + seed), EXTREME[kind == "timing"]
+    path, rng = sample_path(kind, seed), np.random.default_rng(100 + seed)
     curves = [random_curve(rng, 9.0) for _ in range(3)]
     ellipse = qt.Ellipse(*curves)
     for k, name in ((0, "lateral_acceleration"), (1, "upper"), (2, "lower"), (None, "combined_acceleration")):
         limit = ellipse if k is None else curves[k]
         ratio = (lambda t: ratios(path, t, ellipse)) if k is None else (lambda t, k=k: ratios(path, t, curves[k])[k])
         most = extreme(path, ratio)
-        for factor, holds in ((1 + near, True), (1 - near, False)):
+        for factor, holds in ((1 + EXTREME, True), (1 - EXTREME, False)):
             own = limit.scaled(most * factor)
             if name in ("upper", "lower"):
                 sides = (None, own) if name == "upper" else (own.scaled(-1.0), None)
@@ -167,6 +203,37 @@ def test_values_of_certificates_and_margins_are_those_at_the_speed():
         ratio = ratios(path, time, getattr(limits, name))
         assert value / limit == pytest.approx(float(np.ravel(ratio[0])[0]), rel=1e-9)
         assert float(limits.margins(path, time)[name]) == pytest.approx(limit - value, rel=1e-6)
+
+
+def test_a_certificate_of_a_timing_contains_the_excess_where_the_limit_bends():
+    path = sample_path("timing", 2)
+    t = np.linspace(0, float(path.duration), 2001)
+    speeds = np.asarray(qt.evaluate(path, t, ("speed",)).speed)
+    bend = 0.8001 * speeds.max()
+    valley = qt.BySpeed([0, bend - 1e-4, bend, bend + 1e-4], magnitude=[9, 9, 0.1, 9])
+    ellipse = qt.Ellipse(valley, valley, valley)
+    time, value, limit = qt.certify(path, qt.Limits(combined_acceleration=ellipse)).worst["combined_acceleration"]
+    crossings = np.flatnonzero(np.diff(np.sign(speeds - bend)))
+    k = crossings[np.argmin(np.abs(t[crossings] - time))]
+    at = brentq(lambda x: float(qt.evaluate(path, [x], ("speed",)).speed[0]) - bend, t[k], t[k + 1], xtol=1e-12)
+    assert time == pytest.approx(at, abs=1e-6)
+    assert (value, limit) == (pytest.approx(float(ratios(path, at, qt.Ellipse(0.1, 0.1, 0.1))[0]), rel=1e-6), 1)
+
+
+@pytest.mark.parametrize("form", ["toml", "json"])
+def test_limits_by_speed_can_be_stored(tmp_path, form):
+    limits = qt.Limits(
+        longitudinal_acceleration=(qt.BySpeed([0, 10], lower=[-6, -4]), 2),
+        lateral_acceleration=GRIP,
+        combined_acceleration=qt.Ellipse(8, qt.BySpeed([2, 9], upper=[5, 3]), 9),
+    )
+    save(limits, tmp_path / f"limits.{form}")
+    found = qt.load(tmp_path / f"limits.{form}")
+    assert repr(found) == repr(limits)
+    assert eqx.tree_equal(found, limits)
+    both = qt.BySpeed([0, 10], [-6, -4], [3, 1])
+    assert [repr(x) for x in both.sides()] == ["BySpeed([0, 10], lower=[-6, -4])", "BySpeed([0, 10], upper=[3, 1])"]
+    assert repr(both.scaled(-2)) == "BySpeed([0, 10], lower=[-6, -2], upper=[12, 8])"
 
 
 def test_a_route_reports_where_it_violates_a_limit_by_speed():
@@ -217,7 +284,17 @@ MOTOR = qt.BySpeed([0, 10], upper=[3, 1])
         (lambda: qt.BySpeed([10, 0], upper=[1, 2]), "ascending"),
         (lambda: qt.BySpeed([-1, 0], upper=[1, 2]), "at least 0"),
         (lambda: qt.BySpeed([0, 1], upper=[1, np.nan]), "finite"),
+        (lambda: qt.BySpeed([0, 1], upper=[1, None]), "upper must contain one finite number"),
+        (lambda: qt.BySpeed([0, 1], magnitude=[1, -1]), "must be positive"),
         (lambda: qt.Ellipse(8, -1, 9), "accelerating must be positive"),
+        (lambda: qt.Ellipse(8, np.inf, 9), "accelerating must be positive and finite"),
+        (lambda: qt.Ellipse(qt.BySpeed([0, 1], upper=[1, 0]), 1, 9), "braking must be positive"),
+        (lambda: qt.Ellipse(8, 3, qt.BySpeed([0], lower=[1])), "lateral must have the bound upper="),
+        (lambda: qt.Limits(longitudinal_acceleration=(MOTOR, 2)), "must have the bound lower="),
+        (
+            lambda: qt.Limits(longitudinal_acceleration=(qt.BySpeed([0], magnitude=[6]), 2)),
+            "must have the bound lower=",
+        ),
         (lambda: qt.Ellipse(8, "fast", 9), "accelerating must be a number"),
         (lambda: qt.Limits(curvature=MOTOR), "may depend on the speed"),
         (lambda: qt.Limits(speed=(None, MOTOR)), "may depend on the speed"),

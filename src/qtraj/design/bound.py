@@ -72,9 +72,9 @@ def _bound_of(value: Any, name: str) -> Bound | None:
         return value
     if isinstance(value, Sides):
         value = value.lower, value.upper
-    of_sides = value.kind != "magnitude" or entry.component is not None if isinstance(value, BySpeed) else False
-    if isinstance(value, Changing) and (of_sides or value.values.ndim > 1):
-        value = value.sides()
+    if isinstance(value, Changing):
+        by_speed = isinstance(value, BySpeed) and (entry.component is not None or value.kind == "lower")
+        value = value.sides() if by_speed or value.values.ndim > 1 else value
     if isinstance(value, tuple | list):
         return _two_sided(value, entry)
     limit = _bound(value, f"the limit {name}", entry, 1)

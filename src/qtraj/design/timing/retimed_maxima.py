@@ -8,15 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.ellipse import OfSpeed
-from qtraj.design.proof.speed_claims import compared
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import listed, parts
+from qtraj.design.timing.retimed_by_speed import OnCell
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import at_places
 from qtraj.foundation.arrays import is_traced
-from qtraj.path.frenet import Invariants
 from qtraj.path.vehicle import RoadParameters
 
 PLACES = 17
@@ -87,13 +86,13 @@ def _numbers(bounds: dict[str, Any]) -> dict[str, Any]:
 
 def _by_speed(limited: Limited, at: tuple[Any, Any], k: int, name: str) -> tuple[Any, Any]:
     """Return the value of a quantity and its limit, which depends on the speed, at the place `k`."""
-    cell = np.searchsorted(limited.cells.columns, at[0][k : k + 1])
-    r, v = motion_at(limited.path, limited.cells, cell, at[1][k : k + 1])
-    r1, r2 = ([x[0] for x in row] for row in np.asarray(r)[:2])
-    a, slope = np.asarray(v)[:2, 0]
-    motion = [tuple(np.sqrt(a) * x for x in r1), tuple(a * y + 0.5 * slope * x for x, y in zip(r1, r2, strict=True))]
-    value, limit = compared(Invariants([None, *motion]), name, limited.bounds[name])
-    return np.asarray(value), np.asarray(limit)
+    value, limit = _on_cell(limited, at[0][k], name).compared(at[1][k : k + 1])
+    return value[0], limit[0]
+
+
+def _on_cell(limited: Limited, cell: Any, name: str) -> OnCell:
+    moving = int(np.searchsorted(limited.cells.columns, cell))
+    return OnCell(limited.path, limited.cells, moving, name, limited.bounds[name])
 
 
 def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "limits moving"]:
@@ -135,5 +134,8 @@ def largest_in(
         with np.errstate(all="ignore"):  # a failed search ends with NaN
             for step in range(ZOOMS):
                 place, usage = zoom(step, (place, usage))
+    for row, name in enumerate(names):
+        if isinstance(limited.bounds[name], OfSpeed):
+            place[row] = _on_cell(limited, cell[row], name).worst()
     knots = xp.asarray(timing.knots)
     return timing.times_of(knots[cell] + place * (knots[cell + 1] - knots[cell])), place, usage

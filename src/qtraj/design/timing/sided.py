@@ -30,8 +30,9 @@ SIDED = (
 )
 """Limits that are affine in a and a'."""
 
-BY_SPEED = 3.0
-"""Factor on the fraction for limits that depend on the speed, because a slower timing may violate them, too."""
+BY_SPEED = 10.0
+"""Factor on the fraction for limits that depend on the speed, because a slower timing may violate them, too, and they
+may be exceeded in a small part of a cell where they bend."""
 
 RATES = ("yaw_rate", "vertical_speed", "curvature_rate")
 """Signed quantities that are proportional to √a."""
