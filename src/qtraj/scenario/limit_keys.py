@@ -138,9 +138,10 @@ def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
     if entry.name in BY_SPEED:
         forms = forms | BySpeedTable
     kind: Any = Annotated[forms, Discriminator(_form)]
+    by_speed = ", a table {speeds = …, magnitude = …}" if entry.name in BY_SPEED else ""
     values = (
         f"a positive finite number{', a range' if has_sides(entry) else ''}, steps [{{from = …, value = …}}, …], a "
-        f"column {{column = …}} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
+        f"column {{column = …}}{by_speed} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
     )
     return kind | None, key(entry.meaning, None, values=values)
 
