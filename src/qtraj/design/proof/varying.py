@@ -24,7 +24,6 @@ from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
-from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters
 from qtraj.path.vehicle_data import batch_of
 
@@ -68,7 +67,8 @@ def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate
     one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path) if arrays is None else None
     source = curve_source(one) if arrays is None else source_of([np.asarray(x)[None] for x in arrays])
     codes, times, values = (x[0] for x in judge(source, [limit_by_speed(name, bound)]))
-    bounds = at_speed(bound, np.asarray(value(path, float(times[0]), "speed"), float))
+    speed = np.linalg.norm(np.asarray(path.derivatives(float(times[0]), 1)[1], float))
+    bounds = at_speed(bound, speed)
     return Certificate((name,), codes, times, values, np.atleast_1d(bounds))
 
 
