@@ -76,9 +76,9 @@ class BySpeed(Changing):
         if (magnitude is None) == (lower is None and upper is None):
             raise ValueError("pass either a magnitude, or a lower bound, an upper bound or both")
         self.speeds = _speeds(speeds)
-        given = {"lower": lower, "upper": upper, "magnitude": magnitude}
+        given: dict[Kind, Any] = {"lower": lower, "upper": upper, "magnitude": magnitude}
         found = {what: _values(x, what, self.speeds) for what, x in given.items() if x is not None}
-        self.kind, *_ = found if len(found) == 1 else ("sides",)
+        self.kind = next(iter(found)) if len(found) == 1 else "sides"
         self.values = found[self.kind] if len(found) == 1 else namespace(*found.values()).stack([*found.values()], 1)
         if self.kind == "magnitude" and not (np.asarray(self.values) > 0).all():
             raise ValueError(f"magnitude must be positive at every speed [m/s²], but {_listed(self.values)} was given")

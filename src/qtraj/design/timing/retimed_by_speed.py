@@ -43,7 +43,7 @@ class OnCell:
     def worst(self) -> float:
         """Return the place at which the quantity exceeds its limit most."""
         low, high = self._ends
-        around = np.linspace(low, high, PLACES)
+        best, around = low, np.linspace(low, high, PLACES)
         for zoom in range(ZOOMS):
             places = np.concatenate([around, self._bends(around)]) if zoom == 0 else around
             value, limit = self.compared(places)
