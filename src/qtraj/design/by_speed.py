@@ -77,7 +77,7 @@ class BySpeed(Changing):
             raise ValueError("pass either a magnitude, or a lower bound, an upper bound or both")
         self.speeds = _speeds(speeds)
         given: dict[Kind, Any] = {"lower": lower, "upper": upper, "magnitude": magnitude}
-        found = {what: _values(x, what, self.speeds) for what, x in given.items() if x is not None}
+        found: dict[Kind, Array] = {what: _values(x, what, self.speeds) for what, x in given.items() if x is not None}
         self.kind = next(iter(found)) if len(found) == 1 else "sides"
         self.values = found[self.kind] if len(found) == 1 else namespace(*found.values()).stack([*found.values()], 1)
         if self.kind == "magnitude" and not (np.asarray(self.values) > 0).all():
