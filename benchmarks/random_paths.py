@@ -6,10 +6,14 @@ ones have jumps of the curvature. The parameter is uniform, the chord length, it
 1 mm to 50 km, and the paths have loops, sharp bends and near cusps.
 """
 
+import bisect
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline, PPoly, make_interp_spline
+
+import qtraj as qt
 
 POINTS = ("cloud", "walk", "nearby", "lines")
 CURVES = ("cubic", "quintic", "cubic hermite", "quintic hermite")
@@ -87,11 +91,30 @@ def _curve(rng: np.random.Generator, kind: str, u: np.ndarray, points: np.ndarra
     return PPoly(c, np.append(axes[0].x[:-1][filled], axes[0].x[-1]))
 
 
+def with_speed(path: RandomPath, seed: int) -> RandomPath:
+    """Return the same path with limits on its accelerations that depend on the speed, of a random kind."""
+    rng = np.random.default_rng(seed)
+    top, (lateral, along) = path.limits["speed"], list(path.limits.values())[1:]
+
+    def curve(least: float) -> qt.BySpeed:
+        count = int(rng.integers(2, 5))
+        speeds = np.concatenate([[0.0], np.sort(rng.uniform(0.1, 1, count - 1))]) * top
+        return qt.BySpeed(speeds, magnitude=np.exp(rng.uniform(np.log(least), 0, count)))
+
+    if rng.random() < 0.5:
+        sides = curve(0.2).scaled(-2 * along), curve(0.2).scaled(along)
+        limits = {"lateral_acceleration": curve(0.5).scaled(lateral), "longitudinal_acceleration": sides}
+    else:
+        fields = curve(0.2).scaled(2 * along), curve(0.2).scaled(along), curve(0.5).scaled(lateral)
+        limits = {"combined_acceleration": qt.Ellipse(*fields)}
+    return path._replace(limits={"speed": top, **limits})
+
+
 def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     """Return the minimum duration from rest to rest, by a forward and a backward pass along the distance [s].
 
     Between two samples the squared speed is linear in the distance. The limit on the longitudinal acceleration may be a
-    pair (lower, upper).
+    pair (lower, upper). Limits that depend on the speed are those of `with_speed`.
     """
     first, second = path.spline.derivative(1), path.spline.derivative(2)
     u = _resolving(first, samples)
@@ -101,9 +124,15 @@ def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     steps = sum(w * np.linalg.norm(first(middle + 0.5 * h * x), axis=1) for x, w in zip(nodes, weights, strict=True))
     s = np.concatenate([[0.0], np.cumsum(0.5 * h * steps)])
 
-    def highest(u: np.ndarray) -> np.ndarray:
+    def bend_at(u: np.ndarray) -> np.ndarray:
         v, a = first(u), second(u)
-        bend = np.linalg.norm(np.cross(v, a), axis=1) / np.maximum(np.linalg.norm(v, axis=1), 1e-300) ** 3
+        return np.linalg.norm(np.cross(v, a), axis=1) / np.maximum(np.linalg.norm(v, axis=1), 1e-300) ** 3
+
+    if not isinstance(path.limits.get("lateral_acceleration"), float):
+        return _duration_by_speed(path.limits, s, np.maximum(bend_at(u), bend_at(u - 1e-9 * np.append(0.0, h))))
+
+    def highest(u: np.ndarray) -> np.ndarray:
+        bend = bend_at(u)
         return 0.5 * np.minimum(
             path.limits["speed"] ** 2, path.limits["lateral_acceleration"] / np.maximum(bend, 1e-300)
         )
@@ -118,6 +147,64 @@ def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     speed = np.sqrt(2 * np.maximum(np.minimum(rising, falling), 0.0))
     both = speed[1:] + speed[:-1]
     return float(np.sum(np.divide(2 * np.diff(s), both, out=np.zeros_like(both), where=both > 0)))
+
+
+def _duration_by_speed(limits: dict[str, Any], s: np.ndarray, bend: np.ndarray) -> float:
+    """Return the minimum duration for limits that depend on the speed; `bend` is the curvature at the distances `s`.
+
+    Both passes take explicit midpoint steps.
+    """
+    ellipse = limits.get("combined_acceleration")
+    if ellipse is None:
+        braking, accelerating = (x.scaled(k) for x, k in zip(limits["longitudinal_acceleration"], (-1, 1), strict=True))
+        lateral = limits["lateral_acceleration"]
+    else:
+        braking, accelerating, lateral = ellipse.braking, ellipse.accelerating, ellipse.lateral
+    low, high = np.zeros_like(s), np.full_like(s, limits["speed"])
+    speeds = np.linspace(0, limits["speed"], 400)
+    holds = bend[:, None] * speeds**2 <= np.asarray(lateral.at(speeds))  # up to the lowest speed that violates it
+    k = np.where(holds.all(axis=1), 0, np.argmin(holds, axis=1))
+    low, high = np.where(k > 0, speeds[k - 1], low), np.where(k > 0, speeds[k], high)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        fits = bend * middle**2 <= np.asarray(lateral.at(middle))
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    most = 0.5 * np.where(k > 0, low, limits["speed"]) ** 2
+    most[[0, -1]] = 0.0
+
+    def along(curve: qt.BySpeed) -> Any:
+        v, f = (np.asarray(x).tolist() for x in (curve.speeds, curve.values))
+        side_v, side_f = (np.asarray(x).tolist() for x in (lateral.speeds, lateral.values))
+
+        def at(energy: float, bend: float) -> float:
+            speed = math.sqrt(2 * max(energy, 0.0))
+            value = _interpolated(speed, v, f)
+            share = 0.0 if ellipse is None else 2 * energy * bend / _interpolated(speed, side_v, side_f)
+            return value * math.sqrt(max(1 - share * share, 0.0))
+
+        return at
+
+    def swept(limit: Any, s: list[float], most: list[float], bend: list[float]) -> np.ndarray:
+        energy = [most[0]]
+        for i in range(len(s) - 1):
+            step, now = s[i + 1] - s[i], energy[-1]
+            half = min(now + 0.5 * step * limit(now, bend[i]), 0.5 * (most[i] + most[i + 1]) if most[i] else math.inf)
+            energy.append(min(now + step * limit(half, 0.5 * (bend[i] + bend[i + 1])), most[i + 1]))
+        return np.array(energy)
+
+    rising = swept(along(accelerating), s.tolist(), most.tolist(), bend.tolist())
+    back = (s[-1] - s)[::-1].tolist(), rising[::-1].tolist(), bend[::-1].tolist()
+    speed = np.sqrt(2 * swept(along(braking), *back)[::-1])
+    both = speed[1:] + speed[:-1]
+    return float(np.sum(np.divide(2 * np.diff(s), both, out=np.zeros_like(both), where=both > 0)))
+
+
+def _interpolated(x: float, places: list[float], values: list[float]) -> float:
+    k = bisect.bisect_right(places, x)
+    if k == 0 or k == len(places):
+        return values[min(k, len(places) - 1)] if k == 0 else values[-1]
+    share = (x - places[k - 1]) / (places[k] - places[k - 1])
+    return values[k - 1] + share * (values[k] - values[k - 1])
 
 
 def _resolving(first: PPoly, samples: int) -> np.ndarray:

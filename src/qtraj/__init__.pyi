@@ -9,6 +9,8 @@ from .algebra import (
 from .batch.evaluate import evaluate as evaluate
 from .batch.table import Table as Table
 from .design.along import Along as Along
+from .design.by_speed import BySpeed as BySpeed
+from .design.ellipse import Ellipse as Ellipse
 from .design.fitting.fit import fit as fit
 from .design.fitting.fit_route import fit_route as fit_route
 from .design.fitting.fitted import Fitted as Fitted

@@ -58,6 +58,8 @@ EXAMPLES = [
     qt.GeometricFeedback(1.0, [1.0, 2.0, 3.0]),
     qt.Gyros(0.1, key=jax.random.key(3)),
     qt.Along([0.0, 120.0], [13.9, 8.3]),
+    qt.BySpeed([0.0, 30.0], upper=[3.0, 0.8]),
+    qt.Ellipse(braking=8.0, accelerating=3.0, lateral=9.0),
     qt.Limits(curvature=0.1),
     qt.LogarithmicFeedback(1.0, 2.0),
     qt.Magnus(4),

@@ -154,3 +154,31 @@ def test_only_recordings_have_columns(folder):
     qt.Route([0.0, 1.0], [[0, 0, 0], [9, 0, 0]], [[9, 0, 0]] * 2, [[0, 0, 0]] * 2).save(folder / "path.json")
     with pytest.raises(ValueError, match="needs a recording, but a saved path was given"):
         retiming(read_retiming(folder / "path.json", found), found)
+
+
+def test_scenarios_contain_limits_by_speed(folder):
+    curve = "longitudinal_acceleration = {speeds = [0, 10], lower = [-6, -4], upper = [3, 1]}\n"
+    ellipse = "combined_acceleration = {braking = 8, accelerating = {speeds = [0], magnitude = [3]}, lateral = 9}\n"
+    task = retiming(read(folder, f"{TRACK}[limits]\n{curve}{ellipse}"), {})
+    ellipse = qt.Ellipse(8, qt.BySpeed([0], magnitude=[3]), 9)
+    motor = qt.BySpeed([0, 10], [-6, -4], [3, 1])
+    assert repr(task.limits) == repr(qt.Limits(longitudinal_acceleration=motor, combined_acceleration=ellipse))
+
+
+@pytest.mark.parametrize(
+    ("limit", "message"),
+    [
+        ("combined_acceleration = {braking = 8}", "accelerating is missing"),
+        ("combined_acceleration = 3", "braking = …"),
+        ("lateral_acceleration = {speeds = [0, 10], magnitude = [1]}", "for each of the 2 speeds"),
+        ("speed = {speeds = [0], magnitude = [1]}", r"limits\.speed"),
+    ],
+)
+def test_faulty_limits_by_speed_in_scenarios_are_named(folder, limit, message):
+    with pytest.raises(ValueError, match=message):
+        read(folder, f"{TRACK}[limits]\n{limit}\n")
+
+
+def test_the_option_refers_to_scenarios_for_ellipses():
+    with pytest.raises(ValueError, match="of a scenario"):
+        limits(["combined_acceleration=9"])

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.signs import Signs
-from qtraj.algebra.surd import Claim
 
 UNIT = 2.0**-53
 SLACK = 1.06
@@ -124,7 +124,7 @@ class Decisions(NamedTuple):
     at: Float[np.ndarray, " n"]
 
 
-def decide(claim: Claim, count: int, strict: bool = False) -> Decisions:
+def decide(claim: AnyClaim, count: int, strict: bool = False) -> Decisions:
     """Decide for each of `count` claims whether it is nonnegative on [0, 1], or positive if `strict`.
 
     The method is the same as in `subdivision.decide`, for all claims at once. What it decides is rigorous; claims that

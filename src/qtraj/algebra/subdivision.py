@@ -15,9 +15,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.signs import Signs
-from qtraj.algebra.surd import Claim
 
 PRECISION = 256
 """Number of bits of the largest coefficient in the first attempt."""
@@ -46,7 +46,7 @@ class Decision(NamedTuple):
     at: float = 0.0
 
 
-def decide(claim: Claim, strict: bool = False, max_work: int = MAX_WORK) -> Decision:
+def decide(claim: AnyClaim, strict: bool = False, max_work: int = MAX_WORK) -> Decision:
     """Decide whether a claim with `ExactPolynomial`s is nonnegative on [0, 1], or positive if `strict`.
 
     The claim is undecided after `max_work` additions. It is refuted if it is violated at an end of an interval.
@@ -58,7 +58,7 @@ def decide(claim: Claim, strict: bool = False, max_work: int = MAX_WORK) -> Deci
     return _subdivided(claim, exact, _halved, strict, max_work)
 
 
-def _subdivided(claim: Claim, forms: list[Form], halved: Halving, strict: bool, max_work: int) -> Decision:
+def _subdivided(claim: AnyClaim, forms: list[Form], halved: Halving, strict: bool, max_work: int) -> Decision:
     stack = [(forms, 0, 0)]
     work, undecided = 0, None
     while stack:

@@ -31,7 +31,7 @@ def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]"
 
     **Raises:** ValueError for an unknown or repeated name, or a value of another form.
     """
-    from qtraj.path.quantity import QUANTITIES  # imported here, so that --help is fast
+    from qtraj.path.quantity import COMBINED, QUANTITIES  # imported here, so that --help is fast
 
     found: dict[str, Any] = {}
     for text in texts or []:
@@ -40,6 +40,11 @@ def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]"
             raise ValueError(f"--limit needs NAME=VALUE, such as speed=13.9, but {text!r} was given")
         if name in found:
             raise ValueError(f"--limit {name} was given more than once")
+        if name == COMBINED:
+            raise ValueError(
+                f"--limit: {name} is an ellipse: write {name} = {{braking = …, accelerating = …, lateral = …}} in the "
+                "table [limits] of a scenario"
+            )
         if name not in QUANTITIES:
             raise ValueError(f"--limit: unknown limit {name!r}; {suggestion(name, list(QUANTITIES), 'limits')}")
         found[name] = _value(name, value, text)

@@ -24,8 +24,12 @@ MAX_LISTED = 4
 """Largest number of values that are listed in texts."""
 
 
-class Changing(eqx.Module):
-    """A limit that changes along the way: its `values`, of which missing ones are NaN or infinite."""
+class Variable(eqx.Module):
+    """A limit that is not constant: it changes along the way, or depends on the speed."""
+
+
+class Changing(Variable):
+    """A limit with several `values`, of which missing ones are NaN or infinite."""
 
     values: eqx.AbstractVar[Float[Array, " n *sides"]]
 

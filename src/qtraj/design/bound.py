@@ -1,6 +1,7 @@
 """The value of a limit on one path quantity: a bound on its magnitude, or on two sides of its signed value.
 
-A bound is a number, or an `Along` or `Regions` whose value changes along the way.
+A bound is a number, an `Along` or `Regions` whose value changes along the way, or a `BySpeed` or `Ellipse` whose value
+depends on the speed.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -11,19 +12,24 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from qtraj.design.along import Along, Changing
+from qtraj.design.along import Along, Changing, Variable
+from qtraj.design.by_speed import BySpeed, one_side
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.regions import Regions
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.sides import LOWER, has_sides, upper_side
 
-Limit = ArrayInput | Changing | None | tuple[ArrayInput | Changing | None, ArrayInput | Changing | None]
+BY_SPEED = ("longitudinal_acceleration", "lateral_acceleration")
+"""Quantities whose limits may depend on the speed."""
+
+Limit = ArrayInput | Variable | None | tuple[ArrayInput | Changing | None, ArrayInput | Changing | None]
 """The value of a limit: a number for the magnitude, or a pair (lower, upper); None means no limit."""
 
-OneBound = Scalar | Changing
+OneBound = Scalar | Changing | Ellipse
 """A bound that is set: a number, or one that changes along the way."""
 
 
@@ -52,6 +58,7 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
     """
     if value is None:
         return None
+    _require_support(value, name)
     found, entry = _bound_of(value, name), quantity(name)
     if entry.tangent_of and found is not None:
         for side in found if isinstance(found, Sides) else (found,):
@@ -61,10 +68,13 @@ def bound_of(value: Limit | Sides, name: str) -> Bound | None:
 
 def _bound_of(value: Any, name: str) -> Bound | None:
     entry = quantity(name)
+    if isinstance(value, Ellipse):
+        return value
     if isinstance(value, Sides):
         value = value.lower, value.upper
-    if isinstance(value, Changing) and value.values.ndim > 1:
-        value = value.sides()
+    if isinstance(value, Changing):
+        by_speed = isinstance(value, BySpeed) and (entry.component is not None or value.kind == "lower")
+        value = value.sides() if by_speed or value.values.ndim > 1 else value
     if isinstance(value, tuple | list):
         return _two_sided(value, entry)
     limit = _bound(value, f"the limit {name}", entry, 1)
@@ -72,12 +82,29 @@ def _bound_of(value: Any, name: str) -> Bound | None:
     return limit
 
 
+def _require_support(value: Any, name: str) -> None:
+    """Raise a ValueError for a limit on the combined acceleration or with the speed that the quantity cannot have."""
+    each = (value.lower, value.upper) if isinstance(value, Sides) else value
+    each = each if isinstance(each, tuple | list) else (each,)
+    if name == COMBINED and not isinstance(value, Ellipse):
+        raise ValueError(
+            f"the limit {name} must be an Ellipse, such as Ellipse(braking=8.0, accelerating=3.0, lateral=9.0), but "
+            f"{value!r} was given"
+        )
+    if name != COMBINED and any(isinstance(x, Ellipse) for x in each):
+        raise ValueError(f"an Ellipse limits the combined acceleration: pass {COMBINED}= instead of {name}=")
+    if name not in BY_SPEED and any(isinstance(x, BySpeed) for x in each):
+        raise ValueError(
+            f"only limits on {' and '.join(BY_SPEED)} may depend on the speed, but {name} is {value!r}: pass a number"
+        )
+
+
 def numbers(bound: OneBound) -> Any:
     """Return the number, or all numbers, of a bound as an array."""
     return bound.values if isinstance(bound, Changing) else bound
 
 
-def _require_positive(bound: OneBound, what: str, entry: PathQuantity) -> None:
+def _require_positive(bound: Any, what: str, entry: PathQuantity) -> None:
     """Raise a ValueError for a bound that is not positive and finite; an `Along` may be infinite in parts."""
     if not isinstance(bound, Changing):
         require_positive(bound, what, entry.label)
@@ -175,6 +202,8 @@ def _of_magnitude(lower: OneBound | None, upper: OneBound | None, entry: PathQua
     what = f"the limit {entry.name}"
     if upper is not None:
         _require_positive(upper, f"the upper bound of {what}", entry)
+    if isinstance(lower, BySpeed):
+        raise ValueError(f"{what} by speed can only have an upper bound: pass upper= or magnitude= alone")
     if isinstance(lower, Changing):  # without a bound it is not below zero anyway
         lower = lower.at_least(0.0)
     known = None if lower is None else concrete(numbers(lower))
@@ -196,15 +225,22 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
         return
     if isinstance(lower, Regions) or isinstance(upper, Regions):  # their values do not belong to the same places
         return
+    if isinstance(lower, BySpeed) != isinstance(upper, BySpeed) and isinstance(lower, Along) != isinstance(
+        upper, Along
+    ):
+        return
     low, high, place = *(concrete(x) for x in _compared(lower, upper)), ""
     if low is None or high is None or not np.any(low >= high):
         return
     if isinstance(lower, Changing) or isinstance(upper, Changing):
         worst = int(np.argmax(low >= high))
-        at = _places(lower, upper)[worst]
+        at, unit = (
+            _places(lower, upper)[worst],
+            "m/s" if isinstance(lower, BySpeed) or isinstance(upper, BySpeed) else "m",
+        )
         low, high, place = (
             *(np.broadcast_to(x, np.broadcast_shapes(low.shape, high.shape))[worst] for x in (low, high)),
-            f" at {at:.6g} m",
+            f" at {at:.6g} {unit}",
         )
     raise ValueError(
         f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given"
@@ -213,23 +249,29 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
 
 
 def _places(*bounds: OneBound) -> np.ndarray:
-    """Return all distances at which one of the bounds changes [m]."""
-    return np.unique(np.concatenate([np.asarray(x.distance) for x in bounds if isinstance(x, Along)]))
+    """Return all distances [m] or speeds [m/s] at which one of the bounds changes."""
+    places = [np.asarray(x.distance) for x in bounds if isinstance(x, Along)]
+    return np.unique(np.concatenate([*places, *(np.asarray(x.speeds) for x in bounds if isinstance(x, BySpeed))]))
 
 
 def _compared(lower: OneBound, upper: OneBound) -> tuple[Any, Any]:
-    """Return the values of both bounds at all distances where one of them changes."""
+    """Return the values of both bounds at all distances or speeds where one of them changes."""
     if not (isinstance(lower, Changing) or isinstance(upper, Changing)):
         return lower, upper
     at = _places(lower, upper)
     sides = ((lower, -1), (upper, 1))
-    return tuple(x.strictest(at, at, side) if isinstance(x, Along) else x for x, side in sides)  # type: ignore[return-value]
+    return tuple(  # type: ignore[return-value]
+        x.strictest(at, at, side) if isinstance(x, Along) else x.at(at) if isinstance(x, BySpeed) else x
+        for x, side in sides
+    )
 
 
 def _bound(value: Any, what: str, entry: PathQuantity, side: int) -> OneBound:
     """Return a number or an `Along` as a bound; missing values become infinite on this `side`."""
     if not isinstance(value, Changing):
         return _number(value, what, entry)
+    if isinstance(value, BySpeed):
+        return one_side(value, side, what)
     if value.values.ndim > 1:
         raise ValueError(f"{what} must have one value for each distance, but {value!r} has pairs: pass it as the limit")
     found = value.without_missing(side)

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
-from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
 from qtraj.path.vehicle import Vehicle, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
 
@@ -28,7 +29,7 @@ def require_shapes(limits: Mapping[str, Any], vehicle: Vehicle | None, batch: tu
 def refuse_unknown(names: Collection[str]) -> None:
     """Raise a TypeError for the first of `names`, which are no limits."""
     for name in names:
-        advice = suggestion(name, list(QUANTITIES), "limits")
+        advice = suggestion(name, [*QUANTITIES, COMBINED], "limits")
         if name in SIDES:
             entry = SIDES[name]
             advice = f"pass {entry.base}={'(…, None)' if entry.lower else '(None, …)'}"
@@ -36,12 +37,13 @@ def refuse_unknown(names: Collection[str]) -> None:
 
 
 def refuse_changing(limits: Mapping[str, Any], what: str, instead: str) -> None:
-    """Raise a ValueError for the first of `limits`, which change along the way; `what` does not support this."""
+    """Raise a ValueError for the first of `limits`, which change along the way or with the speed.
+
+    `what` does not support this.
+    """
     for name, limit in limits.items():
-        raise ValueError(
-            f"{what} supports only limits that do not change along the way, but the limit {name} is {limit!r}: "
-            f"{instead}"
-        )
+        do = "depend on the speed" if isinstance(limit, OfSpeed) else "change along the way"
+        raise ValueError(f"{what} supports only limits that do not {do}, but the limit {name} is {limit!r}: {instead}")
 
 
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:

@@ -10,11 +10,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.along import Along, Changing
+from qtraj.design.along import Variable
 from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, joined_sides, part_of
 from qtraj.design.divisors import divisors
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.limit_checks import refuse_changing, refuse_unknown, require_needs, require_shapes
-from qtraj.design.own_limits import OwnLimits, own_limits
+from qtraj.design.margins import margins_of, values_of
+from qtraj.design.own_limits import OwnInput, OwnLimits, own_limits
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
@@ -22,13 +24,10 @@ from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.distances import distance_to
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
-from qtraj.path.own_quantity import Quantity
 from qtraj.path.path_quantity import VEHICLE
-from qtraj.path.quantity import QUANTITIES, quantity
-from qtraj.path.values import values
+from qtraj.path.quantity import LIMITED, quantity
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
 
 
@@ -39,7 +38,8 @@ class Limits(eqx.Module):
     A number bounds the magnitude of a quantity. A pair (lower, upper), one of which may be None, bounds its signed
     value: for example, `longitudinal_acceleration=(-6, 2)` for braking and accelerating, or `speed=(5, 30)`.
     Certificates name the two sides with the endings `_min` and `_max`; the upper side of a quantity that is never
-    negative, such as the speed, has no ending. Instead of a number, `Along` and `Regions` change along the way.
+    negative, such as the speed, has no ending. Instead of a number, `Along` and `Regions` change along the way, and
+    `BySpeed` depends on the speed.
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ|; ṙ·r̈ is
@@ -56,6 +56,7 @@ class Limits(eqx.Module):
     - `vertical_speed` [m/s] and `vertical_acceleration` [m/s²], positive upwards.
     - `load_factor` |f|/g [-] of the specific force f = r̈ + g·up, its `tilt` [rad] from the vertical, and the
       `bank_angle` [rad] of a coordinated turn, positive in left turns; g is 9.80665 m/s² without a `vehicle`.
+    - `combined_acceleration`: an `Ellipse`, which limits the longitudinal and the lateral acceleration together.
 
     With a `vehicle` that has a wheelbase: `steering_angle` [rad] and `steering_rate` [rad/s], positive to the left.
 
@@ -117,6 +118,7 @@ class Limits(eqx.Module):
     tangential_moment: Bound | None
     normal_moment: Bound | None
     binormal_moment: Bound | None
+    combined_acceleration: Ellipse | None
     vehicle: Vehicle | None
     own: OwnLimits | None
 
@@ -154,11 +156,12 @@ class Limits(eqx.Module):
         tangential_moment: Limit = None,
         normal_moment: Limit = None,
         binormal_moment: Limit = None,
+        combined_acceleration: Limit = None,
         vehicle: Vehicle | None = None,
-        own: Mapping[Quantity, Limit] | OwnLimits | None = None,
+        own: OwnInput = None,
         **unknown: Any,
     ):
-        given = {name: limit for name, limit in locals().items() if name in QUANTITIES}
+        given = {name: limit for name, limit in locals().items() if name in LIMITED}
         refuse_unknown(unknown)
         for name, limit in given.items():
             setattr(self, name, bound_of(limit, name))
@@ -172,7 +175,7 @@ class Limits(eqx.Module):
 
     def _bounds(self) -> dict[str, Bound]:
         """Return the limits that are set, by name."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in QUANTITIES}
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name in LIMITED}
         own = {} if self.own is None else self.own.given()
         return {name: value for name, value in values.items() if value is not None} | own
 
@@ -181,8 +184,8 @@ class Limits(eqx.Module):
         return {side: value for name, bound in self._bounds().items() for side, value in by_side(name, bound)}
 
     def constant(self) -> dict[str, Float[Array, "*batch"]]:
-        """Return the bounds that do not change along the way, by name."""
-        return {name: bound for name, bound in self.given().items() if not isinstance(bound, Changing)}
+        """Return the bounds that are numbers, by name."""
+        return {name: bound for name, bound in self.given().items() if not isinstance(bound, Variable)}
 
     def on_timing(self) -> Limits:
         """Return the limits that `retime` supports; each of them depends on the timing of a path."""
@@ -204,13 +207,13 @@ class Limits(eqx.Module):
             lambda x: [getattr(x, name) for name in kept],
             self,
             list(kept.values()),
-            is_leaf=lambda x: x is None or isinstance(x, Sides | Changing | Vehicle | OwnLimits),
+            is_leaf=lambda x: x is None or isinstance(x, Sides | Variable | Vehicle | OwnLimits),
         )
 
     @property
     def varying(self) -> list[str]:
-        """The names of the bounds that change along the way."""
-        return [name for name, bound in self.given().items() if isinstance(bound, Changing)]
+        """The names of the bounds that change along the way or with the speed."""
+        return [name for name, bound in self.given().items() if isinstance(bound, Variable)]
 
     def on(self, path: AbstractHodograph) -> Limits:
         """Return the limits on one path: those in `Regions` become limits along the way."""
@@ -220,7 +223,7 @@ class Limits(eqx.Module):
         return limits_of(self.given() | own, self.vehicle)
 
     def require_constant(self, what: str, instead: str) -> None:
-        """Raise a ValueError if a limit changes along the way, which `what` does not support."""
+        """Raise a ValueError if a limit changes along the way or with the speed, which `what` does not support."""
         refuse_changing({name: self.given()[name] for name in self.varying}, what, instead)
 
     @property
@@ -271,18 +274,16 @@ class Limits(eqx.Module):
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
         require_path(path)
-        return values(path, t, [*self.given()], self.road(path.duration.dtype))
+        return values_of(self.given(), path, t, self.road(path.duration.dtype))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.
 
-        The limits on the two sides of a signed value have the endings `_min` and `_max`. For a limit that changes along
-        the way, the distance to `t` is computed by quadrature.
+        The two sides of a signed value have the endings `_min` and `_max`. For a limit that changes along the way, the
+        distance to `t` is computed by quadrature.
         """
-        limits: dict[str, Any] = self.on(path).given()
-        s: Any = distance_to(path, t) if self.varying else None
-        limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}
-        return {name: quantity(name).side * (limits[name] - value) for name, value in self.values(path, t).items()}
+        require_path(path)
+        return margins_of(self.on(path).given(), path, t, self.road(path.duration.dtype))
 
 
 def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from qtraj.design.bound import Bound, bound_of, part_of
+from qtraj.design.bound import Bound, Limit, bound_of, part_of
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
 from qtraj.path.own_name import OwnName
@@ -39,6 +39,10 @@ class OwnLimits(eqx.Module):
         """Return the bounds of which `kept` contains the names, also those of sides."""
         parts = {name: part_of(bound, name, kept) for name, bound in self.given().items()}
         return own_limits({name: x for name, x in parts.items() if x is not None})
+
+
+OwnInput = Mapping[Quantity, Limit] | OwnLimits | None
+"""The limits on quantities of one's own, by quantity; None means no limits."""
 
 
 def own_limits(bounds: Mapping[Any, Any] | OwnLimits | None) -> OwnLimits | None:

@@ -25,7 +25,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import name_of
 from qtraj.path.own_quantity import Quantity
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters, Vehicle, require
 from qtraj.path.vehicle_data import batch_of
@@ -55,6 +55,11 @@ def peak(path: AbstractHodograph, name: str | Quantity, vehicle: Vehicle | None 
     require_path(path)
     known: str = name_of(name)
     entry = quantity(known)
+    if known == COMBINED:
+        raise ValueError(
+            f"{known} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains "
+            "the largest value"
+        )
     used = require(vehicle, entry.needs, f"the quantity {known}") if entry.needs or entry.gravity else None
     road = None if used is None else used.parameters()
     if path.duration.ndim or batch_of(used):

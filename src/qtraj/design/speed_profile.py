@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.samples_at_rest import mended, stops_of
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed, require_one
@@ -24,7 +25,7 @@ from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.vehicle import RoadParameters
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ class SpeedProfile(AbstractResult):
     - `speed` (n,) [m/s] and `tangential` (n,) [m/s²], the signed acceleration along the path.
     - `speed_bound` (n,) [m/s]: the highest speed at which the limits on speed, lateral acceleration, acceleration,
       rates of rotation and friction (of the lateral force alone) are satisfied at constant speed; infinite where none
-      of these limits bounds the speed. The other limits reduce the speed further.
+      of these limits bounds the speed. The other limits reduce the speed further. A limit that depends on the speed has
+      its value at the speed of the timing.
     - `values` (k, n): the limited quantities, in the units of their limits, and `bounds` (k, n), the limits.
 
     For the m cells of the timing:
@@ -165,7 +167,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     parameter = _places(knots, rest)
     distance = distances_at(timed.path.path, parameter)
     own = as_array(parameter, float), as_array(bounds, float)
-    found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle))
+    found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle, timed.combined))
     still = found.speed <= STILL * found.speed.max()
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
     values = np.stack([mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
@@ -227,13 +229,17 @@ def _sampled(
     at: tuple[Float[Array, " n"], Float[Array, "k n"]],
     names: tuple[str, ...],
     vehicle: RoadParameters | None,
+    combined: Ellipse | None,
 ) -> _Samples:
     def sample(u: Scalar, limits: Float[Array, " k"]) -> _Samples:
         t = path.timing.time(u)
         i, own = (_invariants(x, at, vehicle) for x, at in ((path, t), (path.path, u)))
         of_unit = jnp.array([quantity(name).value(own) for name in _bounding(names)], u.dtype)
-        values = jnp.stack([jnp.asarray(quantity(name).value(i)) for name in names])
         speed = jnp.sqrt(i.S)
+        each = {name: jnp.asarray(quantity(name).value(i)) for name in names if name != COMBINED}
+        if combined is not None:
+            each[COMBINED] = combined.usage(i.B / speed, quantity("lateral_acceleration").value(i), speed)
+        values = jnp.stack([each[name] for name in names])
         unit_speed = jnp.sqrt(own.S)
         grip = 0.0 * unit_speed
         if vehicle is not None:

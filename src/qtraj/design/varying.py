@@ -7,13 +7,15 @@ polynomial path differs from its chord by less than a bound.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.along import Along, Changing
+from qtraj.design.along import Along, Variable
+from qtraj.design.ellipse import OfSpeed
+from qtraj.design.margins import at_speed
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.pace_bounds import pace_bounds
@@ -158,24 +160,38 @@ def _rise(line: Any) -> Any:
     )
 
 
-def table(bounds: Bounds, names: tuple[str, ...], knots: Any) -> Float[np.ndarray, "limits cells"] | None:
-    """Return the strictest limits in the cells between the `knots`, or None if no limit changes along the way."""
-    if not varies(bounds):
+def table(
+    bounds: Bounds, names: tuple[str, ...], knots: Any, speeds: Callable[[], Float[np.ndarray, "cells 2"]]
+) -> Float[np.ndarray, "limits cells"] | None:
+    """Return the strictest limits at the ends of the cells between the `knots`, or None if all limits are constant.
+
+    `speeds` returns the speeds at the ends of the cells, for limits that depend on the speed.
+    """
+    by_speed = any(isinstance(x, OfSpeed) for x in bounds.values())
+    if not varies(bounds) and not by_speed:
         return None
-    ends = np.asarray(knots)
+    ends, at = np.asarray(knots), speeds() if by_speed else None
     found = in_cells(bounds, ends[:-1], ends[1:])
-    rows = [found[name] for name in names]
+    rows = [np.asarray(at_speed(found[name], at)) if by_speed else found[name] for name in names]
     sides = [quantity(name).side for name in names]
     rows = [side * np.min(side * x, axis=1) if np.ndim(x) else x for x, side in zip(rows, sides, strict=True)]
     return np.stack([np.broadcast_to(x, ends.size - 1) for x in rows])
 
 
 def strictest(bounds: Bounds) -> dict[str, Any]:
-    """Return the limits with the strictest values on the whole path."""
-    return {name: x.strictest if isinstance(x, Varying) else x for name, x in bounds.items()}
+    """Return the limits with the strictest values on the whole path and at all speeds."""
+    return {name: _strictest(x, quantity(name).side) for name, x in bounds.items()}
+
+
+def _strictest(bound: Any, side: int) -> Any:
+    if isinstance(bound, OfSpeed):
+        return np.asarray(side * np.min(side * np.asarray(bound.values)))
+    return bound.strictest if isinstance(bound, Varying) else bound
 
 
 def all_values(bound: Any) -> Any:
     """Return the value, or all finite values, of a limit."""
-    values = bound.values if isinstance(bound, Varying | Changing) else bound
-    return np.asarray(values)[np.isfinite(values)] if isinstance(bound, Varying | Changing) else values
+    if not isinstance(bound, Varying | Variable):
+        return bound
+    values: Any = bound.values  # pyright: ignore[reportAttributeAccessIssue]
+    return np.asarray(values)[np.isfinite(values)]

@@ -15,6 +15,8 @@ import xarray
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
 from qtraj.design.along import Along
+from qtraj.design.by_speed import BySpeed
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.fitting.facts import fit_variables
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -104,8 +106,14 @@ def path_dataset(
         variables[name] = (("path", *dims), stacked, about)
     given: dict[str, Any] = {} if limits is None else limits.given()  # pyright: ignore[reportAssignmentType]
     for name, limit in given.items():
+        if isinstance(limit, Ellipse):  # no variable contains the combined acceleration
+            continue
         variable, attribute = quantity(name).variable, limit_attribute(name)
-        if isinstance(limit, Along | Regions):
+        if isinstance(limit, BySpeed):
+            values = np.asarray(limit.at(variables["speed"][1]), float)
+            about = variable_attributes(quantity(name).unit, f"limit on the {quantity(name).meaning} at this speed")
+            variables[f"{variable}_{attribute}"] = (("path", "sample"), values, about)
+        elif isinstance(limit, Along | Regions):
             variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
         else:
             variables[variable][2][attribute] = float(limit)

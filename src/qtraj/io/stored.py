@@ -12,6 +12,8 @@ __all__ = ["load"]
 HOMES = (
     "qtraj.design.along",
     "qtraj.design.bound",
+    "qtraj.design.by_speed",
+    "qtraj.design.ellipse",
     "qtraj.design.fitting.fitted",
     "qtraj.design.fitting.fitted_route",
     "qtraj.design.limits",

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.argument import require_type
+from qtraj.path.combined_quantity import COMBINED, COMBINED_QUANTITY
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.gravity_quantities import GRAVITY_QUANTITIES
 from qtraj.path.moment_quantities import MOMENT_QUANTITIES
@@ -260,12 +261,16 @@ d is at least the distance between the paths, because a chord is shorter than it
 
 def bound_speed(names: Collection[str]) -> bool:
     """Return whether limits with these names bound the speed on every path; a pair does if a number does."""
-    bounding = [entry for entry in QUANTITIES.values() if entry.bounds_speed]
+    bounding = [entry for entry in (*QUANTITIES.values(), COMBINED_QUANTITY) if entry.bounds_speed]
     return any(x.name in names or {x.name + LOWER, upper_side(x)} <= set(names) for x in bounding)
 
 
-_KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR}
+_KNOWN = QUANTITIES | SIDES | {CORRIDOR.name: CORRIDOR, COMBINED: COMBINED_QUANTITY}
 """All quantities and sides of limits by name."""
+
+
+LIMITED = (*QUANTITIES, COMBINED)
+"""The names of the fields of `Limits`."""
 
 
 def quantity(name: str) -> PathQuantity:

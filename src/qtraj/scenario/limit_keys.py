@@ -6,11 +6,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Tag, create_model
 
 from qtraj.design.along import Along
-from qtraj.design.bound import bound_of
+from qtraj.design.bound import BY_SPEED, bound_of
+from qtraj.design.by_speed import BySpeed
+from qtraj.design.ellipse import FIELDS, Ellipse
 from qtraj.design.regions import Regions
 from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
 from qtraj.path.sides import has_sides
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
@@ -31,10 +33,15 @@ class LimitedPart(Part):
 
     A limit may hold inside areas of the horizontal plane: speed = {regions = [{polygon = [[x, y], …], value = 8.3}],
     outside = 13.9}, with corners in metres. Without outside, the list of areas alone is sufficient.
+
+    The longitudinal and the lateral acceleration may depend on the speed: longitudinal_acceleration = {speeds = [0, 10,
+    30], lower = [-6, -6, -4], upper = [3, 3, 0.8]}, where lower or upper may be omitted, or lateral_acceleration =
+    {speeds = [0, 30], magnitude = [9, 7]}. combined_acceleration = {braking = 8, accelerating = 3, lateral = 9} is an
+    ellipse, whose values may also be tables with speeds and a magnitude.
     """
 
     def limits(self) -> dict[str, Any]:
-        """Return the limits that are set, by name: numbers, pairs, `Along`, `Regions` or `LimitColumn`."""
+        """Return the limits that are set, by name: numbers, pairs, or one of the forms above."""
         return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
 
     def columns(self) -> dict[str, LimitColumn]:
@@ -53,6 +60,13 @@ class LimitedPart(Part):
 
 def _bound(value: Any) -> Any:
     form = _form(value)
+    if form == "ellipse":
+        if missing := [name for name in FIELDS if name not in value]:
+            raise ValueError(f"an ellipse must have {', '.join(FIELDS)}, but {missing[0]} is missing")
+        return Ellipse(*(_bound(value[name]) for name in FIELDS))
+    if form == "by speed":
+        sides = {name: value.get(name) for name in ("lower", "upper", "magnitude")}
+        return BySpeed(value["speeds"], **sides)
     if form == "along":
         return Along(value.get("distance", ()), value.get("values", ()), value.get("kind", "step"))
     if form == "column":
@@ -101,12 +115,16 @@ def _form(value: Any) -> str:
         return "regions"
     if isinstance(value, dict) and value.keys() & {"distance", "values"}:
         return "along"
+    if isinstance(value, dict) and value.keys() & {"speeds", *FIELDS}:
+        return "by speed" if "speeds" in value else "ellipse"
     return "range" if isinstance(value, list | dict) else "number"
 
 
 Value = keys.Number | keys.Range
 Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
 Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
+BySpeedTable = Annotated[dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")]
+EllipseTable = dict[Literal["braking", "accelerating", "lateral"], keys.Positive | BySpeedTable]
 Column = Annotated[dict[Literal["column", "unit"], keys.Text], Tag("column")]
 Area = dict[Literal["polygon", "value"], list[keys.Pair] | Value]
 Areas = Annotated[list[Area], Tag("areas")]
@@ -114,18 +132,28 @@ Inside = Annotated[dict[Literal["regions", "outside"], list[Area] | Value], Tag(
 
 
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
-    number, along = Annotated[keys.Positive, Tag("number")], Steps | Table | Column | Areas | Inside
-    kind: Any = Annotated[
-        number | Annotated[keys.Range, Tag("range")] | along if has_sides(entry) else number | along,
-        Discriminator(_form),
-    ]
+    forms: Any = Annotated[keys.Positive, Tag("number")] | Steps | Table | Column | Areas | Inside
+    if has_sides(entry):
+        forms = forms | Annotated[keys.Range, Tag("range")]
+    if entry.name in BY_SPEED:
+        forms = forms | BySpeedTable
+    kind: Any = Annotated[forms, Discriminator(_form)]
+    by_speed = ", a table {speeds = …, magnitude = …}" if entry.name in BY_SPEED else ""
     values = (
         f"a positive finite number{', a range' if has_sides(entry) else ''}, steps [{{from = …, value = …}}, …], a "
-        f"column {{column = …}} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
+        f"column {{column = …}}{by_speed} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
     )
     return kind | None, key(entry.meaning, None, values=values)
 
 
 _limits: dict[str, Any] = {name: _limit_key(entry) for name, entry in QUANTITIES.items()}
+_limits[COMBINED] = (
+    EllipseTable | None,
+    key(
+        quantity(COMBINED).meaning,
+        None,
+        values="a table {braking = …, accelerating = …, lateral = …} of positive numbers or tables by speed [m/s²]",
+    ),
+)
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
 """The table [limits]."""

@@ -11,7 +11,7 @@ from qtraj.io.input_file import HASH_DIGITS, read_input
 from qtraj.io.shape.shape_file import ShapeRead, read_line
 from qtraj.io.shape.untimed import is_untimed
 from qtraj.io.track.limit_columns import LimitColumn
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.shape import Shape
 from qtraj.scenario.reader import ScenarioFile
 
@@ -50,7 +50,7 @@ def limits_of_line(limits: Mapping[str, Any]) -> Limits:
 
     **Raises:** ValueError for a limit that needs a vehicle.
     """
-    if needs := [name for name in limits if QUANTITIES[name].needs_vehicle]:
+    if needs := [name for name in limits if quantity(name).needs_vehicle]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a file of points does not have: limit lateral_acceleration "
             "and longitudinal_acceleration instead, or call qtraj.retime in Python with Limits(..., vehicle=...)"

@@ -20,7 +20,7 @@ from qtraj.path.change import sampled
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
@@ -119,8 +119,8 @@ class LimitedScenario(NamedPart):
     def _faults(self) -> Iterator[str]:
         limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.vehicle()
         for name in limits:
-            if QUANTITIES[name].needs_vehicle:
-                require_vehicle(vehicle, QUANTITIES[name].needs, f"limits.{name}")
+            if quantity(name).needs_vehicle:
+                require_vehicle(vehicle, quantity(name).needs, f"limits.{name}")
         if (columns := self.limits.columns()) and getattr(self, "track", None) is None:
             yield f"limits.{next(iter(columns))} is a column of a recording: specify [track], or another form of limit"
         if extra := sorted(set(self.purpose) - set(limits)):

@@ -21,7 +21,7 @@ from qtraj.io.input_file import read_input, with_track
 from qtraj.io.saved import saved_hodograph
 from qtraj.io.track.reading import Recording
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.track import STANDSTILL, Track
@@ -204,7 +204,7 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, Any]) -> RouteTask:
 
 
 def _without_vehicle(limits: Mapping[str, Any], name: str) -> Limits:
-    if needs := [limit for limit in limits if QUANTITIES[limit].needs_vehicle]:
+    if needs := [limit for limit in limits if quantity(limit).needs_vehicle]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "
             f"'{name}', [vehicle] and [limits]"

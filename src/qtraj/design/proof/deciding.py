@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.algebra import bounded, subdivision
-from qtraj.algebra.surd import Claim
+from qtraj.algebra.combined_claims import AnyClaim
 
 FEWEST_FOR_FLOATS = 3
 """Fewer claims are decided at once in integers, because the overhead of NumPy is larger."""
@@ -29,8 +29,8 @@ class Decided(NamedTuple):
 
 def decided(
     wanted: Bool[np.ndarray, " n"],
-    in_floats: Callable[[], Claim | None],
-    in_integers: Callable[[int], Claim],
+    in_floats: Callable[[], AnyClaim | None],
+    in_integers: Callable[[int], AnyClaim],
     strict: bool = False,
     max_work: int = subdivision.MAX_WORK,
     patience: int | None = None,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.path.path_quantity import PathQuantity
 
 
@@ -20,6 +21,7 @@ class Limit(NamedTuple):
     bounds: Float[np.ndarray, " n"]
     factors: Float[np.ndarray, " n"]
     line: Float[np.ndarray, "n 2"] | None = None
+    by_speed: OfSpeed | None = None
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """Return the values at the fractions `u` of the window."""

@@ -27,8 +27,9 @@ from qtraj.design.proof.limit_claims import (
     Formulas,
     relative_sizes,
 )
-from qtraj.design.proof.maxima import find_maxima, local_maxima
+from qtraj.design.proof.maxima import find_maxima, sharp_minima
 from qtraj.design.proof.sources import Derivatives, Source
+from qtraj.design.proof.speed_maxima import compared_at, nearest_to_limit
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
@@ -40,9 +41,6 @@ GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for interva
 The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
 one. The last grid is for quantities that are only sampled.
 """
-
-SHARP = 1e-3
-"""If a squared divisor is somewhere below this fraction of its largest value, narrow peaks are sought at its minima."""
 
 
 def judge(
@@ -77,12 +75,11 @@ class _Task:
 
     def finding(self, limit: Limit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return codes, times and values of one limit."""
-        entry = limit.entry
-        provable = self._provable(entry)
+        entry, source, provable = limit.entry, self.source, self._provable(limit.entry)
         proved, refuted, hints = self._decided(limit, provable)
         at, values = self._largest(limit, hints if np.any(refuted) else None, provable)
         with np.errstate(invalid="ignore"):
-            bounds = limit.at(at)
+            bounds = limit.at(at) if limit.by_speed is None else compared_at(self._at(at[None]), source, limit)[1][0]
             excess = entry.side * (values - bounds)
             if entry.tangent_of:  # the tangent of the limit is rounded to the strict side
                 refuted = refuted & ~(excess <= 0)
@@ -123,6 +120,9 @@ class _Task:
 
         def in_floats() -> Any:
             formulas = self._si_bounded if si else self._bounded
+            if limit.by_speed is not None:
+                constant = lambda x, n: self._in_floats(np.full(self.source.count, x), 1, n)  # noqa: E731
+                return formulas and formulas.within(entry, Bound(limit.by_speed, None, constant))
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
             bound = self._in_floats(bounds, length, per_time)
             if line is not None:
@@ -132,11 +132,15 @@ class _Task:
 
         def in_integers(k: int) -> Any:
             formulas = self._exact_formulas(k)
+            unit = units.unit_of_time(self.source, formulas.span, k)
+            if limit.by_speed is not None:
+                constant = lambda x, n: units.times_power(ExactPolynomial.of(x), unit, n)  # noqa: E731
+                return formulas.within(entry, Bound(limit.by_speed, None, constant))
             bound = ExactPolynomial.of(bounds[k])
             if line is not None:
                 start, end = map(ExactPolynomial.of, line[k])
                 bound = start + (end - start) * ExactPolynomial([0, 1])
-            bound = units.times_power(bound, units.unit_of_time(self.source, formulas.span, k), per_time)
+            bound = units.times_power(bound, unit, per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
             return formulas.within(entry, Bound(bound, factor))
 
@@ -153,11 +157,7 @@ class _Task:
             provable = self.source.provable(name in UPRIGHT_DIVISORS)
             found = decided(
                 provable,
-                lambda: (
-                    None
-                    if self._bounded is None
-                    else self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest))
-                ),
+                lambda: self._bounded and self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest)),
                 lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
                 strict=True,
             )
@@ -226,6 +226,8 @@ class _Task:
         For a linear limit, it is the value that exceeds the limit most.
         """
         entry, source, grid = limit.entry, self.source, self._grid(provable)
+        if limit.by_speed is not None:
+            return nearest_to_limit(self._at, grid, source, limit, hints)
         si = _in_si(entry)
         unit = limit.factors * (1.0 if si else source.length**entry.length / source.duration**entry.per_time)
 
@@ -247,10 +249,7 @@ class _Task:
         if divisor is None:
             return None
         if divisor not in self._minima:
-            sizes = self._sizes(divisor, grid)
-            sharp = np.min(sizes, axis=0) < SHARP * np.max(sizes, axis=0)
-            minima = local_maxima(lambda u: -self._sizes(divisor, u), grid, -sizes) if np.any(sharp) else None
-            self._minima[divisor] = minima
+            self._minima[divisor] = sharp_minima(lambda u: self._sizes(divisor, u), grid)
         return self._minima[divisor]
 
     def _grid(self, provable: np.ndarray) -> np.ndarray:

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.radical import RadicalSum
 from qtraj.algebra.sparse import is_one, is_zero, mul
 from qtraj.algebra.surd import Claim, Surd
+from qtraj.design.proof import speed_claims
 from qtraj.design.proof.sources import Derivatives
 from qtraj.foundation.namespace import xp
 from qtraj.path.contact import Contact
@@ -43,10 +45,14 @@ UPRIGHT_DIVISORS = ("level", LOAD, FORCE, UPRIGHT_FORCE)
 
 
 class Bound(NamedTuple):
-    """A limit as a polynomial, in the units of the derivatives, and the factor of the quantity or None."""
+    """A limit as a polynomial, in the units of the derivatives, and the factor of the quantity or None.
+
+    For a limit that depends on the speed, it is the limit itself, and a function that returns constant polynomials.
+    """
 
     limit: Any
     factor: Any = None
+    constant: Any = None
 
 
 class RootedInvariants(Invariants):
@@ -131,9 +137,15 @@ class Formulas:
             self._road = RoadInvariants(self.invariants)
         return self._road
 
-    def within(self, entry: PathQuantity, bound: Bound) -> Claim:
+    def within(self, entry: PathQuantity, bound: Bound) -> AnyClaim:
         """Return the claim that a quantity satisfies its limit."""
         i: Any = self.road if entry.on_road else self.invariants
+        if bound.constant is not None:
+            along, across, square = map(self._in_fraction, (i.B, i.N, i.S))
+            speed = square if is_one(i.pace) else self._in_fraction(i.pace * i.pace * i.S)
+            motion = speed_claims.Motion(along, across, square, speed)
+            longitudinal = entry.base == "longitudinal_acceleration"
+            return speed_claims.within(bound.limit, entry.side, longitudinal, motion, bound.constant)
         numerator = entry.numerator(i)
         if bound.factor is not None:
             numerator = bound.factor * bound.factor * numerator
@@ -141,7 +153,7 @@ class Formulas:
         scaled = limit if entry.denominator is None else limit * entry.denominator(i)
         return self._claim(numerator - scaled if entry.lower else scaled - numerator)
 
-    def divisor(self, name: str, fastest: Any) -> Claim:
+    def divisor(self, name: str, fastest: Any) -> AnyClaim:
         """Return the claim that a divisor does not vanish: it must be positive.
 
         The load and the part of the specific force upwards must be positive, and the relative size of any other divisor
@@ -167,10 +179,13 @@ class Formulas:
     def _claim(self, number: Any) -> Claim:
         """Return a claim about polynomials in u."""
         claim = Claim(number)
-        claim.polynomials = [self._constant(float(p)) if isinstance(p, int) else p for p in claim.polynomials]
-        if self._in_time:
-            claim.polynomials = [p.substituted(self.span) for p in claim.polynomials]
+        claim.polynomials = [self._in_fraction(p) for p in claim.polynomials]
         return claim
+
+    def _in_fraction(self, p: Any) -> Any:
+        """Return a polynomial in u."""
+        own = self._constant(float(p)) if isinstance(p, int) else p
+        return own.substituted(self.span) if self._in_time else own
 
 
 def _restricted(d: Derivatives, window: Any) -> Derivatives:

@@ -25,6 +25,9 @@ WIDE, NARROW = (1.0, 1 / 2), (1 / 4, 1 / 8, 1 / 16, 1 / 64, 1 / 512, 1 / 4096)
 A window contains the instants next to the largest value in the previous window.
 """
 
+SHARP = 1e-3
+"""If a squared divisor is somewhere below this fraction of its largest value, narrow peaks are sought at its minima."""
+
 Function = Callable[[Float[np.ndarray, "k n"]], Float[np.ndarray, "k n"]]
 
 
@@ -67,6 +70,13 @@ def local_maxima(
     for width in (*WIDE, *NARROW):
         centres = _vertices(*_windows(function, centres, width / (len(grid) - 1)))
     return centres
+
+
+def sharp_minima(squares: Function, grid: Float[np.ndarray, " k"]) -> Float[np.ndarray, "peaks n"] | None:
+    """Return the instants of the smallest squared divisors, near which a quantity may have narrow peaks, if any."""
+    samples = squares(grid)
+    sharp = np.min(samples, axis=0) < SHARP * np.max(samples, axis=0)
+    return local_maxima(lambda u: -squares(u), grid, -samples) if np.any(sharp) else None
 
 
 def _windows(

@@ -4,12 +4,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
+from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import BROKEN, PROVED, Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_intervals import Intervals, intervals
 from qtraj.design.proof.route_segments import findings, worst
+from qtraj.design.proof.varying import limit_by_speed
 from qtraj.design.proof.varying_parts import Divided, excess, judged_parts
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
@@ -44,9 +47,11 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     constant = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
     found = [_of_constant(segments, constant, factors, road)] if constant else []
-    if limits.varying:
+    by_speed = {name: x for name, x in given.items() if isinstance(x, OfSpeed)}
+    found += [_by_speed(segments, name, x) for name, x in by_speed.items()]
+    if along := [name for name in limits.varying if name not in by_speed]:
         divided = _divided(route, segments, road)
-        found += [_of_varying(divided, segments, name, given[name], factors[name], road) for name in limits.varying]
+        found += [_of_varying(divided, segments, name, given[name], factors[name], road) for name in along]
     return _certificate(starts, names, found)
 
 
@@ -76,6 +81,18 @@ def _of_constant(
     return _Found(names, (codes, times + segments.starts[:, None], values, own), broken)
 
 
+def _by_speed(segments: Segments, name: str, bound: OfSpeed) -> _Found:
+    """Return the findings on a limit that depends on the speed."""
+    codes, times, values = findings(segments, [limit_by_speed(name, bound)], None)
+    velocity = segments.values(np.arange(len(times)), times[:, 0], 1)[1]
+    bounds = np.asarray(at_speed(bound, np.linalg.norm(velocity, axis=-1)), float)
+    rows = np.flatnonzero(codes[:, 0] == BROKEN)
+    ends = segments.durations[rows]
+    parts = Intervals(rows, 0.0 * ends, ends, np.zeros((rows.size, 2)), times[rows, 0], bound)
+    broken = [(name, x) for x in intervals(segments, name, parts, None)]
+    return _Found((name,), (codes, times + segments.starts[:, None], values, bounds[:, None]), broken)
+
+
 def _divided(route: Route, segments: Segments, road: RoadParameters | None) -> Divided:
     def of_parts(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
         return findings(segments.part(segment), [limit], road, window)
@@ -100,7 +117,8 @@ def _of_varying(
     start, end = (x[rows] * h for x in parts.window)
     own = Intervals(parts.segment[rows], start, end, parts.line[rows] / factor, parts.times[rows])
     order = np.argsort(segments.starts[own.segment] + own.start, kind="stable")
-    own = Intervals(*(x[order] for x in own))
+    fields: Any = (x[order] for x in own[:5])
+    own = Intervals(*fields)
     return _Found((name,), arrays, [(name, x) for x in intervals(segments, name, own, road)])
 
 

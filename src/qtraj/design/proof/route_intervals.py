@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import OfSpeed
+from qtraj.design.proof.speed_claims import compared
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.stops import Segments
@@ -26,7 +28,8 @@ Close to a stop, rounding errors dominate the velocity and its direction."""
 class Intervals(NamedTuple):
     """Parts of segments, from `start` to `end` [s], in which a quantity violates its bound at the time `peak` [s].
 
-    The bound is linear between its values at both ends. All times are measured from the start of the segment.
+    The bound is linear between its values at both ends, unless it depends on the speed. All times are measured from the
+    start of the segment.
     """
 
     segment: Int[np.ndarray, " n"]
@@ -34,6 +37,7 @@ class Intervals(NamedTuple):
     end: Float[np.ndarray, " n"]
     bound: Float[np.ndarray, "n 2"]
     peak: Float[np.ndarray, " n"]
+    by_speed: OfSpeed | None = None
 
     def bound_at(self, part: Int[np.ndarray, "n 1"], s: Float[np.ndarray, "n times"]) -> Float[np.ndarray, "n times"]:
         """Return the bounds of some parts at times since the starts of their segments."""
@@ -55,6 +59,8 @@ def intervals(
     parked: Any = ~own.coefficients[:, 1:].any(axis=(1, 2))
 
     def exceeds(part: np.ndarray, s: np.ndarray) -> np.ndarray:
+        if parts.by_speed is not None:
+            return _exceeds_by_speed(own, part, s, name, parts.by_speed)
         return _exceeds(own, part, s, name, parts.bound_at(part, s), road)
 
     above = exceeds(every, s) | (s == peaks[:, None]) | parked[:, None]
@@ -96,3 +102,11 @@ def _exceeds(
         derivatives[0] = derivatives[0] + segments.origin
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
     return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))
+
+
+def _exceeds_by_speed(segments: Segments, rows: np.ndarray, s: np.ndarray, name: str, bound: OfSpeed) -> np.ndarray:
+    """Check whether a quantity violates a limit that depends on the speed; the arguments are those of `_exceeds`."""
+    derivatives = segments.values(np.broadcast_to(rows, s.shape), s, 2)
+    i = Invariants([(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives])
+    value, limit = compared(i, name, bound)
+    return np.asarray(quantity(name).side * (value - limit) > 0)

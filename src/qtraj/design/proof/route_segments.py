@@ -22,7 +22,7 @@ from qtraj.design.proof.judge import judge
 from qtraj.design.proof.sources import PolynomialSource, Source
 from qtraj.design.proof.standing import standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import COMBINED, QUANTITIES
 from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
@@ -32,6 +32,7 @@ DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_
 COMPONENTS = (
     "lateral_acceleration",
     "longitudinal_acceleration",
+    COMBINED,
     *(name for name, entry in QUANTITIES.items() if entry.on_road),
 )
 """Components of the acceleration along and across the velocity, and quantities that depend on road or gravity."""
@@ -130,7 +131,7 @@ def _judge(result: Findings, task: _Task, rows: np.ndarray, columns: np.ndarray,
 def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:
     """Return the limit in some of `count` rows."""
     bounds, factors = (np.broadcast_to(x, count)[rows] for x in (limit.bounds, limit.factors))
-    return Limit(limit.entry, bounds, factors, None if limit.line is None else limit.line[rows])
+    return Limit(limit.entry, bounds, factors, None if limit.line is None else limit.line[rows], limit.by_speed)
 
 
 def _regular(segments: Segments, rows: np.ndarray) -> Source:

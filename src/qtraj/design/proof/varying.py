@@ -1,4 +1,4 @@
-"""Certify limits that change along the way on one path that is not a route."""
+"""Certify limits that change along the way or with the speed, on one path that is not a route."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import jax
 import numpy as np
 
 from qtraj.design.along import Along
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, limits_of
+from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
@@ -43,11 +45,15 @@ def certify_varying(
         names = tuple(limits.given())
         return Certificate(names, *(np.reshape(x, (*batch, len(names))) for x in fields))
     limits = limits.on(path)
-    whole, given = _divided(path, limits), limits.given()
+    given = limits.given()
+    whole = _divided(path, limits)
     factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     found = [certify(path, limits.only(list(limits.constant())))] if limits.constant() else []
     for name in limits.varying:
         along: Any = given[name]
+        if isinstance(along, OfSpeed):
+            found.append(_by_speed(path, name, along))
+            continue
         parts = judged_parts(whole, quantity(name), along, factors[name])
         row = parts.worst(quantity(name), 1)
         columns = (parts.codes, parts.times, parts.values, parts.bounds)
@@ -55,12 +61,29 @@ def certify_varying(
     return joined(found, tuple(given))
 
 
+def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate:
+    """Return the certificate of a limit that depends on the speed."""
+    arrays = polynomial_arrays(path)
+    one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path) if arrays is None else None
+    source = curve_source(one) if arrays is None else source_of([np.asarray(x)[None] for x in arrays])
+    codes, times, values = (x[0] for x in judge(source, [limit_by_speed(name, bound)]))
+    speed = np.linalg.norm(np.asarray(path.derivatives(float(times[0]), 1)[1], float))
+    bounds = at_speed(bound, speed)
+    return Certificate((name,), codes, times, values, np.atleast_1d(bounds))
+
+
+def limit_by_speed(name: str, bound: OfSpeed) -> Limit:
+    """Return a limit that depends on the speed; its number is the limit at rest."""
+    at_rest = np.atleast_1d(np.asarray(at_speed(bound, np.zeros(())), float))
+    return Limit(quantity(name), at_rest, np.ones(1), None, bound)
+
+
 def require_known(path: AbstractHodograph, limits: Limits) -> None:
-    """Raise a ValueError for traced values with limits that change along the way."""
+    """Raise a ValueError for traced values with limits that are not constant."""
     if is_traced(path, limits):
         raise ValueError(
-            f"the limit {limits.varying[0]} changes along the way, which certify supports for paths with concrete "
-            "values: call it outside jit, grad and vmap"
+            f"the limit {limits.varying[0]} is not constant, which certify supports for paths with concrete values: "
+            "call it outside jit, grad and vmap"
         )
 
 
@@ -71,7 +94,7 @@ def _element(path: AbstractHodograph, limits: Limits, index: tuple[int, ...]) ->
         return jax.tree.map(lambda x: np.asarray(x)[index] if eqx.is_array(x) else x, tree)
 
     def has_batch(bound: Any) -> bool:
-        if isinstance(bound, Regions):
+        if isinstance(bound, Regions | OfSpeed):
             return False
         return bound.distance.ndim > 1 if isinstance(bound, Along) else np.ndim(bound) > 0
 
@@ -100,7 +123,7 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
 def _on_curve(path: Any, source: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
-    one = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
+    one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
     own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
     return judge(source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
 

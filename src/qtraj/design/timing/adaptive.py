@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.cells import (
     MOST,
     Cells,
@@ -69,7 +70,8 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     task = task_of(p, ends, part, rest, shape)
     cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance)
     limited = {quantity(name).base or name for name in p.names}
-    exact = bounds and not COUPLED & limited and not excludes_zero(p.bounds)
+    by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
+    exact = bounds and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
 

@@ -26,7 +26,7 @@ from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.vehicle import RoadParameters
 
 LARGEST = 1e12
@@ -58,7 +58,7 @@ def largest(
     length = span * xp.sqrt(highest)
     rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
-        entry = quantity(name)
+        entry = quantity("lateral_acceleration" if name == COMBINED else name)
         if name not in ROAD:
             rates.append((abs(bound) / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
@@ -108,11 +108,15 @@ def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
         rest = aa - np.where(limited, ab * ab / size, 0.0)
         left = 1 - np.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
         low, high = _within(low, high, limited | (left < 0), -a * ab / size, left / size)
-    for shift, p, q in c.sides:
-        limited, rest = np.abs(q) * a > 1, 1 - shift - p * a
+    bends = np.zeros((len(c.sides), *a.shape)) if c.bends is None else c.bends.values(a)[0]
+    for (shift, p, q), bend in zip(c.sides, bends, strict=True):
+        limited, rest = np.abs(q) * a > 1, 1 - shift - bend - p * a
         slope = rest / np.where(limited, q, 1.0)
         low = np.where(limited & (q < 0), np.maximum(low, slope), np.where(~limited & (rest < 0), np.inf, low))
         high = np.where(limited & (q > 0), np.minimum(high, slope), high)
+    if c.combined is not None:
+        least, most = c.combined.slopes(a)
+        low, high = np.maximum(low, least), np.minimum(high, most)
     if c.road is None:
         return low, high
     x0, x1, x2 = c.road.along

@@ -12,11 +12,14 @@ power is satisfied if P ≤ 0 or w² a P² ≤ limit².
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from qtraj.algebra.signs import Signs
+from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
+from qtraj.algebra.sparse import is_zero
 from qtraj.algebra.surd import Claim, Surd
+from qtraj.design.ellipse import OfSpeed
+from qtraj.design.proof import speed_claims
 from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
@@ -36,30 +39,14 @@ THIRD = ("jerk", "yaw_acceleration", "curvature_rate", "angular_rate")
 """Quantities that contain the third derivative of the path; all others need two derivatives."""
 
 
-class Combined:
-    """Two claims of which both must hold or, if `either`, one of them at each point."""
-
-    def __init__(self, first: Claim, second: Claim, either: bool):
-        self.polynomials = [*first.polynomials, *second.polynomials]
-        self._claims, self._either = (first, second), either
-
-    def sign(self, signs: Sequence[Signs]) -> Signs:
-        """Return the signs of the larger or of the smaller one of the two functions."""
-        count = len(self._claims[0].polynomials)
-        p, q = (claim.sign(own) for claim, own in zip(self._claims, (signs[:count], signs[count:]), strict=True))
-        either, both = ("ge", "gt"), ("le", "lt")
-        larger, smaller = (either, both) if self._either else (both, either)
-        found = {name: getattr(p, name) | getattr(q, name) for name in larger}
-        return Signs(**found, **{name: getattr(p, name) & getattr(q, name) for name in smaller})
-
-
 class CellClaims:
     """The claims about a motion; the parameters of `vehicle` are constant polynomials in the units of the motion."""
 
     def __init__(self, motion: Motion, vehicle: RoadParameters | None):
-        """Store the motion; `roots` may be set to enclosures of √S, √H and √a."""
+        """Store the motion; `roots` and `speed_roots` may be set to enclosures of √S, √H and √a, and of √S and √S a."""
         self.motion, self._vehicle = motion, vehicle
         self.roots: Sequence[Root] | None = None
+        self.speed_roots: Sequence[Root] | None = None
         self._real = Invariants([None, *motion.path])
         self._own = self._real if motion.ahead is motion.path else Invariants([None, *motion.ahead])
         self._on_road: Any = None
@@ -76,7 +63,7 @@ class CellClaims:
         """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
         return Claim(getattr(self._own, DIVISORS[name]))
 
-    def within(self, name: str, limit: Any, allows_zero: bool = True) -> Claim | Combined | Enclosed:
+    def within(self, name: str, limit: Any, allows_zero: bool = True) -> AnyClaim:
         """Return the claim that a quantity satisfies its `limit`, a constant polynomial.
 
         `allows_zero` is whether the limit on one side of a signed value is satisfied by zero.
@@ -86,6 +73,27 @@ class CellClaims:
         if name in SIDES_OF_RATES:
             return self._side_of_rate(name, limit, allows_zero)
         return Claim(self._side(name, limit) if name in SIDED else self._slack(name, limit * limit))
+
+    def within_speed(self, name: str, limit: OfSpeed, constant: Callable[[float, int], Any]) -> AnyClaim:
+        """Return the claim that a `limit` is satisfied that depends on the speed."""
+        m, i = self.motion, self._own
+        across = cross(i.r[1], self._real.r[2])
+        lateral = dot(across, across) * (m.a * m.a)
+        speed = self._real.S * m.a
+        claim = Claim if self.speed_roots is None else self._enclosed
+        motion = speed_claims.Motion(self._along(), lateral, i.S, speed, 2, claim)
+        return speed_claims.within(limit, quantity(name).side, name.startswith("longitudinal"), motion, constant)
+
+    def speed_squares(self) -> tuple[Any, Any]:
+        """Return the squares S and r'·r' a of the `speed_roots`."""
+        return self._own.S, self._real.S * self.motion.a
+
+    def _enclosed(self, number: Surd) -> AnyClaim:
+        """Return the claim that a number is nonnegative that contains roots of `speed_squares`."""
+        square, speed = self.speed_roots  # pyright: ignore[reportGeneralTypeIssues]
+        own = [square if number.squares[0] is self._own.S else speed, speed]
+        used = [root for k, root in enumerate(own) if not (is_zero(number.terms[k + 1]) and is_zero(number.terms[3]))]
+        return Enclosed(at_bounds(number, own), used) if used else Claim(number)
 
     def _side(self, name: str, limit: Any) -> Any:
         """Return a number that is not negative if a limit on one side is satisfied."""
@@ -98,7 +106,7 @@ class CellClaims:
             return Surd((-side * self._along(), 2 * side * limit, 0, 0), (i.S, i.H))
         return Surd((-side * self._turning(), 0, 0, 2 * side * limit * (i.S * i.H)), (i.S, i.H))
 
-    def _side_of_rate(self, name: str, limit: Any, allows_zero: bool) -> Combined:
+    def _side_of_rate(self, name: str, limit: Any, allows_zero: bool) -> AnyClaim:
         """Return the claim that the path turns or climbs to the other side, or that the rate is small enough.
 
         If the limit does not allow zero, the claim is that it does so, and that the rate is large enough.
@@ -106,7 +114,7 @@ class CellClaims:
         entry = quantity(name)
         other_side = Claim(-entry.side * entry.numerator(self._rows(entry.base)))
         slack = self._slack(entry.base, limit * limit)
-        return Combined(other_side, Claim(slack if allows_zero else -slack), either=allows_zero)
+        return (any_of if allows_zero else all_of)([other_side, Claim(slack if allows_zero else -slack)])
 
     def _rows(self, name: str) -> Invariants:
         """Return the invariants of a quantity that is proportional to a power of the speed."""
@@ -160,7 +168,7 @@ class CellClaims:
     def _times_factor(self, p: Any) -> Any:
         return p if self._real is self._own else self.motion.factor * p
 
-    def _road(self, name: str, limit: Any) -> Combined | Enclosed:
+    def _road(self, name: str, limit: Any) -> AnyClaim:
         own: Any = self._vehicle
         pace = self._times_factor(self._times_factor(self.motion.a))
         if self._on_road is None:
@@ -171,7 +179,7 @@ class CellClaims:
         if name == "friction":
             slack, load = (limit * limit) * entry.denominator(i) - entry.numerator(i), i.contact.onto
             if self.roots is None:
-                return Combined(Claim(slack), Claim(load), either=False)
+                return all_of([Claim(slack), Claim(load)])
             own = self.roots[:2]
             return Enclosed([*at_bounds(slack, own), *at_bounds(load, own)], self.roots[:1])
         power = power_numerator(i)
@@ -184,4 +192,4 @@ class CellClaims:
             ]
             return Enclosed(values, self.roots)
         slack = 4 * (limit * limit) * i.H - power * power * pace
-        return Combined(Claim(-power), Claim(slack), either=True)
+        return any_of([Claim(-power), Claim(slack)])

@@ -21,15 +21,20 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
     """Return the same constraints with their limits divided by `factors`."""
     own = None if c.road is None else road.tightened(c.road, factors[c.before_road :])
     forms = factors[1 : 1 + len(c.forms), None, None] ** 2
-    sides = factors[1 + len(c.forms) : c.before_jerk, None]
+    own_sides = factors[1 + len(c.forms) : c.before_combined]
+    sides, bends, combined = own_sides[:, None], c.bends, c.combined
+    bends = None if bends is None else bends.times(own_sides)
+    if combined is not None:
+        combined = combined._replace(factor=combined.factor * factors[c.before_combined])
     jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2
-    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own)
+    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own, bends, combined)
 
 
 def squares(p: Parts) -> np.ndarray:
     """Return the power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
+    quadratic = (p.combined is not None) + (p.jerk is not None)
     road = 0 if p.road is None else len(ROAD)
-    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * (p.jerk is not None) + [1.0] * road)
+    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * quadratic + [1.0] * road)
 
 
 def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:
@@ -41,7 +46,8 @@ def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"
     on_road = [] if p.road is None else road.used(p.road, v)
     upper = p.upper * xp.maximum(v[0], 0.0)[None]
     forms, *jerk = (xp.sqrt(xp.maximum(x, 0.0)) for x in _squares(p, v))
-    return xp.concatenate([upper, forms, _affine(p.sides, v), *jerk, *(x[None] for x in on_road)])
+    combined = [] if p.combined is None else [p.combined.used(v)[None]]
+    return xp.concatenate([upper, forms, _of_sides(p, v), *combined, *jerk, *(x[None] for x in on_road)])
 
 
 def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[Any, "limits *nodes"]:
@@ -55,8 +61,9 @@ def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count 
     """Return the constraint values, which must not be positive."""
     on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
     upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
-    own = [x - 1 for x in (upper, forms, _affine(c.sides, v), *jerk)]
-    return namespace(v, c.upper).concatenate([*own, *on_road])
+    own = [x - 1 for x in (upper, forms, _of_sides(c, v))]
+    combined = [] if c.combined is None else [c.combined.value(v)[None]]
+    return namespace(v, c.upper).concatenate([*own, *combined, *(x - 1 for x in jerk), *on_road])
 
 
 def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
@@ -64,7 +71,11 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     xp = namespace(v, c.upper)
     zero = xp.zeros_like(v[:1] * c.upper[None])
     found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    flat = xp.concatenate([2 * _products(xp, c.forms, v), c.sides[:, 1:] + 0.0 * v[0][None, None]])
+    sides = c.sides[:, 1:] + 0.0 * v[0][None, None]
+    if c.bends is not None:
+        sides[:, 0] += c.bends.values(v[0])[1]
+    combined = [] if c.combined is None else [xp.stack(c.combined.gradient(v))[None]]
+    flat = xp.concatenate([2 * _products(xp, c.forms, v), sides, *combined])
     found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
     if c.jerk is not None:
         slope = _product(xp, c.jerk, v)
@@ -91,6 +102,11 @@ def second_derivatives(
     """
     found = np.einsum("ci...,cj...->ij...", ratio[:, None] * slope, slope)
     count = c.forms.shape[0]
+    if c.bends is not None:
+        rows = multipliers[1 + count : c.before_combined]
+        found[0, 0] += np.sum(rows * np.maximum(c.bends.values(v[0])[2], 0.0), axis=0)
+    if c.combined is not None:
+        found[:2, :2] += multipliers[c.before_combined] * symmetric(np.stack(c.combined.second(v)))
     found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
     if c.jerk is not None:
         own, last = _product(np, c.jerk, v), multipliers[c.before_jerk]
@@ -120,9 +136,10 @@ def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Flo
     return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
 
 
-def _affine(sides: Float[Any, "sides 3 *nodes"], v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
+def _of_sides(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
     """Return the functions of the limits on one side."""
-    return sides[:, 0] + sides[:, 1] * v[0][None] + sides[:, 2] * v[1][None]
+    affine = c.sides[:, 0] + c.sides[:, 1] * v[0][None] + c.sides[:, 2] * v[1][None]
+    return affine if c.bends is None else affine + c.bends.values(v[0])[0]
 
 
 def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:

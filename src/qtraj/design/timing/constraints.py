@@ -22,15 +22,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import road
+from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
 from qtraj.design.timing.road import ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.vehicle import RoadParameters
 
 UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate")
@@ -39,14 +41,15 @@ UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration", "acceleration")
 """Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
-NAMES = (*UPPER, *FORMS, *SIDED, "jerk", *ROAD)
+NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *ROAD)
 """Limits that depend on the timing. Arrays have this order, and omit absent limits."""
 
-POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ROAD, SLOWEST)}
+POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ROAD, SLOWEST, COMBINED)}
 """For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
 
 Friction and power have no such exponent, because gravity does not depend on a. A lower bound on the speed has none.
 """
+POWERS[COMBINED] = 1.0
 
 STANDING = 1e-8
 """|r'| below this fraction of its maximum is treated as zero."""
@@ -61,7 +64,7 @@ def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
 
 
 class Constraints(NamedTuple):
-    """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, `sides` and `road`.
+    """Constraints on v = (a, a', a'') at all nodes: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1, and others.
 
     Here a = u̇², and a prime denotes the derivative with respect to the path parameter u. There is one form for each
     limit of `FORMS` that is set. `sides` are the coefficients of 1, a and a' in functions that are at most 1, one for
@@ -73,6 +76,8 @@ class Constraints(NamedTuple):
     sides: Float[Any, "sides 3 *nodes"]
     jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
+    bends: Curve | None = None
+    combined: Combined | None = None
 
     @property
     def per_node(self) -> int:
@@ -86,7 +91,12 @@ class Constraints(NamedTuple):
 
     @property
     def before_jerk(self) -> int:
-        """Number of constraints at each node up to the jerk: the upper bound, the forms and the sides."""
+        """Number of constraints at each node up to the jerk."""
+        return self.before_combined + (self.combined is not None)
+
+    @property
+    def before_combined(self) -> int:
+        """Number of constraints at each node that are the upper bound, the forms and the sides."""
         return 1 + len(self.forms) + len(self.sides)
 
     @property
@@ -103,13 +113,16 @@ class Parts(NamedTuple):
     sides: Float[Any, "sides 3 *nodes"]
     jerk: Float[Any, "3 3 *nodes"] | None = None
     road: Road | None = None
+    bends: Curve | None = None
+    combined: Combined | None = None
 
     def constraints(self, largest: Float[Any, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
         xp = namespace(self.upper, largest)
         upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
         upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
-        return Constraints(upper, self.forms, self.sides, self.jerk, self.road)
+        upper = upper if self.combined is None else xp.maximum(upper, self.combined.upper)
+        return Constraints(upper, *self[1:])
 
 
 def parts(
@@ -125,6 +138,9 @@ def parts(
     u/`unit`. Limits on friction and power are included only with a `vehicle`. Where r' = 0, the motion ends if
     `before_stop` (nodes) is true, and starts otherwise.
     """
+    given = bounds
+    by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
+    bounds = {name: x for name, x in bounds.items() if name not in by_speed}
     xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * xp.max(square)
@@ -145,18 +161,28 @@ def parts(
     rates = (i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]
     # Where r' = 0, the acceleration of the yaw is unknown, and that along the path without r'', too.
     known: list[Any] = [moving, *2 * [dot(ahead, ahead) > 0], *2 * [moving], *2 * [square >= 0]]
-    rows = [
-        xp.where(there[None], xp.stack(row(name, own, bounds)), 0.0)
-        for name, own, there in zip(SIDED, rates, known, strict=True)
-        if name in bounds
-    ]
+    rows, curves = [], []
+    for name, own, there in zip(SIDED, rates, known, strict=True):
+        if name in by_speed:
+            affine, curve = side_by_speed(by_speed[name], quantity(name).side, own, i.v)
+            curves.append(curve.times(there))
+        elif name in bounds:
+            affine = row(name, own, bounds)
+            curves.append(None)
+        else:
+            continue
+        rows.append(xp.where(there[None], xp.stack(affine), 0.0))
     jerk, second = None, half / unit
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = symmetric(entries / bounds["jerk"] ** 2)
-    upper = [_upper(name, i, bounds, moving) for name in UPPER if name in bounds]
-    found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk)
+    across = _across(i, moving)
+    lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
+    upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]
+    combined = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
+    more = {"bends": stacked(curves, i.v), "combined": combined}
+    found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk, **more)
     if vehicle is None:
         return found
     direction = xp.stack(ahead) * inv_ahead[None]
@@ -186,6 +212,12 @@ def _upper(name: str, i: Any, bounds: dict[str, Scalar], moving: Any) -> Any:
     if entry.per_time == 1:
         return square
     return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _across(i: Any, moving: Any) -> Any:
+    """Return the coefficient of a in the lateral acceleration."""
+    xp = namespace(moving, i.S)
+    return xp.where(moving, xp.sqrt(i.N / xp.where(i.S > 0, i.S, 1.0)), 0.0)
 
 
 def symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]:

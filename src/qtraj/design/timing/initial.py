@@ -40,6 +40,8 @@ def initial(p: Program) -> Float[Any, "batch cells+3"]:
     highest = np.minimum(highest, most[:, None])
     pace = np.sqrt(np.max(c.forms[:, 1, 1, :, 0], axis=0, initial=0.0))
     pace = np.maximum(pace, np.max(np.abs(c.sides[:, 2, :, 0]), axis=0, initial=0.0))
+    if c.combined is not None:
+        pace = np.maximum(pace, np.abs(c.combined.along[1] / c.combined.accelerating.start)[:, 0])
     pace = pace if c.road is None else np.maximum(pace, np.abs(c.road.along[2, :, 0]))
     # The least value matters where the acceleration is unlimited.
     pace = np.maximum(pace, 2 * count / RAMP / highest.max(axis=1, keepdims=True))

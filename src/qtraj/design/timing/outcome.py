@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.steepness import friction_at_rest
@@ -56,7 +57,9 @@ class Retimed(AbstractOutcome):
       if no duration was prescribed.
     - `braking_time` [s] and `braking_distance` [m]: if `start_speed` is higher than the limits allow, the time and the
       distance from which on every limit is satisfied; otherwise 0.
-    - `bounds` (limits, cells): the limits in each cell of `timing`, if one of them changes along the way.
+    - `bounds` (limits, cells): the limits in each cell of `timing`, if one of them changes along the way or depends on
+      the speed.
+    - `combined`: the limit on the combined acceleration, or None.
     """
 
     path: RetimedPath
@@ -73,6 +76,7 @@ class Retimed(AbstractOutcome):
     braking_time: Float[Any, "*batch"]
     braking_distance: Float[Any, "*batch"]
     bounds: Float[Any, "*batch limits cells"] | None
+    combined: Ellipse | None
 
     def __init__(
         self,
@@ -90,11 +94,13 @@ class Retimed(AbstractOutcome):
         braking_time: ArrayInput = 0.0,
         braking_distance: ArrayInput = 0.0,
         bounds: ArrayInput | None = None,
+        combined: Ellipse | None = None,
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.gap, self.share = as_float(gap), as_float(share)
         self.braking_time, self.braking_distance = as_float(braking_time), as_float(braking_distance)
+        self.combined = combined
         self.bounds = None if bounds is None else as_float(bounds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.cells import Shape
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
@@ -167,4 +168,4 @@ def task_of(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Sha
 
 
 def _known(bound: Any) -> Any:
-    return bound if isinstance(bound, Varying) else np.asarray(bound)
+    return bound if isinstance(bound, Varying | OfSpeed) else np.asarray(bound)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
@@ -114,6 +116,13 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
     xp = namespace(unbounded, powers)
     bounds = in_cells(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
-    given = {name: xp.where(unbounded, np.nan, bounds[name]) for name in p.names}
+    given = {name: _if_bounded(xp, unbounded, bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
     return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes
+
+
+def _if_bounded(xp: Any, unbounded: Any, bound: Any) -> Any:
+    """Return a limit, or NaN if the timing is `unbounded`."""
+    if isinstance(bound, OfSpeed):
+        return jax.tree.map(lambda x: np.nan * x, bound) if np.any(unbounded) else bound
+    return xp.where(unbounded, np.nan, bound)

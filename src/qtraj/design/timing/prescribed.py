@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDED
 from qtraj.design.varying import Varying, all_values
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, quantity
 
 STEPS, LEAST = 16, 1e-12
 """Largest number of timings for the factor, and its smallest value: gentler timings have a constant speed."""
@@ -27,7 +28,7 @@ def scaled(bounds: dict[str, Any], factor: float) -> dict[str, Any]:
 
 
 def _times(bound: Any, factor: float) -> Any:
-    return bound.scaled(factor) if isinstance(bound, Varying) else bound * factor
+    return bound.scaled(factor) if isinstance(bound, Varying | OfSpeed) else bound * factor
 
 
 def ratios(names: tuple[str, ...], bounds: dict[str, Any], factor: float) -> np.ndarray:
@@ -84,6 +85,6 @@ def factor_for(duration: Callable[[float], float], wanted: float, tolerance: flo
 
 def _exponent(name: str, bound: Any) -> float:
     """Return the exponent of the factor; a limit that does not allow zero does not change."""
-    per_time = quantity(name).per_time
+    per_time = 2 if name == COMBINED else quantity(name).per_time
     excludes_zero = name in SIDED and (quantity(name).side * all_values(bound) <= 0).any()
     return 0.0 if name in ROAD or per_time < 2 or excludes_zero else 0.5 * per_time

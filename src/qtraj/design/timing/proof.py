@@ -13,9 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.units import times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
@@ -34,6 +37,9 @@ BLOCK_SIZE = 512
 
 MAX_WORK = 400_000
 """Number of additions of integers after which a limit is undecided on a cell; they take about a tenth of a second."""
+
+MORE_WORK = 4_000_000
+"""The same for limits that depend on the speed, whose polynomials have high degrees next to stops."""
 
 PATIENCE = 8
 """Number of cells with an undecided limit after which the limit is not proved anyway, and other cells get less work."""
@@ -69,13 +75,14 @@ def prove(
     treated as if they were not in `bounds`.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
-    names, rest = tuple(name for name in known if name in bounds), np.asarray(timing[1])
+    by_speed = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
+    names = tuple(name for name in known if name in bounds and name not in by_speed)
+    rest = np.asarray(timing[1])
 
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
-        return _judged(
-            path.directions, grid, rest, position, durations, powers, dict(zip(names, limits, strict=True)), road
-        )
+        numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
+        return _judged(path.directions, grid, rest, position, durations, powers, (numbers, by_speed), road)
 
     given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
@@ -89,7 +96,7 @@ def _judged(
     position: list[np.ndarray | None],
     durations: Float[Any, "batch segments"],
     powers: Float[Any, "batch cells 4"],
-    limits: dict[str, PerCell],
+    bounds: tuple[dict[str, PerCell], dict[str, OfSpeed]],
     road: RoadParameters | None,
 ) -> Int[Any, "batch limits cells"]:
     """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path."""
@@ -105,6 +112,7 @@ def _judged(
     columns = tuple(None if x is None else of_cells(x) for x in position)
     timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
     motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
+    limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
     vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
@@ -113,25 +121,35 @@ def _judged(
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
             own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
-            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, own)
+            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own)
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 
-def _codes(motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None) -> Int[Any, "limits n"]:
+def _codes(
+    motions: CellMotions, limits: dict[str, PerCell], by_speed: dict[str, OfSpeed], road: RoadParameters | None
+) -> Int[Any, "limits n"]:
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
+
+    def defined(name: str) -> Bool[Any, " n"]:
+        """Return where the quantity is proved to be defined and the motion to go on."""
+        if (divisor := quantity(name).divisor) not in positive:
+            own = task.decided(finite, lambda claims, _: claims.divisor(divisor), strict=True)
+            positive[divisor] = forward & own.proved
+        return positive[divisor]
+
     for name, limit in limits.items():
         entry = quantity(name)
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
         absent = np.isinf(strictest) | ((name == SLOWEST) & (strictest <= 0))
-        wanted, divisor = finite & np.isfinite(strictest) & ~absent, entry.divisor
-        found = _within(task, name, strictest, wanted)
-        if divisor not in positive:
-            own = task.decided(finite, lambda claims, _, divisor=divisor: claims.divisor(divisor), strict=True)
-            positive[divisor] = forward & own.proved
-        proved = (positive[divisor] & found.proved) | (forward & absent)
+        found = _within(task, name, strictest, finite & np.isfinite(strictest) & ~absent)
+        proved = (defined(name) & found.proved) | (forward & absent)
+        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
+    for name, limit in by_speed.items():
+        found = task.by_speed(finite & bool(np.isfinite(np.asarray(limit.values)).all()), name, limit)
+        proved = defined(name) & found.proved
         rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
@@ -158,6 +176,7 @@ class _Task:
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
         self._roots: list[Enclosure] = []
+        self._speed_roots: list[Enclosure] = []
         self._integers: dict[int, CellClaims] = {}
 
     def decided(self, wanted: Bool[Any, " n"], claim: Callable[..., Any], strict: bool = False) -> Decided:
@@ -170,6 +189,34 @@ class _Task:
             MAX_WORK,
             PATIENCE,
         )
+
+    def by_speed(self, wanted: Bool[Any, " n"], name: str, limit: OfSpeed) -> Decided:
+        """Decide whether a quantity satisfies a limit that depends on the speed."""
+
+        def in_floats(x: float, per_time: int) -> BoundedPolynomial:
+            return BoundedPolynomial.constant(x * self._unit**per_time, k=2 * per_time + 1)
+
+        def floats() -> AnyClaim:
+            claims = self._in_floats()
+            if claims.speed_roots is None:
+                squares = claims.speed_squares()
+                self._speed_roots = [enclosure(p.c) for p in squares]
+                claims.speed_roots = [root.bounded(p) for root, p in zip(self._speed_roots, squares, strict=True)]
+            return claims.within_speed(name, limit, in_floats)
+
+        def exact(k: int, by_roots: bool) -> AnyClaim:
+            claims, constant = self._in_integers(k), lambda x, n: times_power(ExactPolynomial.of(x), self._unit[k], n)
+            claims.speed_roots = None
+            if by_roots and self._speed_roots and all(root.good[k] for root in self._speed_roots):
+                squares = zip(self._speed_roots, claims.speed_squares(), strict=True)
+                claims.speed_roots = [root.exact(p, k) for root, p in squares]
+            return claims.within_speed(name, limit, constant)
+
+        found = decided(wanted, floats, lambda k: exact(k, True), False, MORE_WORK, PATIENCE)
+        enclosed = np.all([root.good for root in self._speed_roots], axis=0) if self._speed_roots else False
+        rest = wanted & enclosed & ~(found.proved | found.refuted)  # nearer to a limit than the enclosures are wide
+        more = decided(rest, lambda: None, lambda k: exact(k, False), False, MORE_WORK, PATIENCE)
+        return Decided(found.proved | more.proved, found.refuted | more.refuted, found.at)
 
     def _in_floats(self) -> CellClaims:
         if self._floats is None:
@@ -189,7 +236,7 @@ class _Task:
             vehicle = None
             if self._road is not None:
                 vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
-                vehicle = vehicle._replace(gravity=_times_power(vehicle.gravity, self._unit[k], 2))
+                vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
             own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
             if self._roots and all(root.good[k] for root in self._roots):
                 own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
@@ -207,14 +254,7 @@ class _Task:
         limit = ExactPolynomial.of(start)
         if end:
             limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
-        return _times_power(limit, self._unit[k], quantity(name).per_time)
-
-
-def _times_power(x: Any, base: float, exponent: int) -> Any:
-    """Return x·base^exponent, exactly."""
-    for _ in range(exponent):
-        x = x * ExactPolynomial.of(base)
-    return x
+        return times_power(limit, self._unit[k], quantity(name).per_time)
 
 
 def _constants(road: RoadParameters, constant: Callable[[np.ndarray], Any]) -> RoadParameters:

@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
+from qtraj.path.quantity import COMBINED
 from qtraj.path.vehicle import RoadParameters
 
 PLACES = 5
@@ -94,6 +96,8 @@ def _reachable(highest: Any, rises: Any, drops: Any, laps: int) -> Float[np.ndar
 def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
     """Return 1/a for the largest a = u̇² that the limits allow for the best a', and 0 if a is unbounded."""
     rows = [*p.upper, np.zeros(p.upper.shape[1:])]
+    if p.combined is not None:
+        rows.append(p.combined.upper)
     if p.road is not None:
         rows.append(p.road.upper)
     for (aa, ab), (_, bb) in p.forms:
@@ -110,7 +114,11 @@ def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " s
     most = np.empty((2, *pace.shape))
     for k, (name, sign) in enumerate((("max", 1.0), ("min", -1.0))):
         side = bounds.get(f"longitudinal_acceleration_{name}", sign * np.inf)
+        if isinstance(side, BySpeed):
+            side = side.loosest(int(sign))
         most[k] = functools.reduce(np.minimum, both, np.maximum(sign * side, 0.0))
+        if COMBINED in bounds:
+            most[k] = np.minimum(most[k], (bounds[COMBINED].braking if k else bounds[COMBINED].accelerating).loosest(1))
     if p.road is None:
         return most
     steady, _, steep = p.road.along

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
@@ -52,11 +53,12 @@ def require_one_path(path: AbstractHodograph, limits: Limits) -> None:
             )
 
 
-def require_known_along(path: AbstractHodograph, limits: Limits) -> None:
-    """Raise an error for a traced path or traced limits if a limit changes along the way."""
-    if limits.varying and is_traced(path, limits):
+def require_known_along(path: AbstractHodograph, limits: Limits, speeds: Any) -> None:
+    """Raise an error for a traced path or traced limits if a limit is not constant; for traced `speeds` by speed."""
+    by_speed = any(isinstance(x, OfSpeed) for x in limits.given().values())
+    if limits.varying and is_traced(path, limits, speeds if by_speed else None):
         raise ValueError(
-            f"the limit {limits.varying[0]} changes along the way, which retime supports only for a path and limits "
+            f"the limit {limits.varying[0]} is not constant, which retime supports only for a path, limits and speeds "
             "with concrete values: call it outside jit, grad and vmap"
         )
 

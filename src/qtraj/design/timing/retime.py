@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
@@ -45,7 +46,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
-from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.design.timing.timing import RetimedPath, Timing, speeds_at_ends
 from qtraj.design.varying import Varying, in_cells, on_path, table, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import in_float64
@@ -155,7 +156,7 @@ def retime(
         )
     require_limits(limits)
     require_one_path(path, limits)
-    require_known_along(path, limits)
+    require_known_along(path, limits, (start_speed, end_speed))
     path, limits = in_float64((path, limits.on(path)))
     require_float64(path)
     lap = bool(periodic)
@@ -181,14 +182,15 @@ def retime(
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
     if not is_traced(path, bounds, road, speeds):
-        bounds = {name: x if isinstance(x, Varying) else np.asarray(x) for name, x in bounds.items()}
+        bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
         road, speeds = jax.tree.map(np.asarray, (road, speeds))
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
     duration = seconds(duration)
     require_duration(duration, is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
-    more["bounds"] = table(bounds, names, found[0].timing.knots)
+    more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
+    more["combined"] = limits.combined_acceleration
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
 

@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import listed, parts
+from qtraj.design.timing.retimed_by_speed import OnCell
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
@@ -68,8 +70,29 @@ def values_in(
     if any(np.ndim(x) for x in limited.bounds.values()):
         columns = np.searchsorted(limited.cells.columns, at[0])
         rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, at[1], strict=True)]
-    values = [value_of(largest[k], name, rows[k]) for k, name in enumerate(names)]
-    return xp.stack(values), xp.stack([rows[k][name] for k, name in enumerate(names)])
+    found = [
+        _by_speed(limited, at, k, name)
+        if isinstance(rows[k][name], OfSpeed)
+        else (value_of(largest[k], name, _numbers(rows[k])), rows[k][name])
+        for k, name in enumerate(names)
+    ]
+    values, limits = zip(*found, strict=True)
+    return xp.stack(values), xp.stack(limits)
+
+
+def _numbers(bounds: dict[str, Any]) -> dict[str, Any]:
+    return {name: x for name, x in bounds.items() if not isinstance(x, OfSpeed)}
+
+
+def _by_speed(limited: Limited, at: tuple[Any, Any], k: int, name: str) -> tuple[Any, Any]:
+    """Return the value of a quantity and its limit, which depends on the speed, at the place `k`."""
+    value, limit = _on_cell(limited, at[0][k], name).compared(at[1][k : k + 1])
+    return value[0], limit[0]
+
+
+def _on_cell(limited: Limited, cell: Any, name: str) -> OnCell:
+    moving = int(np.searchsorted(limited.cells.columns, cell))
+    return OnCell(limited.path, limited.cells, moving, name, limited.bounds[name])
 
 
 def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "limits moving"]:
@@ -111,5 +134,8 @@ def largest_in(
         with np.errstate(all="ignore"):  # a failed search ends with NaN
             for step in range(ZOOMS):
                 place, usage = zoom(step, (place, usage))
+    for row, name in enumerate(names):
+        if isinstance(limited.bounds[name], OfSpeed):
+            place[row] = _on_cell(limited, cell[row], name).worst()
     knots = xp.asarray(timing.knots)
     return timing.times_of(knots[cell] + place * (knots[cell + 1] - knots[cell])), place, usage

@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate
 from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.route import certify_route
+from qtraj.design.proof.varying import require_known
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.joints import jumps
@@ -45,6 +47,8 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
         limits.require_constant("certify of a batch of retimed paths", "check the paths one by one")
     if limits.varying and not (batch or is_traced(path, limits)):
         limits = limits.on(path.path)
+    elif limits.varying:
+        require_known(path, limits)
     cells = None if path.timing.coefficients.ndim != len(batch) + 2 else _provable(path)
     if cells is None or not given:
         return certify(path, limits)
@@ -98,7 +102,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     if varies(bounds):
         knots = np.asarray(path.timing.knots)
         bounds = in_cells(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
-    bounds = {name: xp.asarray(value, dtype) for name, value in bounds.items()}
+    bounds = {name: x if isinstance(x, OfSpeed) else xp.asarray(x, dtype) for name, x in bounds.items()}
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
@@ -110,7 +114,8 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     timing = coefficients, np.array(path.timing.rest)
     codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes
     if known:
-        limited = limited._replace(bounds={name: np.asarray(x) for name, x in limited.bounds.items()})
+        known_bounds = {name: x if isinstance(x, OfSpeed) else np.asarray(x) for name, x in limited.bounds.items()}
+        limited = limited._replace(bounds=known_bounds)
     # Cells without motion are proved, and their usage is negative.
     place = np.full(path.timing.coefficients.shape[0], cells.columns.size)
     place[cells.columns] = np.arange(cells.columns.size)

@@ -161,9 +161,10 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     if jerk is not None:
         jerk = xp.where(xp.broadcast_to(t.nodes.standing > 0, jerk.shape), 0.0, jerk)
     on_road = None if c.road is None else without(c.road, padding)
-    return Program(
-        t.nodes, t.nodes.weight * shape.per_cell, Constraints(upper, forms, sides, jerk, on_road), most
-    ), between
+    bends = None if c.bends is None else c.bends.times(~padding)
+    combined = None if c.combined is None else c.combined.without(padding)
+    c = Constraints(upper, forms, sides, jerk, on_road, bends, combined)
+    return Program(t.nodes, t.nodes.weight * shape.per_cell, c, most), between
 
 
 def _at_points(bounds: dict[str, Any], t: Tables, shape: Shape) -> dict[str, Any]:
@@ -197,10 +198,11 @@ def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str
     slowed = slower * r.coefficients
     powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
     error = r.error + xp.where(slower >= 1 - SLOWED, 0.0, 0.5 * (1 - slower))  # the duration changes by half as much
-    if between.road is None:
+    by_speed = between.bends is not None or between.combined is not None
+    if between.road is None and not by_speed:
         factors = [slower if name in UPPER else slower ** POWERS.get(name, 0.0) for name in rows]
         usage = r.usage * xp.stack(factors)[:, None]
-    else:  # friction and power do not scale with a power of `slower`
+    else:  # friction, power and limits by speed do not scale with a power of `slower`
         usage = between_nodes(between, t.within, slowed)
     return powers, ratios(usage, rows), error
 

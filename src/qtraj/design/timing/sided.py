@@ -7,6 +7,8 @@ The longitudinal, the vertical and the yaw acceleration are p·a + q·a'; how th
 from collections.abc import Mapping
 from typing import Any
 
+from qtraj.design.by_speed import BySpeed
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift, stricter, value_at
 from qtraj.design.varying import all_values
 from qtraj.foundation.namespace import namespace
@@ -28,6 +30,10 @@ SIDED = (
 )
 """Limits that are affine in a and a'."""
 
+BY_SPEED = 10.0
+"""Factor on the fraction for limits that depend on the speed, because a slower timing may violate them, too, and they
+may be exceeded in a small part of a cell where they bend."""
+
 RATES = ("yaw_rate", "vertical_speed", "curvature_rate")
 """Signed quantities that are proportional to √a."""
 
@@ -37,10 +43,15 @@ SIDES_OF_RATES = tuple(side for name in RATES for side in (name + LOWER, name + 
 
 def reduced(bounds: Mapping[str, Scalar], fraction: float) -> dict[str, Scalar]:
     """Return the limits, each stricter by `fraction`."""
-    return {name: _reduced(name, bounds, fraction) for name in bounds}
+    numbers = {name: x for name, x in bounds.items() if not isinstance(x, OfSpeed)}
+    return {name: _reduced(name, numbers if name in numbers else bounds, fraction) for name in bounds}
 
 
-def _reduced(name: str, bounds: Mapping[str, Scalar], fraction: float) -> Scalar:
+def _reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
+    if isinstance(bounds[name], BySpeed) and name in SIDED:
+        return bounds[name].stricter(quantity(name).side, BY_SPEED * fraction)
+    if isinstance(bounds[name], OfSpeed):
+        return bounds[name].scaled(1 - BY_SPEED * fraction)
     if name in SIDED and name != SLOWEST:
         return stricter(name, bounds, fraction)
     return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)

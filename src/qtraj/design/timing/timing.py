@@ -255,3 +255,11 @@ def _increments(rate: Scalar, a: Float[Any, " 4"], order: int) -> list[Scalar]:
         slope = (a[1] if k == 0 else zero) + 2 * a[2] * change[k] + 3 * a[3] * square
         change.append(slope / (2 * (k + 1) * (k + 2)))
     return change[: order + 1]
+
+
+def speeds_at_ends(path: RetimedPath) -> Float[np.ndarray, "cells 2"]:
+    """Return the speeds at both ends of each cell [m/s], for a path with concrete values."""
+    powers, knots = np.asarray(path.timing.coefficients), np.asarray(path.timing.knots)
+    pace = np.array([float(np.linalg.norm(np.asarray(path.path.derivatives(u, 1))[1])) for u in knots])
+    squares = np.stack([powers[:, 0], powers.sum(axis=1)], axis=1)
+    return np.sqrt(np.maximum(squares, 0.0)) * np.stack([pace[:-1], pace[1:]], axis=1)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.bound import numbers
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
@@ -35,6 +36,12 @@ def require_route(route: Any, limits: Any) -> None:
 def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     """Return the names of the limits; raise a ValueError if they do not suit the objective."""
     bounds = limits.given()
+    for name, bound in bounds.items():
+        if isinstance(bound, OfSpeed):
+            raise ValueError(
+                f"tune_route does not support limits that depend on the speed, but the limit {name} is {bound!r}: pass "
+                "constant limits, or retime the route with this limit"
+            )
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
         known = concrete(numbers(bound))

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation import units
-from qtraj.path.quantity import QUANTITIES, SIDES
+from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES
 from qtraj.viz.map_colours import MapColours
 from qtraj.viz.report.along import distance_travelled
 
 MAX_INSTANTS = 2001
 """Maximum number of instants drawn for one body; longer series are thinned evenly, and both ends are kept."""
 
-NAMES = re.compile(rf"\b(?:{'|'.join((*SIDES, *QUANTITIES))}|max_(?:rate|acceleration|jerk))\b")
+NAMES = re.compile(rf"\b(?:{'|'.join((*SIDES, *QUANTITIES, COMBINED))}|max_(?:rate|acceleration|jerk))\b")
 """The names of limits on paths and on slews."""
 
 
