@@ -402,3 +402,12 @@ def test_regions_limit_timings_and_routes():
 def test_bad_regions_are_named(make, text):
     with pytest.raises(ValueError, match=text):
         make()
+
+
+@pytest.mark.parametrize("none", [np.nan, np.inf])
+def test_a_limit_without_any_value_does_not_bound_a_timing(none):
+    route = qt.Route([0.0, 10.0], [[0.0, 0, 0], [50.0, 0, 0]], np.zeros((2, 3)), np.zeros((2, 3)))
+    limits = qt.Limits(speed=qt.Along([0.0, 10.0, 20.0], [none] * 3), longitudinal_acceleration=1.0)
+    timed = qt.retime(route, limits, 0.0, 0.0)
+    assert float(timed.duration) == pytest.approx(2 * np.sqrt(50.0), rel=1e-3)
+    assert "speed no limit applies anywhere on the path: proved" in str(timed.certificate)

@@ -39,7 +39,6 @@ def test_a_result_far_from_the_minimum_is_not_called_converged(monkeypatch):
     """Without refinement, the gap exceeds the tolerance, and code and text say so."""
     monkeypatch.setattr("qtraj.design.timing.adaptive.ATTEMPTS", 0)
     timed = qt.retime(_wave(2.5), LIMITS)
-    if timed.gap > 1e-3:
-        assert timed.code == qt.ResultCode.not_converged
-        assert "may be up to" in timed.explain(())
-    assert not (timed.converged and timed.gap > 1e-3)
+    assert timed.gap > 0.01
+    assert timed.code == qt.ResultCode.not_converged
+    assert "may be up to" in timed.explain(())

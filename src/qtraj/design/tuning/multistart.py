@@ -5,6 +5,7 @@ If no result satisfies the limits, the result with the smallest violation is sel
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def solve(
     starts: int,
     max_steps: int,
     report: Report | None = None,
-    posed: np.ndarray | None = None,
+    posed: Any = None,
 ) -> SearchResult:
     """Return the best result of each problem of a batch; an ill-posed one, False in `posed`, has none and is NaN.
 

@@ -57,8 +57,8 @@ class CircularOrbit(eqx.Module):
         require_positive(self.radius, "the radius", "m")
         require_positive(self.mu, "mu", "m³/s²")
         self.start, self.normal = real_vector(start, "start", 3), real_vector(normal, "normal", 3)
-        start, normal = concrete(self.start), concrete(self.normal)
-        if start is not None and normal is not None and _parallel(start, normal):
+        known = concrete(self.start), concrete(self.normal)
+        if known[0] is not None and known[1] is not None and _parallel(*known):
             raise ValueError("normal must not be zero or along start, because the orbit is then not defined")
 
     def __repr__(self) -> str:
