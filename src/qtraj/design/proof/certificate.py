@@ -85,7 +85,7 @@ class Finding(NamedTuple):
     def text(self) -> str:
         """A description of the worst value and the limit."""
         if math.isnan(self.value) and math.isinf(self.limit):
-            return "no limit applies anywhere on the path"
+            return "not limited anywhere on the path"
         if math.isnan(self.value):
             return f"undefined at t = {self.time:.4g} s, where {where_undefined(quantity(self.name))}"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
