@@ -66,7 +66,7 @@ def test_a_gap_is_bridged_with_minimum_jerk():
 
 
 @pytest.mark.parametrize("noise", [1e-4, 0.02])
-def test_noise_is_smoothed(noise):
+def test_noise_is_formulaed(noise):
     times = np.arange(0.0, 30.0, 0.1)
     positions = np.stack([8 * times, 30 * np.sin(times / 9), 0.02 * times], axis=1)
     noisy = positions + noise * np.random.default_rng(1).standard_normal(positions.shape)

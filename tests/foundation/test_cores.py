@@ -81,3 +81,11 @@ def test_an_error_of_a_block_is_raised():
 
     with pytest.raises(ValueError, match="block 2 is bad"):
         list(cores.map_blocks(call, [(np.full(1, k),) for k in range(4)]))
+
+
+def test_an_accelerator_computes_a_batch_in_one_block(monkeypatch):
+    assert [cores.block_size(n) for n in (1, 8, 10_000)] == [8, 8, 64]
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert [cores.block_size(n) for n in (1, 8, 1000, 1025)] == [1, 8, 1024, 2048]
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert cores.block_size(1000) == 64

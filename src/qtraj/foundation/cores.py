@@ -1,5 +1,7 @@
 """Distribute a batch over the CPU cores in blocks of equal size; a small batch has smaller blocks.
 
+On an accelerator, the whole batch is one block, whose size is a power of two.
+
 Each block is an independent call of one compiled function. With two block sizes, two executables are enough for batches
 of any size. The arrays of a block are small enough for the CPU cache.
 """
@@ -22,7 +24,9 @@ MAX_SMALL_BATCH = 32
 
 
 def block_size(elements: int) -> int:
-    """Return the block size for a batch with this number of `elements`."""
+    """Return the block size for a batch with this number of `elements`; an accelerator computes all in one block."""
+    if _platform() != "cpu":
+        return 1 << max(elements - 1, 0).bit_length()
     return SIZES[0] if elements <= MAX_SMALL_BATCH * CORES else SIZES[1]
 
 
@@ -74,6 +78,12 @@ def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], d
     # forked process, which would wait for them forever.
     with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
         yield from pool.map(one, rest)
+
+
+def _platform() -> str:
+    """Return the platform of JAX's default device."""
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return jax.default_backend() if chosen is None else getattr(chosen, "platform", chosen)
 
 
 _compiled: set[int] = set()

@@ -108,7 +108,7 @@ class SearchOptions(NamedTuple):
 def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> str:
     """Return advice on the limits of one problem (a batch of one), from the result with minimum violation."""
     problem = searches.problem
-    if not problem.objective.is_smooth:
+    if not problem.objective.is_formula:
         searches = dataclasses.replace(searches, problem=problem.without_objective())
     # The search replaces limits that are almost zero by larger limits. Use the limits of the search here as well.
     limits = options.user_limits(searches)

@@ -39,7 +39,7 @@ def make_outcome(
     faults: Any,
 ) -> Tuned:
     """Return the outcome of a batch of tasks; `faults` is the result of `fault_codes`."""
-    if not tasks.problem.objective.is_smooth:
+    if not tasks.problem.objective.is_formula:
         tasks = eqx.tree_at(lambda task: task.problem.scale, tasks, jax.lax.stop_gradient(result.scale))
     if is_traced(tasks, result):
         parts = _traced_paths(tasks, jax.lax.stop_gradient(result), start, end)

@@ -47,7 +47,7 @@ def initial_path(
         duration, turn = (None if x is None else as_float(x) for x in (seconds(duration), turn))
         first, last = (jax.tree.map(lambda x: x[None], state) for state in (start, end))
         # The initial path does not depend on the objective, which may be a function of the user.
-        kind = objective if objective.is_smooth else Nearest()
+        kind = objective if objective.is_formula else Nearest()
         problem = pose(first, last, kind, motion, duration, whole_turns(turns), placement, turn)
         require_well_posed(one(problem), turn, any_limit, None, placement is not None)
         path = as_jax(one(problem.path(problem.zero)))

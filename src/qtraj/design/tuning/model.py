@@ -92,7 +92,7 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
 def cost_derivatives(searches: Searches, z: Float[np.ndarray, "n batch"]) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradients and the Hessians of the costs."""
     problem = searches.problem
-    if not problem.objective.is_smooth:
+    if not problem.objective.is_formula:
         return custom.derivatives(problem, z)
     cost = searches.formulas.cost(variables(z))
     n, count = z.shape
@@ -101,14 +101,14 @@ def cost_derivatives(searches: Searches, z: Float[np.ndarray, "n batch"]) -> tup
 
 def costs(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Float[np.ndarray, " batch"]:
     """Return the costs."""
-    if not searches.problem.objective.is_smooth:
+    if not searches.problem.objective.is_formula:
         return (custom.values(searches.problem, z) - searches.problem.offset) / searches.problem.scale + 1
     return np.broadcast_to(searches.formulas.cost(z), searches.count)
 
 
 def objective_values(problem: Problem, z: Any) -> Any:
     """Return the values of the objective of a batch of problems, with variables (n, batch), in NumPy or JAX."""
-    return problem.objective.value(problem, z) if problem.objective.is_smooth else custom.values(problem, z)
+    return problem.objective.value(problem, z) if problem.objective.is_formula else custom.values(problem, z)
 
 
 def _expanded(

@@ -114,7 +114,7 @@ def solve(
 def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report: Report | None = None) -> Ends:
     """Minimise the largest constraint value in each problem of a batch, from the given points."""
     problem = searches.problem
-    if not problem.objective.is_smooth:
+    if not problem.objective.is_formula:
         problem = problem.without_objective()
     alone = dataclasses.replace(searches, problem=problem, weight=np.zeros_like(searches.weight))
     return _search(SequentialQuadratic(max_steps), alone, z, report, "least violations")
@@ -126,9 +126,9 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
     with np.errstate(all="ignore"):
         unmet = largest > FEASIBLE
         own = dataclasses.replace(searches, weight=np.where(unmet, 0.0, 1.0))
-        if not own.problem.objective.is_smooth and unmet.all():
+        if not own.problem.objective.is_formula and unmet.all():
             own = dataclasses.replace(own, problem=own.problem.without_objective())
-        if not own.problem.objective.is_smooth:
+        if not own.problem.objective.is_formula:
             own = rescaling.measured(own, z)
         model = build(own, z, find_peaks(own, Curves(own, z))[0])
         penalty, multipliers = np.where(unmet, 1.0, 1e4), np.zeros(model.value.shape)
@@ -166,7 +166,7 @@ def _rescued(
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
     feasible = found.largest <= FEASIBLE
     found = found._replace(stationary=found.stationary & ~feasible)
-    if not searches.problem.objective.is_smooth:
+    if not searches.problem.objective.is_formula:
         found = found._replace(cost=rescaling.values(many.problem, found.z))
     index = np.flatnonzero(feasible)
     if index.size:
@@ -219,7 +219,7 @@ def _search(
         if report is not None:
             report(Progress(what, done, searches.count))
 
-    if searches.problem.objective.is_smooth:
+    if searches.problem.objective.is_formula:
         return method.search(searches, z, callback, satisfying)
     return rescaling.run(
         lambda few, points: method.search(few, points, callback, satisfying), searches, z, method.total_steps

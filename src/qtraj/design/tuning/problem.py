@@ -117,7 +117,7 @@ class Formulas:
         """Return the objective divided by its scale; for a user's objective, 1 plus its scaled change from `offset`."""
         # A bound method of a Module is slow.
         value = type(self.objective).value(self.objective, self, z)
-        if self.objective.is_smooth:
+        if self.objective.is_formula:
             return value * (1 / self.scale)
         # Optimisers have tolerances relative to the cost; with the 1, these have a meaning.
         return (value - self.offset) * (1 / self.scale) + 1.0

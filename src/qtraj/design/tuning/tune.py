@@ -102,12 +102,12 @@ def tune(
     path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
     is called with a `Progress` a few times per second; `progress=True` displays the progress (extra `cli`).
 
-    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. With
-    an `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (with the learning rate
-    1e-2), all searches of a batch first take `inner_steps` steps of the optimiser together, on an accelerator if there
-    is one. "sqp" then continues from the four best results of each problem, and starts from the initial states, too.
-    This is worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of
-    "sqp". Reuse the same optimiser object to avoid recompilation.
+    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. With an
+    `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (learning rate 1e-2), all
+    searches of a batch first take `inner_steps` steps of the optimiser together, on an accelerator if there is one.
+    "sqp" then continues from the four best results of each problem, and starts from the initial states, too. This is
+    worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of "sqp". Reuse
+    the same optimiser object to avoid recompilation.
 
     A callable objective must be a pure function. Its value may have any unit: the search takes the scale from the first
     and second derivatives, so a constant or a factor in the objective changes neither the path nor the status, up to

@@ -27,7 +27,7 @@ class Custom(AbstractObjective):
     """
 
     name: ClassVar[str] = "custom"
-    is_smooth: ClassVar[bool] = False
+    is_formula: ClassVar[bool] = False
     parameters: tuple[Array | None, ...]
     others: tuple[Any, ...] = eqx.field(static=True)
     structure: Any = eqx.field(static=True)

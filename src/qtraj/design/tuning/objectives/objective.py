@@ -10,14 +10,15 @@ class AbstractObjective(eqx.Module):
     """A scalar to minimise; each objective has its own unit.
 
     `fixes_duration` is true if the duration is not a variable. `needs_time_limit` is true if the problem needs a limit
-    that bounds the speed. `is_smooth` is true if second derivatives exist; the search "sqp" needs them. The variables
-    `z` are a sequence of numbers, arrays or jets, and the fields of the problem have the same batch axes.
+    that bounds the speed. `is_formula` is true if `value` also takes jets, which give its derivatives; JAX computes the
+    derivatives of all other objectives. The variables `z` are a sequence of numbers, arrays or jets, and the fields of
+    the problem have the same batch axes.
     """
 
     name: ClassVar[str]
     fixes_duration: ClassVar[bool] = False
     needs_time_limit: ClassVar[bool] = False
-    is_smooth: ClassVar[bool] = True
+    is_formula: ClassVar[bool] = True
 
     @abc.abstractmethod
     def value(self, problem: Any, z: Any) -> Any:
