@@ -364,3 +364,15 @@ def test_the_nearest_rotation_is_differentiable_at_a_rotation():
         for derivative in (jax.jacfwd, jax.jacrev):
             found = np.moveaxis(np.asarray(jax.jit(derivative(rotation.nearest_dcm))(at)).reshape(3, 3, 9), -1, 0)
             np.testing.assert_allclose(found, numeric, atol=1e-8)
+
+
+def test_the_second_derivative_of_the_nearest_rotation():
+    rng = np.random.default_rng(3)
+    at, step = rng.normal(size=(3, 3)) + 2 * np.eye(3), rng.normal(size=(3, 3))
+
+    def element(x):
+        return rotation.nearest_dcm(jnp.asarray(at) + x * jnp.asarray(step))[0, 1]
+
+    slope, h = jax.grad(element), 1e-5
+    assert float(jax.grad(slope)(0.0)) == pytest.approx((float(slope(h)) - float(slope(-h))) / (2 * h), rel=1e-7)
+    assert abs(float(jax.grad(slope)(0.0))) > 1e-3

@@ -324,3 +324,64 @@ MOTOR = qt.BySpeed([0, 10], upper=[3, 1])
 def test_what_is_not_supported_is_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def starting(upper) -> qt.Limits:
+    return qt.Limits(longitudinal_acceleration=(None, upper), speed=60.0)
+
+
+def test_a_small_value_beside_a_large_one_costs_no_time():
+    """The reserve is a fraction of each value. The speed rises to 1.5 m/s at once, and then at 0.1 m/s²."""
+    timed = proved(LINE, starting(qt.BySpeed([0, 1, 1.5], upper=[10, 10, 0.1])), start_speed=0.0)
+    before = 1 / 10 + quad(lambda v: 1 / np.interp(v, [1, 1.5], [10, 0.1]), 1, 1.5)[0]
+    way = 0.05 + quad(lambda v: v / np.interp(v, [1, 1.5], [10, 0.1]), 1, 1.5)[0]
+    after = (-1.5 + np.sqrt(1.5**2 + 2 * 0.1 * (400 - way))) / 0.1
+    assert float(timed.duration) == pytest.approx(before + after, rel=5e-4)
+
+
+def test_faster_speeds_may_be_allowed_again():
+    angles = np.linspace(0, 3, 9)
+    arc = qt.Shape.through(20 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
+    limits = {"lateral_acceleration": qt.BySpeed([0, 10, 12], magnitude=[4, 4, 20])}
+    timed = proved(arc, qt.Limits(**limits, speed=18.0, longitudinal_acceleration=5.0))
+    assert np.isnan(timed.gap)
+    assert "the fastest timing that was found" in timed.result
+    faster = qt.retime(arc, qt.Limits(speed=18.0, longitudinal_acceleration=5.0))
+    assert qt.certify(faster.path, qt.Limits(**limits)).holds
+    limits = {"lateral_acceleration": qt.BySpeed([0, 10], magnitude=[4, 12])}  # rises, but less than the square
+    assert proved(arc, qt.Limits(**limits, speed=18.0, longitudinal_acceleration=5.0)).gap <= 1e-3
+
+
+def test_the_worst_value_violates_a_limit_that_is_broken():
+    """The violation is next to a speed at which the limit bends, between samples."""
+    timed = qt.retime(LINE, starting(3.0), start_speed=0.0)
+    found = qt.certify(timed.path, starting(qt.BySpeed([0, 7.0, 7.01, 7.02, 30], upper=[3.1, 3.1, 2.9, 3.1, 3.1])))
+    assert found.status["longitudinal_acceleration_max"] == "broken"
+    _, value, limit = found.worst["longitudinal_acceleration_max"]
+    assert value > limit * 1.01
+
+
+def test_steep_steps_are_timed_with_smaller_cells():
+    timed = proved(LINE, starting(qt.BySpeed([0, 5, 5.1, 20], upper=[1, 1, 4, 4])), start_speed=0.0)
+    slow = quad(lambda v: 1 / np.interp(v, [5, 5.1], [1, 4]), 5, 5.1)[0]
+    way = 12.5 + quad(lambda v: v / np.interp(v, [5, 5.1], [1, 4]), 5, 5.1)[0]
+    rest = (-5.1 + np.sqrt(5.1**2 + 2 * 4 * (400 - way))) / 4
+    assert 5 + slow + rest <= float(timed.duration) <= 1.01 * (5 + slow + rest)
+
+
+@pytest.mark.parametrize(
+    ("limit", "speeds", "message"),
+    [
+        ((None, qt.BySpeed([0, 10], upper=[0, 3])), (0.0, None), "cannot start: pass a positive value there"),
+        ((qt.BySpeed([0, 10], lower=[0, -6]), 3.0), (None, 0.0), "cannot come to rest: pass a negative value there"),
+    ],
+)
+def test_limits_that_allow_no_start_or_stop_are_refused(limit, speeds, message):
+    with pytest.raises(ValueError, match=message):
+        qt.retime(LINE, qt.Limits(longitudinal_acceleration=limit, speed=60.0), *speeds)
+
+
+def test_bounds_that_contradict_each_other_at_every_speed_are_refused():
+    with pytest.raises(ValueError, match=r"\(2.0, 1.5\) was given at 50 m"):
+        qt.Limits(longitudinal_acceleration=(qt.Along([0, 50], [-3, 2]), qt.BySpeed([0, 10], upper=[1.5, 1])))
+    qt.Limits(longitudinal_acceleration=(qt.Along([0, 50], [-3, 1.2]), qt.BySpeed([0, 10], upper=[1.5, 1])))

@@ -1,11 +1,13 @@
 """Convert between quaternions λ and direction cosines α (inertial → body; the rows of α are the body axes)."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from qtraj.algebra.quaternion import canonical, components, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced, cross
 from qtraj.foundation.arrays import is_traced
-from qtraj.foundation.namespace import is_host, matmul, namespace, of_arrays, stop_gradient, xp
+from qtraj.foundation.namespace import is_host, matmul, namespace, of_arrays, xp
 from qtraj.foundation.types import Mat3, Quat, Scalar
 
 TOLERANCE = 1e-3
@@ -62,30 +64,32 @@ def nearest_dcm(C: Mat3) -> Mat3:
     """Return the rotation with the smallest sum of squared differences from the elements of the matrix `C`.
 
     The result is R = U diag(1, 1, det U det V) Vᵀ from the singular value decomposition C = U S Vᵀ. It is unique, and
-    differentiable, unless the smallest singular value is zero or, for a negative determinant, repeated. The first
-    derivative is exact, also at a rotation, where the derivatives of the decomposition are not finite.
+    differentiable, unless the smallest singular value is zero or, for a negative determinant, repeated. The derivatives
+    are exact, also at a rotation, where those of the decomposition are not finite.
     """
-    constant = stop_gradient(C)
-    R = _polar(constant)
-    return R if is_host(C) else matmul(R, _turn(R, C, constant))
+    return _polar(C) if is_host(C) else _nearest(C)
 
 
-def _turn(R: Mat3, C: Mat3, constant: Mat3) -> Mat3:
-    """Return the identity, with the derivative RᵀṘ = [ω]× of the nearest rotation R.
+@jax.custom_jvp
+def _nearest(C: Mat3) -> Mat3:
+    return _polar(C)
+
+
+@_nearest.defjvp
+def _turned(primals: tuple[Mat3], tangents: tuple[Mat3]) -> tuple[Mat3, Mat3]:
+    """Return the nearest rotation R and its derivative R [ω]×.
 
     With the symmetric matrix P = RᵀC, (tr P − P) ω is the vector of the skew-symmetric matrix RᵀĊ − ĊᵀR.
     """
-    identity = xp.broadcast_to(np.eye(3, dtype=constant.dtype), constant.shape)
-    transposed = xp.swapaxes(R, -1, -2)
-    P = matmul(transposed, constant)
-    X = matmul(transposed, C - constant)  # zero
-    skew = X - xp.swapaxes(X, -1, -2)
-    vector = xp.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    system = xp.trace(P, axis1=-2, axis2=-1)[..., None, None] * identity - 0.5 * (P + xp.swapaxes(P, -1, -2))
-    regular = (abs(namespace(system).linalg.det(system)) > 0)[..., None, None]
-    omega = namespace(system).linalg.solve(xp.where(regular, system, identity), vector[..., None])
+    R = _nearest(*primals)
+    identity, transposed = jnp.broadcast_to(jnp.eye(3, dtype=R.dtype), R.shape), jnp.swapaxes(R, -1, -2)
+    P, X = matmul(transposed, primals[0]), matmul(transposed, tangents[0])
+    skew = X - jnp.swapaxes(X, -1, -2)
+    vector = jnp.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    system = jnp.trace(P, axis1=-2, axis2=-1)[..., None, None] * identity - 0.5 * (P + jnp.swapaxes(P, -1, -2))
+    omega = jnp.linalg.solve(system, vector[..., None])
     columns = [cross(omega[..., 0], identity[..., k]) for k in range(3)]
-    return identity + xp.stack(columns, axis=-1)
+    return R, matmul(R, jnp.stack(columns, axis=-1))
 
 
 def _polar(C: Mat3) -> Mat3:

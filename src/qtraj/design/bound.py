@@ -225,23 +225,18 @@ def _require_ascending(lower: OneBound | None, upper: OneBound | None, what: str
         return
     if isinstance(lower, Regions) or isinstance(upper, Regions):  # their values do not belong to the same places
         return
-    if isinstance(lower, BySpeed) != isinstance(upper, BySpeed) and isinstance(lower, Along) != isinstance(
-        upper, Along
-    ):
-        return
+    if isinstance(lower, BySpeed) and isinstance(upper, Along):  # only a contradiction at every speed is one
+        lower = as_float(lower.loosest(-1))
+    elif isinstance(lower, Along) and isinstance(upper, BySpeed):
+        upper = as_float(upper.loosest(1))
     low, high, place = *(concrete(x) for x in _compared(lower, upper)), ""
     if low is None or high is None or not np.any(low >= high):
         return
     if isinstance(lower, Changing) or isinstance(upper, Changing):
         worst = int(np.argmax(low >= high))
-        at, unit = (
-            _places(lower, upper)[worst],
-            "m/s" if isinstance(lower, BySpeed) or isinstance(upper, BySpeed) else "m",
-        )
-        low, high, place = (
-            *(np.broadcast_to(x, np.broadcast_shapes(low.shape, high.shape))[worst] for x in (low, high)),
-            f" at {at:.6g} {unit}",
-        )
+        unit = "m/s" if isinstance(lower, BySpeed) or isinstance(upper, BySpeed) else "m"
+        low, high = (x[worst] for x in np.broadcast_arrays(low, high))
+        place = f" at {_places(lower, upper)[worst]:.6g} {unit}"
     raise ValueError(
         f"the lower bound of {what} must be below the upper one, but ({low.tolist()}, {high.tolist()}) was given"
         f"{place}: leave some room, because no search can keep a quantity exactly constant"

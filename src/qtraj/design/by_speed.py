@@ -18,8 +18,11 @@ from qtraj.foundation.types import ArrayInput
 MAX_LISTED = 6
 """Largest number of values that are listed in texts."""
 
+NEAR_ZERO = 0.01
+"""Magnitudes below this fraction of the largest one count as this fraction in a relative tolerance."""
 
 SIDES = ("lower", "upper")
+"""The bounds of a limit, which are also the names of arguments."""
 
 Kind = Literal["magnitude", "lower", "upper", "sides"]
 
@@ -117,8 +120,8 @@ class BySpeed(Changing):
         return BySpeed(self.speeds, **{"upper" if self.kind == "lower" else "lower": factor * self.values})
 
     def stricter(self, side: int, fraction: float) -> BySpeed:
-        """Return the bound on this `side` that is stricter by `fraction` of its largest magnitude."""
-        return self._with(self.values - side * fraction * self.size)
+        """Return the bound on this `side`, stricter by `fraction` of its values, or of `NEAR_ZERO` of its size."""
+        return self._with(self.values - side * fraction * np.maximum(np.abs(self.values), NEAR_ZERO * self.size))
 
     @property
     def size(self) -> float:

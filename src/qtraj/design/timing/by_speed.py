@@ -6,6 +6,7 @@ with the speed makes the feasible set nonconvex, because √a is concave: as for
 the Lagrangian omits negative second derivatives, which replaces √a by its tangent.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,9 @@ from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import FIELDS, Ellipse
+from qtraj.path.quantity import COMBINED
+
+LATERAL = "lateral_acceleration"
 
 ROUNDED = 0.01
 """A hinge is rounded off over this fraction of the shorter line next to it."""
@@ -41,7 +45,7 @@ class Curve(NamedTuple):
         turn = np.divide(-0.5 * rate, a, out=np.zeros_like(speed), where=root > 0)
         return self.start + np.sum(self.slopes * value, axis=0), first * rate, second * rate**2 + first * turn
 
-    def times(self, factor: Any) -> "Curve":
+    def scaled(self, factor: Any) -> "Curve":
         """Return the function multiplied by `factor`, a number or an array at the nodes."""
         return self._replace(start=self.start * factor, slopes=self.slopes * factor)
 
@@ -86,6 +90,21 @@ def largest_squares(limit: BySpeed, across: Float[Any, "*nodes"], pace: Float[An
     return 1 / square**2
 
 
+def one_interval(bounds: Mapping[str, Any]) -> bool:
+    """Return whether the lateral limits allow all speeds up to a largest one, whatever the curvature of the path.
+
+    This is so if f(v)/v² does not increase, where f is the limit. Otherwise `largest_squares` omits faster speeds.
+    """
+    limits = [x.lateral if isinstance(x, Ellipse) else x for name, x in bounds.items() if name in (LATERAL, COMBINED)]
+    return all(_falls_relative_to_square(x) for x in limits if isinstance(x, BySpeed))
+
+
+def _falls_relative_to_square(limit: BySpeed) -> bool:
+    v, f = (np.asarray(x, float) for x in (limit.speeds, limit.values))
+    rise = np.diff(f) / np.diff(v)
+    return bool(np.all(2 * f[:-1] >= rise * v[:-1]) and np.all(2 * f[1:] >= rise * v[1:]))
+
+
 def side_by_speed(
     limit: BySpeed, side: int, rates: tuple[Any, Any], pace: Float[Any, "*nodes"]
 ) -> tuple[tuple[Any, Any, Any], Curve]:
@@ -95,7 +114,7 @@ def side_by_speed(
     bound; it must be at most 1.
     """
     (p, q), size = rates, limit.size
-    return (1.0 + 0.0 * p, side * p / size, side * q / size), curve_of(limit, pace, side).times(-1.0 / size)
+    return (1.0 + 0.0 * p, side * p / size, side * q / size), curve_of(limit, pace, side).scaled(-1.0 / size)
 
 
 def stacked(curves: list[Curve | None], pace: Float[Any, "*nodes"]) -> Curve | None:

@@ -23,7 +23,7 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
     forms = factors[1 : 1 + len(c.forms), None, None] ** 2
     own_sides = factors[1 + len(c.forms) : c.before_combined]
     sides, bends, combined = own_sides[:, None], c.bends, c.combined
-    bends = None if bends is None else bends.times(own_sides)
+    bends = None if bends is None else bends.scaled(own_sides)
     if combined is not None:
         combined = combined._replace(factor=combined.factor * factors[c.before_combined])
     jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2

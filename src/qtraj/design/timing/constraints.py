@@ -165,7 +165,7 @@ def parts(
     for name, own, there in zip(SIDED, rates, known, strict=True):
         if name in by_speed:
             affine, curve = side_by_speed(by_speed[name], quantity(name).side, own, i.v)
-            curves.append(curve.times(there))
+            curves.append(curve.scaled(there))
         elif name in bounds:
             affine = row(name, own, bounds)
             curves.append(None)

@@ -40,9 +40,11 @@ def undefined(codes: Int[Any, "limits cells"]) -> Bool[Any, "limits cells"]:
 def worst_cell(codes: Int[Any, "limits cells"], usage: Float[Any, "limits cells"]) -> Int[Any, " limits"]:
     """Return the cell of the largest usage (quantity divided by limit) of each limit.
 
-    If the quantity is undefined in some cell, return the first such cell, unless the limit is violated.
+    If the limit is violated, this is a cell with a violation, which the samples of the usage may miss. Otherwise, if
+    the quantity is undefined in some cell, return the first such cell.
     """
-    xp = namespace(codes, usage)
+    xp, violated = namespace(codes, usage), codes == BROKEN
+    usage = xp.where(violated.any(axis=1, keepdims=True) & ~violated, -np.inf, usage)
     return xp.argmax(xp.where(undefined(codes), np.inf, usage), axis=1)
 
 

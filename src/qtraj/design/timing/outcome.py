@@ -52,7 +52,8 @@ class Retimed(AbstractOutcome):
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
     - `gap`: the estimated relative distance of the duration from the minimum over all timings; NaN if the number of
-      cells was given, if the path or a limit was traced, or if the duration was prescribed.
+      cells was given, if the path or a limit was traced, if the duration was prescribed, or if a limit on the lateral
+      acceleration by speed rises so steeply that faster speeds may be allowed again, which `retime` does not use.
     - `share`: the factor on the limits on accelerations with which the fastest timing has the prescribed duration; NaN
       if no duration was prescribed.
     - `braking_time` [s] and `braking_distance` [m]: if `start_speed` is higher than the limits allow, the time and the
@@ -152,11 +153,10 @@ class Retimed(AbstractOutcome):
                     f"converged: the timing takes {time:.6g} s as prescribed, with at most {100 * share:.3g} % of the "
                     "limits on accelerations, and every limit is proved to be satisfied on the whole path."
                 )
-            near = "" if np.isnan(gap) else f" (to within {max(100 * gap, 0.001):.2g} %)"
-            return (
-                f"converged: the fastest timing takes {time:.6g} s{near}, and every limit is proved to be satisfied on "
-                "the whole path."
-            )
+            found = f"the fastest timing takes {time:.6g} s (to within {max(100 * gap, 0.001):.2g} %)"
+            if np.isnan(gap):
+                found = f"the fastest timing that was found takes {time:.6g} s"
+            return f"converged: {found}, and every limit is proved to be satisfied on the whole path."
         if code == ResultCode.end_speed_not_reached:
             start, end = np.asarray(self.speeds)[at]
             return (
@@ -178,9 +178,9 @@ class Retimed(AbstractOutcome):
         if code == ResultCode.not_converged and np.isfinite(gap) and np.isfinite(time):
             return (
                 f"the search stopped before it reached the tolerance: the minimum duration may be up to "
-                f"{100 * gap:.2g} % shorter than {time:.6g} s. Try a larger tolerance, a given number of knots, or a "
-                f"path whose parameter is more even, as of a Shape. The limits on this timing: "
-                f"{self.certificate.explain(at)}"
+                f"{100 * gap:.2g} % shorter than {time:.6g} s. Try a larger tolerance"
+                f"{'' if self.of_shape else ', or a path whose parameter is more even, as of a Shape'}. The limits on "
+                f"this timing: {self.certificate.explain(at)}"
             )
         if code == ResultCode.not_converged:
             return (

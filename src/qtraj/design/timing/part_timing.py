@@ -26,6 +26,9 @@ from qtraj.path.route import Route
 KNOTS = 512
 """Number of cells of a part if they cannot be chosen, because the path or a limit is traced."""
 
+SMALL_CELLS = (512, 1024, 2048)
+"""Numbers of equal cells that are tried in turn where chosen cells do not satisfy limits that depend on the speed."""
+
 SLOWER = (3e-5, 3e-4, 3e-3)
 """Fractions by which u̇² is reduced until all limits are proved: in sharp bends, rounding errors exceed the margin."""
 
@@ -59,9 +62,18 @@ def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
     if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends):  # other cells would be compiled anew
         x, excess = searched(p, part, _fixed(p, part), at_ends, rest), np.nan
+        proofs = _proved(p, x)
     else:
         x, excess = on_chosen_cells(p, part, at_ends, rest)
-    powers, usage, codes, slower = _proved(p, x)
+        proofs = _proved(p, x)
+        if any(isinstance(bound, OfSpeed) for bound in p.bounds.values()) and not _all_proved(p, proofs[2]):
+            # Large cells cannot follow a limit that changes within a small range of speeds.
+            for cells in SMALL_CELLS:
+                again = searched(p, part, _fixed(p._replace(knots=cells), part), at_ends, rest)
+                if _all_proved(p, (others := _proved(p, again))[2]):
+                    x, excess, proofs = again, np.nan, others
+                    break
+    powers, usage, codes, slower = proofs
     excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
     return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
 
@@ -96,17 +108,20 @@ def _proved(p: Posed, x: Searched) -> tuple[Any, Any, Any, float]:
     codes = codes_of(p, x.grid, powers, x.rest, x.found.unbounded)
     if p.polynomials is None or is_traced(constants(powers)):
         return powers, usage, codes, 0.0
-    rows = [NAMES.index(name) for name in p.names]
     first, reduced = (powers, usage), 0.0
     for fraction in SLOWER:
         # A larger violation remains if the timing is slower by so little.
-        if (codes[rows] == PROVED).all() or not usage.max() <= 1 + SLOWER[-1]:
+        if _all_proved(p, codes) or not usage.max() <= 1 + SLOWER[-1]:
             break
         slower = (1 - fraction) * first[0]
         found = codes_of(p, x.grid, slower, x.rest, x.found.unbounded)
-        if (found[rows] == PROVED).sum() > (codes[rows] == PROVED).sum():
+        if (found == PROVED).sum() > (codes == PROVED).sum():
             powers, codes, usage, reduced = slower, found, first[1] * (1 - fraction) ** exponents, fraction
     return powers, usage, codes, reduced
+
+
+def _all_proved(p: Posed, codes: Any) -> bool:
+    return bool((codes[[NAMES.index(name) for name in p.names]] == PROVED).all())
 
 
 def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbounded: Any = False) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES
@@ -122,6 +123,22 @@ def require_moving(
             f"the speed must be at least {least.tolist()} m/s{where}, but {contrary}: omit the lower bound, or pass a "
             "path without stops, and a start_speed and an end_speed within the limits"
         )
+
+
+def require_start_and_stop(bounds: Mapping[str, Any], speeds: tuple[Scalar | None, ...], stops: list[Any]) -> None:
+    """Raise an error if the vehicle rests where a limit by speed allows it neither to start nor to stop."""
+    start, end = (None if v is None else concrete(v) for v in speeds)
+    starts, ends = bool(stops) or (start is not None and start == 0), bool(stops) or (end is not None and end == 0)
+    for name, needed, what in (
+        ("longitudinal_acceleration_max", starts, "start"),
+        ("longitudinal_acceleration_min", ends, "come to rest"),
+    ):
+        bound, side = bounds.get(name), quantity(name).side
+        if needed and isinstance(bound, BySpeed) and side * (value := float(bound.at(0.0))) <= 0:
+            raise ValueError(
+                f"the limit {name} is {value:.6g} m/s² at 0 m/s, so the vehicle cannot {what}: pass a "
+                f"{'positive' if side > 0 else 'negative'} value there, or a speed above zero"
+            )
 
 
 def _slowest_at(bounds: Mapping[str, Any], u: Any) -> np.ndarray | None:

@@ -15,6 +15,7 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing import findings
 from qtraj.design.timing.braking import Braked, braked
+from qtraj.design.timing.by_speed import one_interval
 from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.ends import Begun, begun
@@ -34,6 +35,7 @@ from qtraj.design.timing.requirements import (
     require_one_path,
     require_regular,
     require_representable,
+    require_start_and_stop,
     require_stop,
     require_timing_limits,
     require_tolerance,
@@ -178,6 +180,7 @@ def retime(
     bounds = {name: given[name] for name in NAMES if name in given}
     bounds, ends = on_path(bounds, path), (parts[0].start, parts[-1].end)
     require_moving(bounds, speeds, ends, stops_of(parts))
+    require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
     road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
@@ -239,6 +242,8 @@ def _retimed(
         code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
         too_long = code == ResultCode.successful and float(result[1]) < (1 - 2 * p.tolerance) * duration
         code = np.asarray(int(ResultCode.duration_too_long)) if too_long else code
+    elif not one_interval(p.bounds):
+        gap = np.asarray(np.nan)
     elif not traced and code == ResultCode.successful and gap > p.tolerance:  # false for NaN
         code = np.asarray(int(ResultCode.not_converged))
     if brakes is not None and brakes.holds and code == ResultCode.limits_broken:

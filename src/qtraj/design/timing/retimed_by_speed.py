@@ -71,7 +71,7 @@ class OnCell:
         r, v = (np.asarray(x) for x in motion_at(path, cells, np.full(place.shape, cell), place))
         a, slope = v[0], v[1]
         return [
-            tuple(np.sqrt(a) * x for x in r[0]),
+            tuple(np.sqrt(np.maximum(a, 0.0)) * x for x in r[0]),
             tuple(a * y + 0.5 * slope * x for x, y in zip(*r[:2], strict=True)),
         ]
 

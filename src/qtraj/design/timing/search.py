@@ -161,7 +161,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     if jerk is not None:
         jerk = xp.where(xp.broadcast_to(t.nodes.standing > 0, jerk.shape), 0.0, jerk)
     on_road = None if c.road is None else without(c.road, padding)
-    bends = None if c.bends is None else c.bends.times(~padding)
+    bends = None if c.bends is None else c.bends.scaled(~padding)
     combined = None if c.combined is None else c.combined.without(padding)
     c = Constraints(upper, forms, sides, jerk, on_road, bends, combined)
     return Program(t.nodes, t.nodes.weight * shape.per_cell, c, most), between

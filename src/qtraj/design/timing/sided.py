@@ -79,10 +79,10 @@ def value_of(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
         return xp.sqrt(xp.maximum(shift - usage * scale, 0.0))
     if name in SIDES_OF_RATES:
         return quantity(name).side * usage * scale_and_shift(name, bounds)[0]
-    return value_at(usage, name, bounds) if name in SIDED else _times(usage, bounds[name])
+    return value_at(usage, name, bounds) if name in SIDED else _product(usage, bounds[name])
 
 
-def _times(usage: Any, bound: Any) -> Any:
+def _product(usage: Any, bound: Any) -> Any:
     """Return the value of a quantity from its ratio to the limit; NaN where no limit applies, so the ratio is zero."""
     xp = namespace(usage, bound)
     limited = xp.isfinite(bound)
