@@ -1,0 +1,73 @@
+"""The covariance of the derivatives of a fitted path at instants, from the covariance of what was fitted."""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.fitting.fitted_route import FittedRoute
+from qtraj.design.fitting.route_system import BASIS, WIDTH, segment_covariances
+from qtraj.design.fitting.turn_covariance import sensitivities
+from qtraj.path import pieces, progress
+
+
+def motion_covariance(
+    fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"], orders: range
+) -> Float[np.ndarray, "n k k"]:
+    """Return the covariance of the derivatives of the path at the times `t` [s], in world axes and SI units.
+
+    The k numbers are the components x, y and z of the derivative of the first order, those of the next order, and so
+    on. NaN where `is_known` is false.
+    """
+    if isinstance(fitted, FittedRoute):
+        return np.where(is_known(fitted, t)[:, None, None], _of_route(fitted, t, orders), np.nan)
+    slopes = sensitivities(fitted.path, t, orders[-1])[:, orders[0] :] @ np.asarray(fitted.factor, float)
+    slopes = slopes.reshape(len(t), 3 * len(orders), -1)
+    return slopes @ np.swapaxes(slopes, 1, 2)
+
+
+def is_known(fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Return whether the covariance is known at the times `t` [s].
+
+    It is not at stops, where the route is at rest because the fit decided so, and next to them, where the progress
+    along the curve has no covariance.
+    """
+    known = np.ones(len(t), bool)
+    if not isinstance(fitted, FittedRoute):
+        return known
+    for start, end in np.asarray(fitted.path.stops, float):
+        known &= (t < start) | (t > end)
+    if fitted.path.progress is not None:
+        own = np.asarray(fitted.path.progress, float)[pieces.index(np.asarray(fitted.path.starts, float), t)]
+        known &= (own[:, 1:] == progress.IDENTITY[1:]).all(axis=1)
+    return known
+
+
+def _of_route(fitted: FittedRoute, t: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n k k"]:
+    """Return the covariance of the estimate; in gaps, where the smoothing alone determines it, that of the prior."""
+    knots, sigma = np.asarray(fitted.knots, float), float(np.asarray(fitted.position_sigma))
+    pair = segment_covariances(np.asarray(fitted.information, float), np.asarray(fitted.penalty, float))
+    i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+    in_gap = np.zeros(len(t), bool)
+    for start, end in np.asarray(fitted.gaps, float):
+        in_gap |= (start < t) & (t < end)
+    estimate, prior = (x[..., i, :, :] for x in pair)
+    rows = sigma * _basis((t - knots[i]) / np.diff(knots)[i], np.diff(knots)[i], orders)
+    axes = rows @ np.where(in_gap[:, None, None], prior, estimate) @ np.swapaxes(rows, -1, -2)
+    axes = np.broadcast_to(axes, (3, *axes.shape[-3:]))
+    count = len(orders)
+    result = np.zeros((len(t), count, 3, count, 3))
+    for axis in range(3):
+        result[:, :, axis, :, axis] = axes[axis]
+    return result.reshape(len(t), 3 * count, 3 * count)
+
+
+def _basis(u: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n orders 6"]:
+    """Return the derivatives of the Hermite basis functions of segments with durations `h` [s] at fractions `u`."""
+    rows = []
+    for order in orders:
+        factors = [math.perm(k, order) for k in range(order, WIDTH)]
+        powers = u[:, None] ** np.arange(WIDTH - order)
+        rows.append((powers * factors) @ BASIS[:, order:].T * h[:, None] ** (np.arange(WIDTH) % 3 - order))
+    return np.stack(rows, axis=1)
