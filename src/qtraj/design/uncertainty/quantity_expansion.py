@@ -87,5 +87,6 @@ def _expand_function(entry: PathQuantity, r: Float[np.ndarray, "k n"], lowest: i
     def all_of(numbers: Any) -> Any:
         return value(numbers), jax.grad(value)(numbers), jax.hessian(value)(numbers)
 
-    found = jax.jit(jax.vmap(all_of))(jnp.asarray(r.T))
+    with jax.enable_x64(True):
+        found = jax.jit(jax.vmap(all_of))(jnp.asarray(r.T))
     return Expansion(*(np.moveaxis(np.asarray(x, float), 0, -1) for x in found))

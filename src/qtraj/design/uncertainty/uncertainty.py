@@ -141,10 +141,7 @@ def uncertainty(
         raise ValueError(f"quantities must be a sequence of names, such as [{quantities!r}], not a string")
     names = list(dict.fromkeys(map(name_of, quantities)))
     entries = {name: output(name) for name in names if name not in VECTORS}
-    t = np.asarray(seconds(times), float)
-    if t.ndim != 1 or not t.size:
-        raise ValueError(f"times must have shape (n,), with at least one instant, but {t.shape} was given")
-    require_inside(t, fitted.path.duration, "path")
+    t = instants(fitted, times)
     found = propagate(fitted, t, entries, road_of(vehicle, entries))
     parts = {name: _vector(fitted, t, name) if name in VECTORS else found[name] for name in names}
     return Uncertainty(t, *({name: x[k] for name, x in parts.items()} for k in range(3)))
@@ -157,6 +154,20 @@ def require_fit(fitted: Any) -> None:
         raise ValueError("this result of fit has no covariance, because it was saved by an older version: fit again")
     if isinstance(fitted, FittedRoute) and not fitted.information.size:
         raise ValueError("this result of fit_route has no covariance: fit again")
+
+
+def instants(fitted: Fitted | FittedRoute, times: ArrayInput) -> Float[np.ndarray, " n"]:
+    """Return times within the fitted path in seconds.
+
+    **Raises:** ValueError for times of another shape, or outside the path.
+    """
+    t = np.asarray(seconds(times), float)
+    if t.ndim != 1 or not t.size:
+        raise ValueError(
+            f"times must have shape (n,), with at least one instant, but an array of shape {t.shape} was given"
+        )
+    require_inside(t, fitted.path.duration, "path")
+    return t
 
 
 def output(name: Any) -> PathQuantity:
