@@ -9,6 +9,7 @@ from qtraj.design.speed_profile import SpeedProfile, speed_profile
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.uncertainty.margin_uncertainty import MarginUncertainty
+from qtraj.design.uncertainty.quantity_expansion import HEADING
 from qtraj.design.uncertainty.uncertainty import Uncertainty
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.hodograph import AbstractHodograph
@@ -17,7 +18,7 @@ from qtraj.viz.history import tuning_figure
 from qtraj.viz.space import path_figure
 from qtraj.viz.speed_profile_figure import speed_profile_figure
 from qtraj.viz.table_figure import table_figure
-from qtraj.viz.uncertainty_figure import uncertainty_figure
+from qtraj.viz.uncertainty_figure import uncertainty_figure, without_turns
 
 
 def path_plot(path: AbstractHodograph, frame: Frame | None = None, trihedra: int = 6) -> Figure:
@@ -42,8 +43,11 @@ def table_plot(table: Table, names: Sequence[str] = ()) -> Figure:
 
 
 def uncertainty_plot(found: Uncertainty, names: Sequence[str] = ()) -> Figure:
-    """Plot quantities over time with their standard deviations."""
-    return uncertainty_figure(found.to_xarray(), {name: f"{name}_sigma" for name in names or found.values})
+    """Plot quantities over time with their standard deviations; the heading without jumps by a whole turn."""
+    dataset = found.to_xarray()
+    if HEADING.name in dataset:
+        dataset[HEADING.name] = dataset[HEADING.name].copy(data=without_turns(dataset[HEADING.name].values))
+    return uncertainty_figure(dataset, {name: f"{name}_sigma" for name in names or found.values})
 
 
 def margin_plot(found: MarginUncertainty, names: Sequence[str] = ()) -> Figure:

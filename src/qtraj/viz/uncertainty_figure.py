@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import xarray
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from qtraj.viz.style import BOUND
@@ -33,3 +34,10 @@ def uncertainty_figure(dataset: xarray.Dataset, bands: Mapping[str, str], bound:
         if bound is not None:
             axes.axhline(bound, **BOUND)
     return figure
+
+
+def without_turns(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return angles [rad] without jumps by whole turns; NaN are left out."""
+    result, known = angles.copy(), np.isfinite(angles)
+    result[known] = np.unwrap(angles[known])
+    return result

@@ -243,6 +243,23 @@ def segment_covariances(
     return found.real + found.imag / STEP, found.real
 
 
+def smoothing_errors(
+    matrix: Float[np.ndarray, "*axes 6 unknowns"],
+    penalty: Float[np.ndarray, "*axes 6 unknowns"],
+    states: Float[np.ndarray, "knots 3 3"],
+) -> Float[np.ndarray, "knots 3 3"]:
+    """Return the expected errors −A⁻¹Kx of the states by the penalty, if `states` are the true states x.
+
+    See `segment_covariances` for A and K. The result is for the unit of the states.
+    """
+    diagonal, upper = (np.stack(x) for x in zip(*map(blocks, penalty.reshape(-1, *penalty.shape[-2:])), strict=True))
+    x = np.moveaxis(states, 2, 0)[..., None]
+    product = diagonal @ x
+    product[:, :-1] += upper @ x[:, 1:]
+    product[:, 1:] += np.swapaxes(upper, -1, -2) @ x[:, :-1]
+    return solve(System(matrix, -product.reshape(3, -1).T))
+
+
 def _inverse_blocks(matrix: Float[np.ndarray, "6 unknowns"]) -> tuple[np.ndarray, np.ndarray]:
     """Return the blocks (knots, 3, 3) on the diagonal of the inverse, and those (knots − 1, 3, 3) to their right."""
     diagonal, upper = blocks(matrix)

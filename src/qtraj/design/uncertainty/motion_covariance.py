@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
-from qtraj.design.fitting.route_system import BASIS, WIDTH, segment_covariances
+from qtraj.design.fitting.route_system import BASIS, WIDTH, segment_covariances, smoothing_errors
 from qtraj.design.fitting.turn_covariance import sensitivities
 from qtraj.path import pieces, progress
 
@@ -45,22 +45,29 @@ def is_known(fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"]) -> Bool[n
 
 
 def _of_route(fitted: FittedRoute, t: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n k k"]:
-    """Return the covariance of the estimate; in gaps, where the smoothing alone determines it, that of the prior."""
-    knots, sigma = np.asarray(fitted.knots, float), float(np.asarray(fitted.position_sigma))
-    pair = segment_covariances(np.asarray(fitted.information, float), np.asarray(fitted.penalty, float))
+    """Return the covariance of the estimate, and add the square of the expected error by smoothing.
+
+    In gaps, where the smoothing alone determines the route, the result is the covariance with the smoothing as a prior.
+    """
+    knots, matrix, penalty = (np.asarray(x, float) for x in (fitted.knots, fitted.information, fitted.penalty))
     i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
     in_gap = np.zeros(len(t), bool)
     for start, end in np.asarray(fitted.gaps, float):
         in_gap |= (start < t) & (t < end)
-    estimate, prior = (x[..., i, :, :] for x in pair)
-    rows = sigma * _basis((t - knots[i]) / np.diff(knots)[i], np.diff(knots)[i], orders)
+    estimate, prior = (x[..., i, :, :] for x in segment_covariances(matrix, penalty))
+    rows = _basis((t - knots[i]) / np.diff(knots)[i], np.diff(knots)[i], orders)
     axes = rows @ np.where(in_gap[:, None, None], prior, estimate) @ np.swapaxes(rows, -1, -2)
     axes = np.broadcast_to(axes, (3, *axes.shape[-3:]))
-    count = len(orders)
-    result = np.zeros((len(t), count, 3, count, 3))
+    count, result = len(orders), np.zeros((len(t), len(orders), 3, len(orders), 3))
     for axis in range(3):
         result[:, :, axis, :, axis] = axes[axis]
-    return result.reshape(len(t), 3 * count, 3 * count)
+    result = float(np.asarray(fitted.position_sigma)) ** 2 * result.reshape(len(t), 3 * count, 3 * count)
+    states = np.stack([np.asarray(x, float) for x in fitted.path.sampled(knots, 2)], axis=1)
+    states[:, 0] -= states[:1, 0]
+    errors = smoothing_errors(matrix, penalty, states)
+    shift = (rows @ np.concatenate([errors[i], errors[i + 1]], axis=1)).reshape(len(t), -1)
+    shift[in_gap] = 0.0
+    return result + shift[:, :, None] * shift[:, None]
 
 
 def _basis(u: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n orders 6"]:

@@ -90,7 +90,9 @@ class Uncertainty(AbstractResult):
             variables[f"{name}_sigma"] = Quantity(self.sigma[name], unit, f"standard deviation of: {meaning}", axes)
             of = f"second-order terms divided by the standard deviation of: {meaning}"
             variables[f"{name}_nonlinearity"] = Quantity(self.nonlinearity[name], "1", of, axes)
-        omitted = max((int(np.isnan(x).any(axis=tuple(range(1, x.ndim))).sum()) for x in self.sigma.values()), default=0)
+        omitted = max(
+            (int(np.isnan(x).any(axis=tuple(range(1, x.ndim))).sum()) for x in self.sigma.values()), default=0
+        )
         note = f"; unknown at {omitted} instants" if omitted else ""
         time = Quantity(self.time, "s", "time from the start of the path", ("time",))
         return Record(f"{times_text(self.time)}: {', '.join(self.values)}{note}", variables, {"time": time})
@@ -105,8 +107,11 @@ def uncertainty(
     """Return quantities along a fitted path with their standard deviations, by the delta method.
 
     The covariance of the fit is propagated to first order, with exact derivatives of the formulas. The errors of the
-    samples are assumed to be normal and independent (see `FittedRoute.covariance` and `Fitted.covariance`); what the
-    path cannot describe, such as a bend sharper than the knots of a route, is not part of the standard deviations.
+    samples are assumed to be independent: if the errors of k successive samples are correlated, the standard deviations
+    are about √k times larger. For a route, the covariance is that of the effect of these errors, plus the square of the
+    expected error by smoothing, which is estimated from the route itself. It underestimates the error where the motion
+    changes faster than the route can, as at the moment when a vehicle begins to brake. For a result of `fit`, see
+    `Fitted.covariance`.
 
     At a stop of a route the quantities that need a direction of travel are undefined, and all standard deviations are
     NaN, because the fit decided that the vehicle is at rest. Next to a stop, where the route is a curve with a progress
@@ -131,8 +136,9 @@ def uncertainty(
     Example:
         >>> import numpy as np, qtraj as qt
         >>> t = np.arange(0.0, 20.0, 0.1)
-        >>> positions = np.stack([8 * t, 20 * np.sin(0.3 * t), 0 * t], 1) + np.random.default_rng(0).normal(0, 0.02, (200, 3))
-        >>> found = qt.uncertainty(qt.fit_route(qt.Track(t, positions)), [5.0, 10.0], ["yaw_rate"])
+        >>> noise = np.random.default_rng(0).normal(0, 0.02, (200, 3))
+        >>> fitted = qt.fit_route(qt.Track(t, np.stack([8 * t, 20 * np.sin(0.3 * t), 0 * t], 1) + noise))
+        >>> found = qt.uncertainty(fitted, [5.0, 10.0], ["yaw_rate"])
         >>> bool(np.all(found.sigma["yaw_rate"] < 0.05))
         True
     """
