@@ -231,9 +231,9 @@ def segment_covariances(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return two covariances (*axes, segments, 6, 6) of the unknowns at both ends of each segment.
 
-    With the matrix A and the part K of it that is the penalty, the first is that of the estimate, A⁻¹(A − K)A⁻¹: how
-    it changes with the errors of the samples. The second is A⁻¹, which takes the penalty for a prior distribution of the
-    motion. −A⁻¹KA⁻¹ is the derivative of (A + εK)⁻¹.
+    With the matrix A and the part K of it that is the penalty, the first is A⁻¹(A − K)A⁻¹, the effect of the errors of
+    the samples on the estimate. The second is A⁻¹, for which the penalty is a prior distribution of the motion.
+    −A⁻¹KA⁻¹ is the derivative of (A + εK)⁻¹ by ε.
     """
     if matrix.ndim == 3:
         pairs = [segment_covariances(*axis) for axis in zip(matrix, penalty, strict=True)]
@@ -261,7 +261,7 @@ def smoothing_errors(
 
 
 def _inverse_blocks(matrix: Float[np.ndarray, "6 unknowns"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the blocks (knots, 3, 3) on the diagonal of the inverse, and those (knots − 1, 3, 3) to their right."""
+    """Return the diagonal blocks (knots, 3, 3) of the inverse, and the blocks (knots − 1, 3, 3) to their right."""
     diagonal, upper = blocks(matrix)
     count = len(diagonal)
     pivots, ratios = np.empty_like(diagonal), np.empty_like(upper)

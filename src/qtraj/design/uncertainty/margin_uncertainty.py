@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.along import Along
 from qtraj.design.ellipse import OfSpeed
@@ -18,7 +17,6 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.uncertainty.propagation import propagate
 from qtraj.design.uncertainty.uncertainty import instants, require_fit
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.namespace import on_host
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, times_text
 from qtraj.foundation.types import ArrayInput
@@ -54,10 +52,10 @@ class MarginUncertainty(AbstractResult):
     - `sigma` and `nonlinearity`, by name, (n,), as in `Uncertainty`. NaN where unknown.
     """
 
-    time: Float[Array, " n"]
-    margin: dict[str, Array]
-    sigma: dict[str, Array]
-    nonlinearity: dict[str, Array]
+    time: Float[np.ndarray, " n"]
+    margin: dict[str, np.ndarray]
+    sigma: dict[str, np.ndarray]
+    nonlinearity: dict[str, np.ndarray]
 
     @property
     def score(self) -> dict[str, np.ndarray]:
@@ -126,8 +124,8 @@ def margin_uncertainty(
         which the limits are closest.
 
     Raises:
-        ValueError: If `fitted` is not the result of a fit, or `limits` no `Limits` or without any limit; for limits that
-            depend on the speed; and for times outside the path.
+        ValueError: If `fitted` is not the result of a fit, for limits that are no `Limits`, are empty or depend on the
+            speed, and for times outside the path.
 
     Example:
         >>> import numpy as np, qtraj as qt
@@ -137,18 +135,17 @@ def margin_uncertainty(
         >>> qt.margin_uncertainty(fitted, qt.Limits(yaw_rate=0.4)).closest["yaw_rate"].probability > 0.99
         True
     """
-    require_fit(fitted)
+    known = require_fit(fitted)
     require_limits(limits)
-    path: Any = jax.tree.map(on_host, fitted.path)
-    given: Any = limits.on(path).given()
+    given: Any = limits.on(known.path).given()
     if not given:
         raise ValueError("the limits are empty: pass at least one limit, such as Limits(curvature=0.05)")
     by_speed = {name: x for name, x in given.items() if isinstance(x, OfSpeed)}
     refuse_changing(by_speed, "margin_uncertainty", "compare the values and sigmas of qtraj.uncertainty with it")
-    t = _default_times(fitted) if times is None else instants(fitted, times)
+    t = _default_times(known) if times is None else instants(known, times)
     entries = {name: quantity(name) for name in given}
-    found = propagate(fitted, t, entries, limits.road(np.float64))
-    bounds = {name: _bound(path, t, x) for name, x in given.items()}
+    found = propagate(known, t, entries, limits.road(np.float64))
+    bounds = {name: _bound(known.path, t, x) for name, x in given.items()}
     margin = {name: quantity(name).side * (bounds[name] - x.value) for name, x in found.items()}
     return MarginUncertainty(t, margin, *({name: x[k] for name, x in found.items()} for k in (1, 2)))
 
@@ -159,7 +156,7 @@ def _bound(path: Any, t: np.ndarray, bound: Any) -> Any:
     return float(np.asarray(bound))
 
 
-def _default_times(fitted: Fitted | FittedRoute) -> np.ndarray:
+def _default_times(fitted: Any) -> np.ndarray:
     segments = fitted.path.segments if isinstance(fitted, FittedRoute) else 0
     return np.linspace(0.0, float(np.asarray(fitted.path.duration)), max(SAMPLES, PER_SEGMENT * segments))
 

@@ -1,21 +1,22 @@
 """The covariance of the derivatives of a fitted path at instants, from the covariance of what was fitted."""
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.route_system import BASIS, WIDTH, segment_covariances, smoothing_errors
 from qtraj.design.fitting.turn_covariance import sensitivities
+from qtraj.foundation.methods import method
 from qtraj.path import pieces, progress
 
 
-def motion_covariance(
-    fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"], orders: range
-) -> Float[np.ndarray, "n k k"]:
-    """Return the covariance of the derivatives of the path at the times `t` [s], in world axes and SI units.
+def motion_covariance(fitted: Any, t: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n k k"]:
+    """Return the covariance of the derivatives of a fitted path at the times `t` [s], in world axes and SI units.
+
+    `fitted` is a `Fitted` or a `FittedRoute`, in NumPy.
 
     The k numbers are the components x, y and z of the derivative of the first order, those of the next order, and so
     on. NaN where `is_known` is false.
@@ -27,7 +28,7 @@ def motion_covariance(
     return slopes @ np.swapaxes(slopes, 1, 2)
 
 
-def is_known(fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def is_known(fitted: Any, t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Return whether the covariance is known at the times `t` [s].
 
     It is not at stops, where the route is at rest because the fit decided so, and next to them, where the progress
@@ -44,7 +45,7 @@ def is_known(fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"]) -> Bool[n
     return known
 
 
-def _of_route(fitted: FittedRoute, t: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n k k"]:
+def _of_route(fitted: Any, t: Float[np.ndarray, " n"], orders: range) -> Float[np.ndarray, "n k k"]:
     """Return the covariance of the estimate, and add the square of the expected error by smoothing.
 
     In gaps, where the smoothing alone determines the route, the result is the covariance with the smoothing as a prior.
@@ -62,7 +63,7 @@ def _of_route(fitted: FittedRoute, t: Float[np.ndarray, " n"], orders: range) ->
     for axis in range(3):
         result[:, :, axis, :, axis] = axes[axis]
     result = float(np.asarray(fitted.position_sigma)) ** 2 * result.reshape(len(t), 3 * count, 3 * count)
-    states = np.stack([np.asarray(x, float) for x in fitted.path.sampled(knots, 2)], axis=1)
+    states = np.stack([np.asarray(x, float) for x in method(fitted.path, "sampled")(knots, 2)], axis=1)
     states[:, 0] -= states[:1, 0]
     errors = smoothing_errors(matrix, penalty, states)
     shift = (rows @ np.concatenate([errors[i], errors[i + 1]], axis=1)).reshape(len(t), -1)

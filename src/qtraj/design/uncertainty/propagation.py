@@ -9,16 +9,12 @@ variance, divided by the standard deviation of first order, is the nonlinearity.
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.uncertainty.motion_covariance import motion_covariance
 from qtraj.design.uncertainty.quantity_expansion import expand
 from qtraj.foundation.methods import method
-from qtraj.foundation.namespace import on_host
 from qtraj.path.components import Triple
 from qtraj.path.frame_components import triple
 from qtraj.path.frenet import Invariants
@@ -41,9 +37,9 @@ class Propagated(NamedTuple):
 
 
 def propagate(
-    fitted: Fitted | FittedRoute, t: Float[np.ndarray, " n"], entries: Mapping[str, PathQuantity], road: Any
+    fitted: Any, t: Float[np.ndarray, " n"], entries: Mapping[str, PathQuantity], road: Any
 ) -> dict[str, Propagated]:
-    """Return each quantity in `entries` at the times `t` [s]."""
+    """Return each quantity in `entries` at the times `t` [s], for a `Fitted` or a `FittedRoute` in NumPy."""
     if not entries:
         return {}
     parts = [_propagate(fitted, t[k : k + BLOCK], entries, road) for k in range(0, len(t), BLOCK)]
@@ -51,17 +47,14 @@ def propagate(
     return {name: join(name) for name in entries}
 
 
-def _propagate(
-    fitted: Fitted | FittedRoute, t: np.ndarray, entries: Mapping[str, PathQuantity], road: Any
-) -> dict[str, Propagated]:
-    path: Any = jax.tree.map(on_host, fitted.path)
+def _propagate(fitted: Any, t: np.ndarray, entries: Mapping[str, PathQuantity], road: Any) -> dict[str, Propagated]:
     lowest = 0 if any(x.own is not None for x in entries.values()) else 1
     highest = max(x.order for x in entries.values())
-    rows = [np.asarray(x) for x in method(path, "sampled")(t, max(highest, 3))]
+    rows: list[Any] = [*method(fitted.path, "sampled")(t, max(highest, 3))]
     orders = range(lowest, highest + 1)
     covariance = np.moveaxis(motion_covariance(fitted, t, orders), 0, -1)
     r = np.concatenate([rows[k].T for k in orders])
-    vectors, span = [triple(x) for x in rows], method(path, "span")(t)
+    vectors, span = [triple(x) for x in rows], method(fitted.path, "span")(t)
     found = {}
     for name, entry in entries.items():
         value, gradient, hessian = expand(entry, r, lowest, road)
@@ -73,7 +66,7 @@ def _propagate(
     return found
 
 
-def _exists(entry: PathQuantity, vectors: list[Triple], span: Any) -> Bool[np.ndarray, " n"]:
+def _exists(entry: PathQuantity, vectors: list[Triple], span: Any) -> Any:
     """Return where the vehicle moves, and the quantity exists."""
     i = Invariants(vectors)
     return has_tangent(i, span) & EXISTS.get(entry.divisor or "", has_tangent)(i, span)

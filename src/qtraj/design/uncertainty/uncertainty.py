@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
@@ -18,6 +19,8 @@ from qtraj.foundation.arrays import require_inside
 from qtraj.foundation.data_frame import data_frame
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.extras import require_package
+from qtraj.foundation.methods import method
+from qtraj.foundation.namespace import on_host
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, times_text
 from qtraj.foundation.seconds import seconds
@@ -59,10 +62,10 @@ class Uncertainty(AbstractResult):
     is unknown, which is at the stops of a route and where it is a curve with a progress next to them.
     """
 
-    time: Float[Array, " n"]
-    values: dict[str, Array]
-    sigma: dict[str, Array]
-    nonlinearity: dict[str, Array]
+    time: Float[np.ndarray, " n"]
+    values: dict[str, np.ndarray]
+    sigma: dict[str, np.ndarray]
+    nonlinearity: dict[str, np.ndarray]
 
     def plot(self, *names: str) -> Figure:
         """Plot the values over time, each with a band of two standard deviations on both sides (extra `viz`).
@@ -130,8 +133,8 @@ def uncertainty(
         An `Uncertainty` with `values`, `sigma` and `nonlinearity`, by name.
 
     Raises:
-        ValueError: If `fitted` is not the result of a fit, for an unknown quantity, a missing vehicle, times outside the path, or an older document of `fit`
-            without a covariance.
+        ValueError: If `fitted` is not the result of a fit, for an unknown quantity, a missing vehicle, times outside
+            the path, or a result of an older `fit` without a covariance.
 
     Example:
         >>> import numpy as np, qtraj as qt
@@ -142,27 +145,31 @@ def uncertainty(
         >>> bool(np.all(found.sigma["yaw_rate"] < 0.05))
         True
     """
-    require_fit(fitted)
+    known = require_fit(fitted)
     if isinstance(quantities, str):
         raise ValueError(f"quantities must be a sequence of names, such as [{quantities!r}], not a string")
     names = list(dict.fromkeys(map(name_of, quantities)))
     entries = {name: output(name) for name in names if name not in VECTORS}
-    t = instants(fitted, times)
-    found = propagate(fitted, t, entries, road_of(vehicle, entries))
-    parts = {name: _vector(fitted, t, name) if name in VECTORS else found[name] for name in names}
+    t = instants(known, times)
+    found = propagate(known, t, entries, road_of(vehicle, entries))
+    parts = {name: _vector(known, t, name) if name in VECTORS else found[name] for name in names}
     return Uncertainty(t, *({name: x[k] for name, x in parts.items()} for k in range(3)))
 
 
-def require_fit(fitted: Any) -> None:
-    """Raise an error unless the argument is the result of a fit, with a covariance."""
+def require_fit(fitted: Any) -> Any:
+    """Return the result of a fit in NumPy.
+
+    **Raises:** ValueError for any other argument, and for a result without a covariance.
+    """
     require_type(fitted, Fitted | FittedRoute, "fitted", "the result of qtraj.fit or qtraj.fit_route")
     if isinstance(fitted, Fitted) and not fitted.factor.size:
         raise ValueError("this result of fit has no covariance, because it was saved by an older version: fit again")
     if isinstance(fitted, FittedRoute) and not fitted.information.size:
         raise ValueError("this result of fit_route has no covariance: fit again")
+    return jax.tree.map(on_host, fitted)
 
 
-def instants(fitted: Fitted | FittedRoute, times: ArrayInput) -> Float[np.ndarray, " n"]:
+def instants(fitted: Any, times: ArrayInput) -> Float[np.ndarray, " n"]:
     """Return times within the fitted path in seconds.
 
     **Raises:** ValueError for times of another shape, or outside the path.
@@ -200,9 +207,9 @@ def road_of(vehicle: Vehicle | None, entries: dict[Any, PathQuantity]) -> Any:
     return NO_VEHICLE if vehicle is None else vehicle.parameters(np.float64)
 
 
-def _vector(fitted: Fitted | FittedRoute, t: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _vector(fitted: Any, t: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     order = list(VECTORS).index(name)
-    values = np.asarray(fitted.path.sampled(t, order)[order], float)
+    values = np.asarray(method(fitted.path, "sampled")(t, order)[order], float)
     covariance = motion_covariance(fitted, t, range(order, order + 1))
     sigma = np.sqrt(np.einsum("nkk->nk", covariance))
     return values, sigma, 0.0 * sigma
