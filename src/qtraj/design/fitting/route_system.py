@@ -239,7 +239,7 @@ def segment_covariances(
         pairs = [segment_covariances(*axis) for axis in zip(matrix, penalty, strict=True)]
         return np.stack([x for x, _ in pairs]), np.stack([x for _, x in pairs])
     own, beside = _inverse_blocks(matrix + 1j * STEP * penalty)
-    found = np.block([[own[:-1], beside], [np.swapaxes(beside, 1, 2), own[1:]]])
+    found: Any = np.block([[own[:-1], beside], [np.swapaxes(beside, 1, 2), own[1:]]])
     return found.real + found.imag / STEP, found.real
 
 

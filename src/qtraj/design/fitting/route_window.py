@@ -88,7 +88,7 @@ def cut(
     first, last = (int(np.abs(knots - t).argmin()) for t in (start, end))
     kept = slice(first, last + 1)
     changed = matrix + 1j * STEP * penalty
-    reduced = np.stack([_reduced(x, first, last) for x in changed.reshape(-1, *matrix.shape[-2:])])
+    reduced: Any = np.stack([_reduced(x, first, last) for x in changed.reshape(-1, *matrix.shape[-2:])])
     reduced = reduced.reshape(*matrix.shape[:-1], -1)
     return Cut(knots[kept] - knots[first], states[kept], reduced.real, reduced.imag / STEP)
 

@@ -6,10 +6,12 @@ the squared residuals divided by the degrees of freedom, because only the ratio 
 """
 
 from math import comb, factorial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
 
+from qtraj.foundation.methods import method
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track, elapsed_times, to_float64
 
@@ -25,7 +27,7 @@ def sensitivities(path: SpiralHelix, t: Float[np.ndarray, " n"], order: int) -> 
     from_axis = _product(np.tensordot(radius, powers[: len(radius)], 1), outward)
     result = np.zeros((order + 1, 3, 2 + len(radius) + len(angle) + len(height), len(t)))
     result[0, 0, 0] = result[0, 1, 1] = 1.0
-    plane = [_product(x, outward) for x in powers[: len(radius)]]
+    plane: list[Any] = [_product(x, outward) for x in powers[: len(radius)]]
     plane += [_product(x, 1j * from_axis) for x in powers[: len(angle)]]
     for k, terms in enumerate(plane, 2):
         result[:, 0, k], result[:, 1, k] = terms.real, terms.imag
@@ -44,7 +46,7 @@ def covariance_factor(path: SpiralHelix, track: Track, ratio: float) -> Float[np
     t, order = elapsed_times(track), int(track.velocities is not None)
     jacobian = sensitivities(path, t, order)
     recorded = [to_float64(x) for x in (track.positions, track.velocities) if x is not None]
-    errors = np.stack([np.asarray(x) for x in path.sampled(t, order)[: order + 1]]) - np.stack(recorded)
+    errors = np.stack([np.asarray(x) for x in method(path, "sampled")(t, order)[: order + 1]]) - np.stack(recorded)
     weights = np.array([1.0, ratio])[: order + 1]
     rows = (weights[:, None, None] * jacobian).reshape(-1, jacobian.shape[-1])
     squares = float(np.sum((weights[:, None, None] * errors) ** 2))

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from qtraj.design.along import Along
 from qtraj.design.ellipse import OfSpeed
@@ -44,6 +44,9 @@ class Closest(NamedTuple):
     probability: float
 
 
+UNKNOWN = Closest(math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
 class MarginUncertainty(AbstractResult):
     """The margins of limits along a fitted path at n instants, with their standard deviations.
 
@@ -52,10 +55,10 @@ class MarginUncertainty(AbstractResult):
     - `sigma` and `nonlinearity`, by name, (n,), as in `Uncertainty`. NaN where unknown.
     """
 
-    time: Float[np.ndarray, " n"]
-    margin: dict[str, np.ndarray]
-    sigma: dict[str, np.ndarray]
-    nonlinearity: dict[str, np.ndarray]
+    time: Float[Array, " n"]
+    margin: dict[str, Array]
+    sigma: dict[str, Array]
+    nonlinearity: dict[str, Array]
 
     @property
     def score(self) -> dict[str, np.ndarray]:
@@ -70,10 +73,10 @@ class MarginUncertainty(AbstractResult):
 
     def _closest(self, name: str, score: np.ndarray) -> Closest:
         if np.isnan(score).all():
-            return Closest(*(math.nan,) * 5)
+            return UNKNOWN
         k = int(np.nanargmin(score))
-        at = (float(np.asarray(x)[k]) for x in (self.time, self.margin[name], self.sigma[name]))
-        return Closest(*at, float(score[k]), 0.5 * math.erfc(-float(score[k]) / math.sqrt(2)))
+        time, margin, sigma = (float(np.asarray(x)[k]) for x in (self.time, self.margin[name], self.sigma[name]))
+        return Closest(time, margin, sigma, float(score[k]), 0.5 * math.erfc(-float(score[k]) / math.sqrt(2)))
 
     @property
     def result(self) -> str:
@@ -144,7 +147,7 @@ def margin_uncertainty(
     refuse_changing(by_speed, "margin_uncertainty", "compare the values and sigmas of qtraj.uncertainty with it")
     t = _default_times(known) if times is None else instants(known, times)
     entries = {name: quantity(name) for name in given}
-    found = propagate(known, t, entries, limits.road(np.float64))
+    found: dict[str, Any] = propagate(known, t, entries, limits.road(np.float64))
     bounds = {name: _bound(known.path, t, x) for name, x in given.items()}
     margin = {name: quantity(name).side * (bounds[name] - x.value) for name, x in found.items()}
     return MarginUncertainty(t, margin, *({name: x[k] for name, x in found.items()} for k in (1, 2)))
@@ -156,7 +159,7 @@ def _bound(path: Any, t: np.ndarray, bound: Any) -> Any:
     return float(np.asarray(bound))
 
 
-def _default_times(fitted: Any) -> np.ndarray:
+def _default_times(fitted: Any) -> Any:
     segments = fitted.path.segments if isinstance(fitted, FittedRoute) else 0
     return np.linspace(0.0, float(np.asarray(fitted.path.duration)), max(SAMPLES, PER_SEGMENT * segments))
 

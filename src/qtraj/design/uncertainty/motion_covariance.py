@@ -40,7 +40,8 @@ def is_known(fitted: Any, t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     for start, end in np.asarray(fitted.path.stops, float):
         known &= (t < start) | (t > end)
     if fitted.path.progress is not None:
-        own = np.asarray(fitted.path.progress, float)[pieces.index(np.asarray(fitted.path.starts, float), t)]
+        instants: Any = t
+        own = fitted.path.progress[pieces.index(fitted.path.starts, instants)]
         known &= (own[:, 1:] == progress.IDENTITY[1:]).all(axis=1)
     return known
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
@@ -62,10 +62,10 @@ class Uncertainty(AbstractResult):
     is unknown, which is at the stops of a route and where it is a curve with a progress next to them.
     """
 
-    time: Float[np.ndarray, " n"]
-    values: dict[str, np.ndarray]
-    sigma: dict[str, np.ndarray]
-    nonlinearity: dict[str, np.ndarray]
+    time: Float[Array, " n"]
+    values: dict[str, Array]
+    sigma: dict[str, Array]
+    nonlinearity: dict[str, Array]
 
     def plot(self, *names: str) -> Figure:
         """Plot the values over time, each with a band of two standard deviations on both sides (extra `viz`).
@@ -152,7 +152,7 @@ def uncertainty(
     entries = {name: output(name) for name in names if name not in VECTORS}
     t = instants(known, times)
     found = propagate(known, t, entries, road_of(vehicle, entries))
-    parts = {name: _vector(known, t, name) if name in VECTORS else found[name] for name in names}
+    parts: dict[str, Any] = {name: _vector(known, t, name) if name in VECTORS else found[name] for name in names}
     return Uncertainty(t, *({name: x[k] for name, x in parts.items()} for k in range(3)))
 
 
@@ -169,7 +169,7 @@ def require_fit(fitted: Any) -> Any:
     return jax.tree.map(on_host, fitted)
 
 
-def instants(fitted: Any, times: ArrayInput) -> Float[np.ndarray, " n"]:
+def instants(fitted: Any, times: ArrayInput) -> Any:
     """Return times within the fitted path in seconds.
 
     **Raises:** ValueError for times of another shape, or outside the path.
