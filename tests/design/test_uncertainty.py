@@ -330,6 +330,14 @@ def test_margins_at_a_stop_are_unknown(stopped):
     assert "no margin is known" in resting.result
 
 
+def test_violations_next_to_a_stop_are_mentioned(stopped):
+    [[start, _]] = np.asarray(stopped.stops)
+    found = qt.margin_uncertainty(stopped, qt.Limits(curvature=0.014), [start - 0.5])
+    value = float(qt.evaluate(stopped.path, [start - 0.5], ("curvature",)).curvature[0])
+    assert f"where sigma is unknown, it is violated by {value - 0.014:.3g} 1/m" in found.result
+    assert "violated" not in qt.margin_uncertainty(stopped, qt.Limits(curvature=0.03), [start - 0.5]).result
+
+
 def test_figures_have_bands(fitted):
     found = qt.uncertainty(fitted, np.linspace(0, 39.9, 50), ["heading", "position"])
     axes = found.plot().axes

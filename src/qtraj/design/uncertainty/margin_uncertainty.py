@@ -80,8 +80,20 @@ class MarginUncertainty(AbstractResult):
 
     @property
     def result(self) -> str:
-        """One sentence for each limit: the probability at its closest instant, this instant and the score there."""
-        return "\n".join(_sentence(name, x) for name, x in self.closest.items())
+        """A text for each limit: the probability at its closest instant, this instant and the score there.
+
+        A violation at an instant without a known standard deviation, such as next to a stop, is mentioned, too.
+        """
+        return "\n".join(_sentence(name, x) + self._unknown(name) for name, x in self.closest.items())
+
+    def _unknown(self, name: str) -> str:
+        """Describe the largest violation at instants without a standard deviation."""
+        margin = np.where(np.isnan(self.score[name]), np.asarray(self.margin[name]), np.nan)
+        if not (margin < 0).any():
+            return ""
+        k = int(np.nanargmin(margin))
+        violation = f"{-margin[k]:.3g} {quantity(name).label}".removesuffix(" -")
+        return f" At {float(np.asarray(self.time)[k]):.4g} s, where sigma is unknown, it is violated by {violation}."
 
     def plot(self, *names: str) -> Figure:
         """Plot the margins over time, each with a band of two standard deviations on both sides (extra `viz`).
@@ -103,7 +115,7 @@ class MarginUncertainty(AbstractResult):
             variables[f"{name}_score"] = Quantity(score, "1", f"{about}, in standard deviations", ("time",))
         time = Quantity(self.time, "s", "time from the start of the path", ("time",))
         scores = ", ".join(f"{name} {x.score:.2g} sigma" for name, x in self.closest.items())
-        return Record(f"{times_text(self.time)}: {scores}", variables, {"time": time})
+        return Record(f"{times_text(self.time)}: {scores}", variables, {"time": time}, {"frame": "world"})
 
 
 def margin_uncertainty(

@@ -98,7 +98,8 @@ class Uncertainty(AbstractResult):
         )
         note = f"; unknown at {omitted} instants" if omitted else ""
         time = Quantity(self.time, "s", "time from the start of the path", ("time",))
-        return Record(f"{times_text(self.time)}: {', '.join(self.values)}{note}", variables, {"time": time})
+        summary = f"{times_text(self.time)}: {', '.join(self.values)}{note}"
+        return Record(summary, variables, {"time": time}, {"frame": "world"})
 
 
 def uncertainty(
