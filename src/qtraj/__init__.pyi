@@ -29,6 +29,11 @@ from .design.tuning.outcome import Tuned as Tuned
 from .design.tuning.tune import tune as tune
 from .design.tuning_route.tune_route import tune_route as tune_route
 from .design.tuning_route.tuned_route import TunedRoute as TunedRoute
+from .design.uncertainty.margin_uncertainty import (
+    MarginUncertainty as MarginUncertainty,
+    margin_uncertainty as margin_uncertainty,
+)
+from .design.uncertainty.uncertainty import Uncertainty as Uncertainty, uncertainty as uncertainty
 from .foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
 from .foundation.document import storable as storable
 from .foundation.outcome import ResultCode as ResultCode

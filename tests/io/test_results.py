@@ -105,6 +105,12 @@ def single():
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
+        "uncertainty": qt.Uncertainty(
+            jnp.asarray(INSTANTS), *({"speed": INSTANTS / k, "position": rate[:, :3] / k} for k in (3, 5, 7))
+        ),
+        "margin uncertainty": qt.MarginUncertainty(
+            jnp.asarray(INSTANTS), *({"curvature": (1 + INSTANTS) / k} for k in (3, 5, 7))
+        ),
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
@@ -412,6 +418,8 @@ def test_functions_return_results():
         qt.Retimed,
         qt.SpeedProfile,
         qt.TunedRoute,
+        qt.Uncertainty,
+        qt.MarginUncertainty,
     }
     wanted |= {
         qt.Shape,

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.batch.data_frame import data_frame
+from qtraj.foundation.data_frame import data_frame
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.extras import require_package
 from qtraj.foundation.record import Quantity, Record, require_concrete

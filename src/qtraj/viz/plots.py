@@ -1,4 +1,4 @@
-"""Draw the figures for the method `plot()` of paths, tables, tuned paths and speed profiles."""
+"""Draw the figures for the method `plot()` of paths, tables, results and speed profiles."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,9 @@ from qtraj.batch.table import Table
 from qtraj.design.speed_profile import SpeedProfile, speed_profile
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.design.uncertainty.margin_uncertainty import MarginUncertainty
+from qtraj.design.uncertainty.quantity_expansion import HEADING
+from qtraj.design.uncertainty.uncertainty import Uncertainty
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.viz.drawable import drawable
@@ -15,6 +18,7 @@ from qtraj.viz.history import tuning_figure
 from qtraj.viz.space import path_figure
 from qtraj.viz.speed_profile_figure import speed_profile_figure
 from qtraj.viz.table_figure import table_figure
+from qtraj.viz.uncertainty_figure import uncertainty_figure, without_turns
 
 
 def path_plot(path: AbstractHodograph, frame: Frame | None = None, trihedra: int = 6) -> Figure:
@@ -36,6 +40,20 @@ def tuned_plot(tuned: Tuned, frame: Frame | None = None) -> Figure:
 def table_plot(table: Table, names: Sequence[str] = ()) -> Figure:
     """Plot the outputs of a table over time."""
     return table_figure(table.to_xarray(), names)
+
+
+def uncertainty_plot(found: Uncertainty, names: Sequence[str] = ()) -> Figure:
+    """Plot quantities over time with their standard deviations; the heading without jumps by a whole turn."""
+    dataset = found.to_xarray()
+    if HEADING.name in dataset:
+        dataset[HEADING.name] = dataset[HEADING.name].copy(data=without_turns(dataset[HEADING.name].values))
+    return uncertainty_figure(dataset, {name: f"{name}_sigma" for name in names or found.values})
+
+
+def margin_plot(found: MarginUncertainty, names: Sequence[str] = ()) -> Figure:
+    """Plot margins over time with their standard deviations; they are zero at the limits."""
+    bands = {f"{name}_margin": f"{name}_sigma" for name in names or found.margin}
+    return uncertainty_figure(found.to_xarray(), bands, 0.0)
 
 
 def retimed_plot(timed: Retimed, title: str = "") -> Figure:

@@ -42,7 +42,7 @@ def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
         height = PANEL * len(drawn) + MARGINS
         figure = Figure(figsize=(0.75 * WIDTH, height))
         grid = figure.add_gridspec(
-            len(drawn), 1, hspace=0.35, left=0.12, right=0.98, top=1 - 0.3 / height, bottom=0.45 / height
+            len(drawn), 1, hspace=0.35, left=0.15, right=0.97, top=1 - 0.3 / height, bottom=0.45 / height
         )
         axes: list[Any] = []
         for row, name in enumerate(drawn):

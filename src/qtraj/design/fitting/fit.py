@@ -16,6 +16,7 @@ from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
@@ -23,9 +24,11 @@ from qtraj.design.fitting.axis_search import starts
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.quality import Quality, judge, speed_misfit
 from qtraj.design.fitting.radius_bounds import is_at_bound, shrink_into_bounds
+from qtraj.design.fitting.turn_covariance import covariance_factor
 from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, legendre_basis, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, measure_turn
 from qtraj.foundation.arrays import like
+from qtraj.foundation.namespace import on_host
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -108,9 +111,9 @@ def fit(
     residual = compare(path, track)
     quality = Quality(float(residual.horizontal_rms) / turn.total_radius, speed_misfit(path, track))
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path, Upright()), track)
-    fitted = Fitted(
-        path, residual, _code(radius, duration, bounds, converged, quality), steps, bounds, *quality, attitude
-    )
+    code = _code(radius, duration, bounds, converged, quality)
+    factor = covariance_factor(jax.tree.map(on_host, path), track, ratio)
+    fitted = Fitted(path, residual, code, steps, bounds, *quality, attitude, factor)
     return fitted.check() if throw else fitted
 
 

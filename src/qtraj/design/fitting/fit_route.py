@@ -140,7 +140,8 @@ def fit_route(
     in_time = fit_in_time(recording, standing, given, None if few or exact is not None else own)
     recording, problem, best, stretch_error, found, motion = in_time
 
-    part = cut(problem.knots, found.states, found.matrix, wide.start / unit.time, wide.end / unit.time)
+    ends = wide.start / unit.time, wide.end / unit.time
+    part = cut(problem.knots, found.states, found.matrix, best * problem.jerk.matrix, *ends)
     origin = to_float64(track.positions)[0]
     curves = with_curves(recording, problem, motion, best) if exact is None else None
     if curves is None:
@@ -167,6 +168,7 @@ def fit_route(
         attitude,
         compare_upright(path, track),
         like(part.knots * unit.time, path.duration),
+        in_seconds(part.penalty, unit.time),
     )
     return fitted.check() if throw else fitted
 

@@ -38,6 +38,7 @@ class Fitted(AbstractOutcome):
     - `relative_speed`: the largest speed difference divided by the RMS recorded speed. NaN in older documents.
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the path, and the mounting
       of the recorder relative to this frame; otherwise None.
+    - `factor` (p, p): a matrix F, such that FFᵀ is the `covariance` of the p parameters; (0, 0) in older documents.
     """
 
     path: SpiralHelix
@@ -48,6 +49,7 @@ class Fitted(AbstractOutcome):
     relative_rms: Scalar
     relative_speed: Scalar
     attitude: AttitudeResidual | None
+    factor: Float[Array, "p p"]
 
     def __init__(
         self,
@@ -59,12 +61,26 @@ class Fitted(AbstractOutcome):
         relative_rms: ArrayInput = math.nan,
         relative_speed: ArrayInput = math.nan,
         attitude: "AttitudeResidual | None" = None,
+        factor: ArrayInput = (),
     ):
         self.path, self.residual = path, residual
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
         self.radius_bounds = as_float(radius_bounds)
         self.relative_rms, self.relative_speed = as_float(relative_rms), as_float(relative_speed)
         self.attitude = attitude
+        root = np.asarray(factor, float)
+        self.factor = as_float(root if root.ndim == 2 else root.reshape(0, 0))
+
+    def covariance(self) -> Float[np.ndarray, "p p"]:
+        """Return the covariance of the p parameters of the path, in SI units.
+
+        They are the axis (x, y) and the ascending coefficients of the radius, the azimuth and the height. The variance
+        of the errors is estimated from the residuals, which are assumed to be independent; the bounds of the radius are
+        ignored. The errors of the parameters are strongly correlated: `qtraj.uncertainty` computes the standard
+        deviations of quantities along the path.
+        """
+        root = np.asarray(self.factor, float)
+        return root @ root.T
 
     def program(self, frame: Frame | None = None) -> FrameProgram:
         """Return the attitude program along the path with `frame`, by default the upright frame (of a wheeled vehicle).

@@ -40,6 +40,7 @@ class FittedRoute(AbstractOutcome):
       it is the square root of the harmonic mean of their squares, and RMS distances of held-out samples are weighted.
     - `information` (6, 3 n): the diagonals of the normal matrix for n knots, in units of position_sigma^-2;
       (3, 6, 3 n) if the standard deviations of x, y and z differ. `covariance` uses them.
+    - `penalty`: the part of `information` that the smoothing adds; zero in older documents.
     - `knots` (n,) [s]: the times of these knots. They are the joints of the route, except next to stops (see
       `fit_route`).
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the route, and the mounting
@@ -62,6 +63,7 @@ class FittedRoute(AbstractOutcome):
     attitude: AttitudeResidual | None
     rates: RateResidual | None
     knots: Float[Array, " n"]
+    penalty: Float[Array, "*axes 6 unknowns"]
 
     def __init__(
         self,
@@ -79,6 +81,7 @@ class FittedRoute(AbstractOutcome):
         attitude: AttitudeResidual | None = None,
         rates: RateResidual | None = None,
         knots: ArrayInput | None = None,
+        penalty: ArrayInput | None = None,
     ):
         self.path, self.residual, self.attitude, self.rates = path, residual, attitude, rates
         self.prediction_error, self.stretch_error = as_float(prediction_error), as_float(stretch_error)
@@ -89,6 +92,7 @@ class FittedRoute(AbstractOutcome):
         self.information = as_float(diagonals if diagonals.ndim == 3 else diagonals.reshape(6, -1))
         self.code = as_array(int(np.asarray(code)), np.int32)
         self.knots = path.times if knots is None else as_float(knots)
+        self.penalty = 0.0 * self.information if penalty is None else as_float(penalty)
 
     def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
         """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.
@@ -97,6 +101,8 @@ class FittedRoute(AbstractOutcome):
         that case the result has the shape (3, n, 3, 3), with a covariance for each axis. The errors are assumed to be
         independent. If the errors of k successive samples are correlated, the true covariance is about k times larger.
         At the ends of a stop the fitted velocity and acceleration are exactly zero, and their covariance is negligible.
+        The smoothing counts as a prior distribution of the motion, which makes the covariance of the accelerations too
+        large for most drives; `qtraj.uncertainty` computes the effect of the errors of the samples alone.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))

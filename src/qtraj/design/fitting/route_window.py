@@ -7,9 +7,9 @@ are as accurate as its inside if there are samples beyond them.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 
-from qtraj.design.fitting.route_system import blocks, from_blocks
+from qtraj.design.fitting.route_system import STEP, blocks, from_blocks
 from qtraj.design.fitting.units import units
 from qtraj.path.track import Track, to_float64
 
@@ -69,28 +69,31 @@ def _pair(window: Any) -> tuple[float, float]:
 
 
 class Cut(NamedTuple):
-    """Knots (m,), states (m, 3, 3) and normal matrix of a route within a window; the knots start at 0."""
+    """Knots (m,), states (m, 3, 3), normal matrix and penalty of a route within a window; the knots start at 0."""
 
     knots: Float[np.ndarray, " m"]
     states: Float[np.ndarray, "m 3 3"]
     matrix: Float[np.ndarray, "*axes 6 unknowns"]
+    penalty: Float[np.ndarray, "*axes 6 unknowns"]
 
 
-def cut(knots: np.ndarray, states: np.ndarray, matrix: np.ndarray, start: float, end: float) -> Cut:
+def cut(
+    knots: np.ndarray, states: np.ndarray, matrix: np.ndarray, penalty: np.ndarray, start: float, end: float
+) -> Cut:
     """Return the part of a route between its knots at `start` and `end`.
 
     The unknowns at the knots beyond are eliminated from the normal matrix, so that the covariances remain the same.
+    The penalty is the derivative of the result when the penalty is added to the matrix.
     """
     first, last = (int(np.abs(knots - t).argmin()) for t in (start, end))
     kept = slice(first, last + 1)
-    if matrix.ndim == 3:
-        reduced = np.stack([_reduced(axis, first, last) for axis in matrix])
-    else:
-        reduced = _reduced(matrix, first, last)
-    return Cut(knots[kept] - knots[first], states[kept], reduced)
+    changed = matrix + 1j * STEP * penalty
+    reduced: Any = np.stack([_reduced(x, first, last) for x in changed.reshape(-1, *matrix.shape[-2:])])
+    reduced = reduced.reshape(*matrix.shape[:-1], -1)
+    return Cut(knots[kept] - knots[first], states[kept], reduced.real, reduced.imag / STEP)
 
 
-def _reduced(matrix: Float[np.ndarray, "6 unknowns"], first: int, last: int) -> Float[np.ndarray, "6 fewer"]:
+def _reduced(matrix: Complex[np.ndarray, "6 unknowns"], first: int, last: int) -> Complex[np.ndarray, "6 fewer"]:
     diagonal, upper = blocks(matrix)
     for i in range(first):
         diagonal[i + 1] -= upper[i].T @ np.linalg.solve(diagonal[i], upper[i])

@@ -1,0 +1,1 @@
+"""Standard deviations of quantities and margins along fitted paths."""

@@ -1,0 +1,92 @@
+"""Path quantities as functions of the derivatives of the path, with exact gradients and Hessians.
+
+The formulas are those of the registry, computed with jets. A function of the user that is not a formula is
+differentiated by JAX.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from qtraj.algebra.jets import Jet, coordinates, sqrt
+from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import PathQuantity
+
+
+class Expansion(NamedTuple):
+    """A quantity at n instants, with its gradient and Hessian with respect to k numbers."""
+
+    value: Float[np.ndarray, " n"]
+    gradient: Float[np.ndarray, "k n"]
+    hessian: Float[np.ndarray, "k k n"]
+
+
+def _course(i: Any) -> Any:
+    """Return the heading as a jet: along the present heading, the transverse velocity is zero."""
+    x, y = i.r[1][0], i.r[1][1]
+    angle = np.arctan2(y.value, x.value)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = (cos * y - sin * x) / (cos * x + sin * y)
+    return turned.apply(angle, 1.0, 0.0)  # the derivatives of the arctangent at zero
+
+
+HEADING = PathQuantity(
+    "heading",
+    "ψ",
+    "rad",
+    1,
+    "heading: angle of the horizontal velocity from the x axis to the left, between -pi and pi",
+    numerator=_course,
+    divisor="level",
+    signed=_course,
+)
+"""The direction of travel; it is no entry of the registry, because limits on it would need its turns."""
+
+
+def expand(entry: PathQuantity, r: Float[np.ndarray, "k n"], lowest: int, road: Any) -> Expansion:
+    """Return a quantity as a function of the derivatives of the path from the order `lowest`, in world axes.
+
+    The k numbers are the components of the derivatives, in order. `road` contains the parameters of a vehicle.
+    """
+    if entry.own is not None and entry.own.formula is None:
+        return _expand_function(entry, r, lowest, road)
+    with np.errstate(all="ignore"):  # poles are NaN or infinite
+        jet = _jet(entry, Invariants(_vectors(coordinates(r), lowest), None, road, sqrt))
+        jet = jet * entry.scale(road)
+    return Expansion(
+        np.broadcast_to(jet.value, r.shape[1:]),
+        np.broadcast_to(jet.gradient, r.shape),
+        np.broadcast_to(jet.hessian, (len(r), *r.shape)),
+    )
+
+
+def _jet(entry: PathQuantity, i: Invariants) -> Jet:
+    found = entry.numerator(i)
+    if entry.denominator is not None:
+        found = found / entry.denominator(i)
+    if entry.signed is None:
+        found = sqrt(found)
+    if not entry.tangent_of:
+        return found
+    x, part = found.value, entry.tangent_of
+    slope = part / (1 + x * x)
+    return found.apply(part * np.arctan(x), slope, -2 * x * slope / (1 + x * x))
+
+
+def _vectors(numbers: Any, lowest: int) -> list[Any]:
+    return [*[None] * lowest, *(tuple(numbers[k : k + 3]) for k in range(0, len(numbers), 3))]
+
+
+def _expand_function(entry: PathQuantity, r: Float[np.ndarray, "k n"], lowest: int, road: Any) -> Expansion:
+    def value(numbers: Any) -> Any:
+        return jnp.asarray(entry.value(Invariants(_vectors(numbers, lowest), None, road)))
+
+    def all_of(numbers: Any) -> Any:
+        return value(numbers), jax.grad(value)(numbers), jax.hessian(value)(numbers)
+
+    with jax.enable_x64(True):
+        found = jax.jit(jax.vmap(all_of))(jnp.asarray(r.T))
+    return Expansion(*(np.moveaxis(np.asarray(x, float), 0, -1) for x in found))
