@@ -118,14 +118,15 @@ from .path.axes_frame import AxesFrame as AxesFrame
 from .path.boundary import BoundaryState as BoundaryState
 from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths
+from .path.curve import Curve as Curve
 from .path.driving import Driving as Driving
-from .path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
+from .path.hodograph import AbstractHodograph as AbstractHodograph
+from .path.nearest import Nearest as Nearest
 from .path.own_motion import sqrt as sqrt
 from .path.own_quantity import Quantity as Quantity
 from .path.placement import Placement as Placement
 from .path.residual import Residual as Residual
 from .path.route import Route as Route
-from .path.route_nearest import Nearest as Nearest
 from .path.sample_times import sample_times as sample_times
 from .path.shape import Shape as Shape
 from .path.spiral_helix import SpiralHelix as SpiralHelix
