@@ -10,7 +10,7 @@ from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import require_axes
+from qtraj.motion.checks import require_axes, shared_dtype
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
 from qtraj.motion.programs.eigenaxis import (
     attitude_about,
@@ -57,7 +57,7 @@ class EulerTurn(AbstractProgram):
         self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile", vector: ArrayInput | None = None
     ):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
-        dtype = np.promote_types(start.dtype, end.dtype)
+        dtype = shared_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_profile(law)
         _require_attitudes(start[None], "start_q")
