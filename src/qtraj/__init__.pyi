@@ -77,6 +77,7 @@ from .motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Sep
 from .motion.profiles.time_optimal import TimeOptimal as TimeOptimal
 from .motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
 from .motion.programs.frame_program import FrameProgram as FrameProgram
+from .motion.programs.program_sequence import ProgramSequence as ProgramSequence
 from .motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
 from .motion.programs.slew_history import SlewHistory as SlewHistory, slew_history as slew_history
 from .motion.programs.slew_torque import (
@@ -85,6 +86,7 @@ from .motion.programs.slew_torque import (
     within_torque as within_torque,
 )
 from .motion.programs.slew_verdict import SlewVerdict as SlewVerdict, judge_slew as judge_slew
+from .motion.programs.spin import Spin as Spin
 from .motion.programs.table_program import TableProgram as TableProgram
 from .motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
 from .motion.propagation.magnus import Magnus as Magnus

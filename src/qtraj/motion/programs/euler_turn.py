@@ -1,6 +1,5 @@
 """Define eigenaxis slews, rotations about a fixed axis (Euler's theorem; paper C, (3.1)–(3.15))."""
 
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
@@ -24,6 +23,7 @@ from qtraj.motion.programs.eigenaxis import (
     size,
     turned,
 )
+from qtraj.motion.programs.program_sequence import ProgramSequence
 
 
 @storable
@@ -228,7 +228,9 @@ class SlewSequence(AbstractProgram):
 
 
 def ends_at_rest(program: AbstractProgram) -> bool:
-    """Return whether a program is a slew that ends at rest, so that its attitude is constant after its duration."""
+    """Return whether a program ends with a slew to rest, so that its attitude is constant after its duration."""
+    if isinstance(program, ProgramSequence):
+        return ends_at_rest(program.programs[-1])
     if isinstance(program, EulerTurn):
         return float(program.profile.end_rate) == 0
     return isinstance(program, SlewSequence)
