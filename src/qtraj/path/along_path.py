@@ -83,7 +83,7 @@ def _bisected(path: Any, duration: Scalar, wanted: Scalar) -> Scalar:
 def _tabulated(path: Any, duration: Scalar, wanted: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Return start and duration [s] of the interval with the distance `wanted`, and the rest of the distance [m]."""
     step = duration / INTERVALS
-    starts = np.arange(INTERVALS).astype(duration.dtype) * step
+    starts: Any = np.arange(INTERVALS).astype(duration.dtype) * step
     each = _lengths(path, starts, step * xp.ones_like(starts))
     before = xp.concatenate([0.0 * each[:1], xp.cumsum(each)])
     k = xp.clip(xp.searchsorted(before, wanted, side="left") - 1, 0, INTERVALS - 1)

@@ -46,7 +46,7 @@ def nearest(path: Any, point: Vec3) -> Nearest:
 
 def _times(path: Any, parts: int) -> Array:
     duration = as_float(path.duration)
-    times = np.linspace(0.0, 1.0, INTERVALS * parts + 1).astype(duration.dtype) * duration
+    times: Any = np.linspace(0.0, 1.0, INTERVALS * parts + 1).astype(duration.dtype) * duration
     nodes = path.nodes()
     return times if nodes is None else xp.sort(xp.concatenate([times, nodes.astype(times.dtype)]))
 

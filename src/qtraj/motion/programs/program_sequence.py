@@ -141,8 +141,8 @@ def _signs(joints: list[tuple[Attitude, Attitude]]) -> Float[Array, " n"]:
 def _require_joined(k: int, end: Attitude, start: Attitude) -> None:
     """Raise a ValueError if a program `start`s with another attitude or rate than the concrete `end` of program k."""
     angle = concrete(rotation.angle_between(end.quaternion, start.quaternion))
-    rates = [concrete(x.rate) for x in (end, start)]
-    if angle is None or rates[0] is None or rates[1] is None:
+    before, after = concrete(end.rate), concrete(start.rate)
+    if angle is None or before is None or after is None:
         return
     where = f"program {k + 1} of a sequence must start with the"
     if not float(angle) <= SAME_ATTITUDE:
@@ -150,9 +150,9 @@ def _require_joined(k: int, end: Attitude, start: Attitude) -> None:
             f"{where} attitude at the end of program {k}, but the angle between them is {float(angle):.6g} rad: pass "
             "that attitude as its start"
         )
-    jump, size = (float(np.linalg.norm(x)) for x in (rates[1] - rates[0], np.abs(rates).max(axis=0)))
+    jump, size = (float(np.linalg.norm(x)) for x in (after - before, np.maximum(abs(before), abs(after))))
     if not jump <= SAME_RATE * size + STILL:
-        given, expected = (np.array2string(np.asarray(x), precision=6, separator=", ") for x in (rates[1], rates[0]))
+        given, expected = (np.array2string(np.asarray(x), precision=6, separator=", ") for x in (after, before))
         raise ValueError(
             f"{where} rate at the end of program {k}, {expected} rad/s in body axes, but starts with {given} rad/s: "
             "add a slew between them, whose law has start_rate or end_rate, or a TableProgram with rates"

@@ -211,12 +211,12 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
 
 def require_closed(path: AbstractHodograph) -> None:
     """Raise a ValueError if position or direction of a concrete path are not the same at both ends."""
-    ends = [concrete(path.derivatives(t, 1)) for t in (0.0, path.duration)]
+    start, end = (concrete(path.derivatives(t, 1)) for t in (0.0, path.duration))
     length = concrete(path.length())
-    if ends[0] is None or ends[1] is None or length is None:
+    if start is None or end is None or length is None:
         return
-    gap = float(np.linalg.norm(ends[1][0] - ends[0][0]))
-    first, last = (x[1] / np.linalg.norm(x[1]) for x in ends)
+    gap = float(np.linalg.norm(end[0] - start[0]))
+    first, last = start[1], end[1]
     angle = float(np.arctan2(np.linalg.norm(np.cross(first, last)), first @ last))
     if gap > GAP * float(length) or angle > GAP:
         raise ValueError(
