@@ -13,7 +13,7 @@ from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts, route_record
-from qtraj.path.hodograph import AbstractHodograph, require_order, require_path
+from qtraj.path.hodograph import AbstractHodograph, require_order
 from qtraj.path.nearest import Nearest
 from qtraj.path.route_parts import known
 from qtraj.path.stops import Segments
@@ -254,7 +254,6 @@ class Route(AbstractHodograph, AbstractResult):
         **Raises:** ValueError for a path that is not polynomial, for a batch of paths, or for a tolerance that is not
         positive, requires more than 65536 segments, or is below the rounding error of the coordinates.
         """
-        require_path(path)
         return from_segments(*route_input.from_path(path, tolerance))
 
     def to_ppoly(self) -> "PPoly":

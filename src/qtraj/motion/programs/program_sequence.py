@@ -58,7 +58,7 @@ class ProgramSequence(AbstractProgram):
     programs: tuple[AbstractProgram, ...]
     signs: Float[Array, " n"]
 
-    def __init__(self, programs: Sequence[AbstractProgram], signs: ArrayInput | None = None):
+    def __init__(self, programs: "Sequence[AbstractProgram]", signs: ArrayInput | None = None):
         if not isinstance(programs, Sequence) or not programs:
             raise ValueError(f"programs must be a non-empty sequence of programs, but {described(programs)} was given")
         for program in programs:
