@@ -82,6 +82,7 @@ from .motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Sep
 from .motion.profiles.time_optimal import TimeOptimal as TimeOptimal
 from .motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
 from .motion.programs.frame_program import FrameProgram as FrameProgram
+from .motion.programs.program_sequence import ProgramSequence as ProgramSequence
 from .motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
 from .motion.programs.slew_history import SlewHistory as SlewHistory, slew_history as slew_history
 from .motion.programs.slew_torque import (
@@ -90,6 +91,7 @@ from .motion.programs.slew_torque import (
     within_torque as within_torque,
 )
 from .motion.programs.slew_verdict import SlewVerdict as SlewVerdict, judge_slew as judge_slew
+from .motion.programs.spin import Spin as Spin
 from .motion.programs.table_program import TableProgram as TableProgram
 from .motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
 from .motion.propagation.magnus import Magnus as Magnus
@@ -123,14 +125,15 @@ from .path.axes_frame import AxesFrame as AxesFrame
 from .path.boundary import BoundaryState as BoundaryState
 from .path.boundary_problem import axis_between as axis_between
 from .path.change import PathChange as PathChange, compare_paths as compare_paths
+from .path.curve import Curve as Curve
 from .path.driving import Driving as Driving
-from .path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
+from .path.hodograph import AbstractHodograph as AbstractHodograph
+from .path.nearest import Nearest as Nearest
 from .path.own_motion import sqrt as sqrt
 from .path.own_quantity import Quantity as Quantity
 from .path.placement import Placement as Placement
 from .path.residual import Residual as Residual
 from .path.route import Route as Route
-from .path.route_nearest import Nearest as Nearest
 from .path.sample_times import sample_times as sample_times
 from .path.shape import Shape as Shape
 from .path.spiral_helix import SpiralHelix as SpiralHelix

@@ -331,6 +331,20 @@ def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
     assert [line.name for line in panels["error angle"].series] == ["angle"]
 
 
+def test_a_spin_is_a_program(qtraj, tmp_path):
+    """A rate in inertial axes; the body starts with the attitude and the rate of the spin."""
+    scenario = tmp_path / "loop.toml"
+    spin = "[program.spin]\nrate = [0, 20, 0]\naxes = 'inertial'\nduration = 9\nstart.mrp = [0.1, 0, 0]\n"
+    scenario.write_text('angles = "deg"\n' + spin + LAW + "[simulation]\nsamples = 10\n")
+    result = qtraj("simulate", scenario, "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    with xarray.open_dataset(tmp_path / "out" / "table.nc") as table:
+        found = Rotation.from_quat(np.asarray(table["quaternion"]), scalar_first=True)
+        assert float(np.abs(table["angle"]).max()) < 1e-8
+    turned = Rotation.from_rotvec(np.radians([[0, 20.0 * t, 0] for t in range(10)]))
+    assert (found.inv() * turned * Rotation.from_mrp([0.1, 0, 0])).magnitude().max() < 1e-7
+
+
 def test_the_open_loop_beside_the_feedback(qtraj, tmp_path):
     """A disturbance about the axis of the slew is integrated twice, exactly; the feedback leaves d/k2."""
     scenario = tmp_path / "loop.toml"

@@ -76,6 +76,8 @@ EXAMPLES = [
     qt.Septic(max_jerk=1.0),
     qt.Sinusoid([0.1, 0.0, 0.0], 3.0),
     qt.SlewSequence(np.eye(4)[:3], qt.TimeOptimal(0.1, 0.2)),
+    qt.Spin([0.0, 0.0, 0.1], 60.0),
+    qt.ProgramSequence([qt.Spin([0.0, 0.0, 0.1], 60.0)]),
     qt.Solution(TIMES, np.tile(LAMBDA, (21, 1)), np.zeros((21, 4)), 0),
     qt.Table(jnp.asarray(TIMES), position=jnp.zeros((21, 3))),
     qt.TableProgram(TIMES[:5], FLIP),

@@ -22,6 +22,8 @@ CALLS = {
     "peak": (qt.peak, (PATH, "speed"), {0: "path", 1: "the name of a path quantity"}),
     "trihedral": (qt.trihedral, (PATH, 1.0), {0: "path"}),
     "FrameProgram": (qt.FrameProgram, (PATH,), {0: "path"}),
+    "PoseProgram": (qt.PoseProgram, (PATH, qt.FrameProgram(PATH)), {0: "path"}),
+    "Route.from_path": (qt.Route.from_path, (PATH,), {0: "path"}),
     "retime": (qt.retime, (PATH, LIMITS), {0: "path", 1: "limits"}),
     "tune_route": (qt.tune_route, (ROUTE, LIMITS), {0: "route", 1: "limits"}),
     "fit": (qt.fit, (TRACK,), {0: "track"}),

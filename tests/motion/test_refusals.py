@@ -85,6 +85,11 @@ USES = {
     "retime": lambda path: qt.retime(path, qt.Limits(speed=1.0)),
     "margins": lambda path: qt.Limits(speed=1.0).margins(path, 0.0),
     "values": lambda path: qt.Limits(speed=1.0).values(path, 0.0),
+    "pose": lambda path: qt.PoseProgram(path, qt.FrameProgram(HELIX)),
+    "arm": lambda path: qt.simulate_arm(
+        qt.stanford_arm(), qt.FrameProgram(HELIX), qt.AccelerationLaw(1.0, 1.0), [0.1] * 6, [0.0] * 6, TIMES, path
+    ),
+    "route": lambda path: qt.Route.from_path(path),
     "forces": lambda path: qt.dynamics.forces(path, 0.0, 1.0, 9.8),
 }
 
@@ -125,6 +130,15 @@ def test_a_curve_of_numbers_that_are_not_real_is_refused(function):
 def test_a_curve_of_integers_is_a_point(function):
     curve = qt.Curve(function, 1.0)
     np.testing.assert_array_equal(curve.derivatives(0.5, 2), [[1.0, 2.0, 3.0], [0.0] * 3, [0.0] * 3])
+
+
+def test_a_traced_quaternion_in_single_precision_needs_no_double():
+    """Warnings are errors here: JAX warns if float64 is requested without its 64-bit mode."""
+    with jax.enable_x64(False):
+        slope = jax.grad(lambda x: qt.EulerTurn(ONE, [1.0, x, 0, 0], qt.Quintic(duration=1.0))(0.5).quaternion[1])(0.3)
+        table = jax.jit(lambda x: qt.TableProgram(TIMES, [ONE, [1.0, x, 0, 0]])(0.5).quaternion)(0.3)
+    assert slope.dtype == table.dtype == np.float32
+    assert float(slope) == pytest.approx(0.45385, abs=1e-5)
 
 
 def test_a_tiny_initial_normal_is_a_direction():

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 
 import qtraj.foundation.document as document
-from qtraj.path.hodograph import Curve
+from qtraj.path.curve import Curve
 from qtraj.path.placement import Placement
 from qtraj.path.residual import Residual, compare
 from qtraj.path.spiral_helix import SpiralHelix

@@ -18,6 +18,7 @@ FORMS = {
     "moving axes": ({"euler": EULER, "sequence": "ZYX"}, Rotation.from_euler("ZYX", EULER, degrees=True)),
     "fixed axes": ({"euler": EULER, "sequence": "zxz"}, Rotation.from_euler("zxz", EULER, degrees=True)),
     "a rotation vector": ({"rotation_vector": VECTOR}, Rotation.from_rotvec(VECTOR, degrees=True)),
+    "modified Rodrigues parameters": ({"mrp": GIBBS}, Rotation.from_mrp(GIBBS)),
     "a Gibbs vector": ({"gibbs": GIBBS}, Rotation.from_quat([*GIBBS, 1.0])),
     "a quaternion": ({"quaternion": Q}, Rotation.from_quat(Q, scalar_first=True)),
 }
@@ -68,3 +69,12 @@ def test_no_attitude_is_none_or_an_error():
     assert AttitudePart().unit_quaternion("deg") is None
     with pytest.raises(ValueError, match="there is no attitude: specify one of quaternion, euler"):
         KnownAttitudePart()
+
+
+def test_modified_rodrigues_parameters_may_be_long():
+    """In the limit they describe a whole turn."""
+    q = AttitudePart(mrp=[0.0, 1e200, 1e200]).unit_quaternion("rad")
+    np.testing.assert_allclose(q, [-1.0, 0.0, 0.0, 0.0], atol=1e-15)
+    third = Rotation.from_mrp([0.0, 3.0, 0.0])
+    found = AttitudePart(mrp=[0.0, 3.0, 0.0]).unit_quaternion("rad")
+    np.testing.assert_allclose(Rotation.from_quat(found, scalar_first=True).as_matrix(), third.as_matrix(), atol=1e-15)

@@ -10,8 +10,9 @@ A dual quaternion is an array (8,) with λ first. Leading axes of the arrays are
 """
 
 from qtraj.algebra import quaternion
-from qtraj.foundation.namespace import of_arrays, xp
-from qtraj.foundation.types import DualQuat, Quat, Vec3
+from qtraj.algebra.rotation_rates import left_jacobian, left_jacobian_inverse
+from qtraj.foundation.namespace import matmul, of_arrays, xp
+from qtraj.foundation.types import DualQuat, Quat, Scalar, Vec3
 
 
 @of_arrays
@@ -67,6 +68,44 @@ def derivative(dual: DualQuat, omega: Vec3 | Quat, velocity: Vec3) -> DualQuat:
     rate = omega if omega.shape[-1] == 4 else _pure(omega)
     body_velocity = _pure(quaternion.rotate(quaternion.conjugate(dual[..., :4]), velocity))
     return 0.5 * product(dual, xp.concatenate([rate, body_velocity], axis=-1))
+
+
+@of_arrays
+def exp(v: Vec3, u: Vec3) -> DualQuat:
+    """Return the unit dual quaternion exp ½(v + s u): the pose after a constant twist for unit time, from Λ = 1.
+
+    `v` (..., 3) [rad] is the rotation vector, and `u` (..., 3) [m] the displacement of the body's origin in body axes.
+    The position is J_left(v) u (Lynch and Park, Modern Robotics, section 3.3.3), see `rotation.left_jacobian`.
+    """
+    v, u = xp.broadcast_arrays(v, u)
+    return from_pose(matmul(left_jacobian(v), u[..., None])[..., 0], quaternion.exp(0.5 * v))
+
+
+@of_arrays
+def log(dual: DualQuat) -> tuple[Vec3, Vec3]:
+    """Return v (..., 3) [rad] and u (..., 3) [m] of the screw motion to the pose Λ; `exp(v, u)` is ±Λ/|λ|.
+
+    v is the rotation vector of the shorter rotation, as in `rotation.to_rotation_vector`. Λ and cΛ, c ≠ 0, have the
+    same result.
+    """
+    position, q = to_pose(dual)
+    v = 2 * quaternion.log(quaternion.canonical(q))
+    return v, left_jacobian_inverse(v, position)
+
+
+@of_arrays
+def interpolate(a: DualQuat, b: DualQuat, s: Scalar) -> DualQuat:
+    """Return the pose on the screw motion from `a` to `b` (..., 8) after the share `s` (...) of its angle and length.
+
+    The twist of the motion is constant, and its rotation is the shorter one. The result is a/|a| for s = 0, where |a|
+    is the norm of the attitude, and ±b/|b| for s = 1; other values of s extrapolate. The motion does not depend on the
+    choice of the inertial axes and of the body axes (Kavan, Collins, Žára and O'Sullivan, 2006, ScLERP). For a half
+    turn see `rotation.slerp`.
+    """
+    v, u = log(product(inverse(a), b))
+    share = xp.asarray(s)[..., None]
+    start = a / xp.sqrt(quaternion.norm_squared(a[..., :4]))[..., None]
+    return product(start, exp(share * v, share * u))
 
 
 def _pure(v: Vec3) -> Quat:

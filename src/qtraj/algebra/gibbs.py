@@ -79,5 +79,8 @@ def to_mrp(q: Quat) -> Vec3:
 @of_arrays
 def from_mrp(p: Vec3) -> Quat:
     """Return the unit quaternion (1 − |p|², 2p)/(1 + |p|²); the shadow set −p/|p|² yields its negative."""
-    square = xp.sum(p * p, axis=-1, keepdims=True)
-    return xp.concatenate([1 - square, 2 * p], axis=-1) / (1 + square)
+    size = stop_gradient(norm(p))[..., None]
+    scale = 1 / xp.where(size > 1, size, 1.0)  # |p|² could overflow
+    p = scale * p
+    square, one = xp.sum(p * p, axis=-1, keepdims=True), scale * scale
+    return xp.concatenate([one - square, 2 * scale * p], axis=-1) / (one + square)

@@ -24,6 +24,9 @@ TERMS = 12
 SMALL_SQUARE = 1.0
 """Below this value of θ², the coefficients of the Jacobians are computed by series, which are exact to round-off."""
 
+BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
+"""The absolute values of the Bernoulli numbers B2, B4, …, B20, for the series of θ/2 cot θ/2."""
+
 LOCK = 64
 """Angles are in gimbal lock if the determinant of the rates is below this multiple of the machine epsilon."""
 
@@ -58,6 +61,21 @@ def right_jacobian(v: Vec3) -> Mat3:
     It maps the rate v̇ [rad/s] to the angular rate [rad/s] in body axes, and is the transpose of `left_jacobian`.
     """
     return left_jacobian(-v)
+
+
+@of_arrays
+def left_jacobian_inverse(v: Vec3, w: Vec3) -> Vec3:
+    """Return J⁻¹w (..., 3) with the left Jacobian J at the rotation vector `v` (..., 3) [rad], |v| < 2π.
+
+    J⁻¹ = E − ½ [v×] + (1 − θ/2 cot θ/2)/θ² [v×]².
+    """
+    x = dot(v, v)
+    small = x < SMALL_SQUARE
+    near, angle = xp.where(small, x, 0.0), xp.sqrt(xp.where(small, 1.0, x))
+    series = [b / math.factorial(2 * k) for k, b in enumerate(BERNOULLI, 1)]
+    second = xp.where(small, horner(series, near), (1 - 0.5 * angle / xp.tan(0.5 * angle)) / angle**2)
+    once = cross(v, w)
+    return w - 0.5 * once + second[..., None] * cross(v, once)
 
 
 @of_arrays

@@ -9,7 +9,6 @@ from qtraj.design.along import Along
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.distances import distance_to
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.values import values
@@ -36,7 +35,7 @@ def margins_of(
     """Return the distances of the quantities from their limits at one instant `t` [s]; negative if violated."""
     limits = dict(given)
     if any(isinstance(x, Along) for x in limits.values()):
-        s = distance_to(path, t)
+        s = path.arc_length(t)
         limits = {name: x.at(s) if isinstance(x, Along) else x for name, x in limits.items()}
     if any(isinstance(x, OfSpeed) for x in limits.values()):
         speed = values(path, t, ["speed"])["speed"]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_seconds, concrete, real_vector, require_finite
-from qtraj.foundation.namespace import xp
+from qtraj.foundation.namespace import is_host, xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.path.rate_axes import require_axes as require_axes
 
@@ -68,6 +68,13 @@ def common_dtype(*arrays: jax.Array) -> jnp.dtype:
     With strict promotion, JAX rejects mixed dtypes.
     """
     return jax.dtypes.canonicalize_dtype(functools.reduce(np.promote_types, (x.dtype for x in arrays)))
+
+
+def shared_dtype(*arrays: Array) -> jnp.dtype:
+    """Return the widest dtype of NumPy arrays; with JAX arrays, the widest dtype in which JAX computes."""
+    if is_host(*arrays):
+        return functools.reduce(np.promote_types, (x.dtype for x in arrays))
+    return common_dtype(*arrays)
 
 
 def at_once() -> contextlib.AbstractContextManager:

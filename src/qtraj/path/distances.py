@@ -5,17 +5,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_array, as_float, is_traced
+from qtraj.foundation.arrays import as_array
 from qtraj.foundation.namespace import in_numpy
-from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.arc_length import arc_length
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.route import Route
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
@@ -75,14 +71,6 @@ def distances(path: AbstractHodograph) -> Distances:
         ends = np.append(np.stack([ends[:-1], 0.5 * (ends[:-1] + ends[1:])], axis=1).ravel(), ends[-1])
         steps = _lengths(path, ends[:-1], ends[1:])
     return Distances(path, ends, np.append(0.0, np.cumsum(steps)))
-
-
-def distance_to(path: AbstractHodograph, t: ScalarLike) -> Scalar:
-    """Return the distance travelled from the start to one instant `t` [s], in [m]."""
-    if isinstance(path, Route):
-        return path.arc_length(jnp.asarray(t, float) if is_traced(path) else t)
-    time = jnp.asarray(t, float) if is_traced(path) else as_float(t)
-    return arc_length(lambda u: norm(path.sampled(u, 1)[1]), time)
 
 
 def distances_at(path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

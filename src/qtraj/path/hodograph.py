@@ -2,27 +2,23 @@
 
 import abc
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type, require_whole
-from qtraj.foundation.arrays import as_float, one_instant, part, real_scalar, require_element, require_positive
+from qtraj.foundation.arrays import one_instant, part, real_vector, require_element
 from qtraj.foundation.drawing import draw
-from qtraj.foundation.namespace import in_numpy
-from qtraj.foundation.seconds import seconds
-from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
-from qtraj.path.arc_length import arc_length
+from qtraj.path import along_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.nearest import Nearest, nearest
 from qtraj.path.own_duration import with_array_duration
 
 if TYPE_CHECKING:
@@ -159,7 +155,28 @@ class AbstractHodograph(eqx.Module):
         4e-6), the result is NaN. The first estimates use about a thousand instants, so details of the speed between
         these instants may be missed.
         """
-        return (_length if self.supports_numpy else _compiled_length)(self)
+        return along_path.until(self, self.duration)
+
+    def arc_length(self, t: ScalarLike) -> Scalar:
+        """Return the arc length [m] from the start to the time `t` [s], 0 ≤ t ≤ duration, as accurately as `length`."""
+        return along_path.until(self, one_instant(t))
+
+    def time_at(self, length: ScalarLike) -> Scalar:
+        """Return the time [s] at which the arc length reaches `length` [m]; at a stop, the start of the stop.
+
+        For lengths outside the range, the result is the time of the start or the end. Where the speed is not zero, the
+        result is differentiable; its derivative dt/ds is the inverse of the speed.
+        """
+        return along_path.time_at(self, one_instant(length))
+
+    def nearest(self, point: ArrayInput) -> Nearest:
+        """Find the point on the path nearest to `point` (3,) [m], and its time, position and distance; world axes.
+
+        The path is sampled at 1025 instants, at more if it turns by more than 0.4 rad between two of them, and at its
+        `nodes`; a traced path at 1025 instants only. Newton's method then refines each sample. The distance is
+        differentiable (envelope theorem).
+        """
+        return nearest(self, real_vector(point, "the point", 3))
 
     def plot(self, frame: Any = None, trihedra: int = 6) -> "Figure":
         """Plot the path in space and trihedra along it, as a matplotlib figure (extra `viz`).
@@ -208,84 +225,3 @@ def path_advice(given: Any) -> str:
     if callable(given) and not isinstance(given, type):
         return "qtraj.Curve(function, duration) is the path of a function of time"
     return ""
-
-
-def _arc_length(path: AbstractHodograph) -> Scalar:
-    return arc_length(lambda t: norm(path.sampled(t, 1)[1]), as_float(path.duration))
-
-
-_compiled_length = eqx.filter_jit(_arc_length)
-_length = in_numpy(_arc_length, _compiled_length)
-
-
-class Curve(AbstractHodograph):
-    """A path defined by any differentiable function t -> (3,), with derivatives by nested forward differentiation.
-
-    `position` may be a plain function, also one that returns a list of three numbers, or a callable Module; derivatives
-    with respect to arrays of the Module are supported.
-
-    **Raises:** ValueError if JAX cannot trace `position`, if its result is not (3,) or complex, or if `duration` [s] is
-    not positive.
-    """
-
-    function: Callable[..., Vec3]
-    duration: Scalar
-
-    def __init__(self, position: Any, duration: ArrayInput):
-        if not callable(position):
-            raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
-        wrapped: Any = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
-        self.function = wrapped
-        self.duration = real_scalar(seconds(duration), "the duration of a curve")
-        require_positive(self.duration, "the duration of a curve", "s")
-        _require_vector(self.function, self.duration)
-
-    def __repr__(self) -> str:
-        return shown(self, duration="s")
-
-    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """Return r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
-        require_order(order)
-        jet: Jet = lambda t: (_vector(self.function(t), t.dtype),)  # noqa: E731
-        for _ in range(order):
-            jet = _with_next_derivative(jet)
-        return jnp.stack(jet(one_instant(t)))
-
-
-Jet = Callable[[Scalar], tuple[Vec3, ...]]
-"""A function of time that returns a vector and its time derivatives, in ascending order from the first."""
-
-
-def _with_next_derivative(jet: Jet) -> Jet:
-    """Return a jet with one more derivative than `jet`."""
-
-    def extended(t: Scalar) -> tuple[Vec3, ...]:
-        values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
-        return (*values, rates[-1])
-
-    return extended
-
-
-def _vector(value: Any, dtype: Any) -> Array:
-    """Return the result of a user's function as an array of `dtype` or a wider float; it may be a list of numbers.
-
-    **Raises:** ValueError for complex numbers.
-    """
-    array = jnp.stack([jnp.asarray(x) for x in value]) if isinstance(value, list | tuple) else jnp.asarray(value)
-    if not (jnp.issubdtype(array.dtype, jnp.floating) or array.dtype.kind in "iub"):
-        raise ValueError(
-            f"the function of a curve must return real numbers [m], but it returns an array of dtype {array.dtype}"
-        )
-    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(dtype)
-
-
-def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:
-    """Raise a ValueError if `function` is not a JAX function of one instant that returns three components."""
-    advice = "write it with jax.numpy, as a function of one instant that returns an array of shape (3,)"
-    try:
-        given = jax.ShapeDtypeStruct((), duration.dtype)
-        shape = jax.eval_shape(lambda t: _vector(function(t), t.dtype), given).shape
-    except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
-        raise ValueError(f"the function of a curve cannot be traced by JAX: {advice}") from error
-    if shape != (3,):
-        raise ValueError(f"the function of a curve returns an array of shape {shape}: {advice}")

@@ -14,7 +14,7 @@ from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path import pieces, progress, route_input, route_length, route_nearest, route_parts, route_record
 from qtraj.path.hodograph import AbstractHodograph, require_order
-from qtraj.path.route_nearest import Nearest
+from qtraj.path.nearest import Nearest
 from qtraj.path.route_parts import known
 from qtraj.path.stops import Segments
 

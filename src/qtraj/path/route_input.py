@@ -12,6 +12,7 @@ from qtraj.foundation.arrays import as_float, as_seconds, concrete, real_scalar,
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import ArrayInput
 from qtraj.path import pieces
+from qtraj.path.hodograph import require_path
 from qtraj.path.moving_basis import MovingPolynomials
 
 NAMES = ("position", "velocity", "acceleration", "jerk")
@@ -97,6 +98,7 @@ def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
     """Return the unpadded segments of a route within `tolerance` [m] of a polynomial path."""
+    require_path(path)
     tolerance = real_scalar(tolerance, "the tolerance of a route")
     require_positive(tolerance, "the tolerance of a route", "m")
     polynomials = path.polynomials()

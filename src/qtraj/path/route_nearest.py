@@ -1,32 +1,19 @@
 """Find the point on a route nearest to a given point."""
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Array
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.namespace import in_numpy_or_jit, repeat, stop_gradient, xp
-from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
+from qtraj.path.nearest import Nearest
 
 PARTS = 16
 """Number of intervals between the samples of a segment."""
 
 STEPS = 8
 """Number of Newton steps that refine the nearest sample of a segment."""
-
-
-class Nearest(NamedTuple):
-    """The point on a route nearest to a given point: its `time` [s], `position` (3,) [m] and `distance` [m]."""
-
-    time: Scalar
-    position: Vec3
-    distance: Scalar
-
-    def __repr__(self) -> str:
-        return shown(self, time="s", position="m", distance="m")
 
 
 @in_numpy_or_jit

@@ -77,7 +77,7 @@ RangeMap = dict[str, Range]
 """Ranges by name, each of the form [low, high], {min = low}, {max = high} or {min = low, max = high}."""
 
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
-FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
+FORMS = ("quaternion", "euler", "rotation_vector", "gibbs", "mrp")
 SEQUENCE = "three axes, none twice in a row: fixed axes in lower case ('xyz') or moving axes in upper case ('ZYX')"
 LONGER = 1e-9
 """Relative tolerance by which a rotation vector may exceed half a turn."""
@@ -142,7 +142,7 @@ class NamedPart(Part):
 
 
 class AttitudePart(Part):
-    """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
+    """An attitude, body to inertial, as quaternion, euler with sequence, rotation_vector, gibbs or mrp."""
 
     quaternion: Quaternion | None = key(
         "quaternion of any norm except 0", None, values="four finite numbers, scalar first, not all zero"
@@ -153,6 +153,11 @@ class AttitudePart(Part):
         "rotation vector [angle]", None, values=f"{THREE}: the angle of the rotation times its unit axis"
     )
     gibbs: Vector | None = key("Gibbs vector", None, values=f"{THREE}: tan(angle/2) times the unit axis, dimensionless")
+    mrp: Vector | None = key(
+        "modified Rodrigues parameters",
+        None,
+        values=f"{THREE}: tan(angle/4) times the unit axis, dimensionless; a norm above 1 is the longer rotation",
+    )
 
     def _faults(self) -> Iterator[str]:
         forms = self.given(*FORMS)
@@ -179,6 +184,8 @@ class AttitudePart(Part):
             return rotation.from_euler(self.sequence, scale * jnp.asarray(self.euler, float))
         if self.rotation_vector is not None:
             return rotation.from_rotation_vector(scale * jnp.asarray(self.rotation_vector, float))
+        if self.mrp is not None:
+            return rotation.from_mrp(jnp.asarray(self.mrp, float))
         return None if self.gibbs is None else _unit([1.0, *self.gibbs])
 
     def beyond_half_turn(self, angles: str) -> float | None:
@@ -196,7 +203,7 @@ class AttitudePart(Part):
 
 
 class KnownAttitudePart(AttitudePart):
-    """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
+    """An attitude, body to inertial, as quaternion, euler with sequence, rotation_vector, gibbs or mrp."""
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()

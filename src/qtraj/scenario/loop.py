@@ -33,17 +33,19 @@ from qtraj.scenario.loop_parts import ActuatorPart, DisturbancePart, ErrorPart, 
 from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, scenario_in
 from qtraj.scenario.slew import SlewPart
+from qtraj.scenario.spin import SpinPart
 
 MAX_SAMPLES = 100_000
-SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
+SOURCES = "[program.slew], [program.spin], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
 """Fraction by which a duration may exceed the duration of the program, because users may copy rounded digits."""
 
 
 class ProgramPart(Part):
-    """The attitude program: a slew, the frame of a path, or a saved program."""
+    """The attitude program: a slew, a spin, the frame of a path, or a saved program."""
 
     slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
+    spin: SpinPart | None = key("a rotation at a constant rate", None, values="a table [program.spin]")
     path: keys.Text | None = key(
         "a path; the program is the attitude of a frame along it",
         None,
@@ -68,7 +70,7 @@ class ProgramPart(Part):
     )
 
     def _faults(self) -> Iterator[str]:
-        sources = self.given("slew", "path", "file")
+        sources = self.given("slew", "spin", "path", "file")
         if len(sources) != 1:
             problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
             yield f"{problem}: specify one of {SOURCES}"
@@ -80,6 +82,8 @@ class ProgramPart(Part):
         """Describe the program as text."""
         if self.path is not None:
             return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
+        if self.spin is not None:
+            return "spin"
         if self.file is not None:
             return f"{type(program).__name__} of {self.file}"
         return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
@@ -197,6 +201,8 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
     if part.slew is not None:
         with naming("in [program.slew], "):
             return part.slew.program_within_limits(angles)
+    if part.spin is not None:
+        return part.spin.program(angles)
     if part.path is None:
         return saved_program(loaded.beside(str(part.file)))
     given = read_input(loaded.beside(part.path))

@@ -63,6 +63,31 @@ def test_pose_and_jacobian_against_homogeneous_matrices():
         np.testing.assert_allclose(arm.bias(q, jnp.asarray(q_dot)), slope @ q_dot, atol=1e-8)
 
 
+def test_modified_parameters_against_craigs_matrices():
+    """Craig, Introduction to Robotics, (3.6), written out; joint 3 is prismatic."""
+    rows, kinds = np.random.default_rng(4).uniform(-1.5, 1.5, (4, 4)), ["revolute"] * 2 + ["prismatic", "revolute"]
+    arm = qt.Arm.from_dh(rows, kinds, convention="modified")
+    for q in np.random.default_rng(5).uniform(-2, 2, (3, 4)):
+        frame = np.eye(4)
+        for (a, alpha, d, theta), kind, value in zip(rows, kinds, q, strict=True):
+            d, theta = (d, theta + value) if kind == "revolute" else (d + value, theta)
+            ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
+            frame = frame @ [
+                [ct, -st, 0, a],
+                [st * ca, ct * ca, -sa, -sa * d],
+                [st * sa, ct * sa, ca, ca * d],
+                [0, 0, 0, 1],
+            ]
+        position, attitude = arm.pose(q)
+        np.testing.assert_allclose(position, frame[:3, 3], atol=1e-14)
+        np.testing.assert_allclose(qt.rotation.to_dcm(attitude).T, frame[:3, :3], atol=1e-14)
+
+
+def test_an_unknown_convention_is_refused():
+    with pytest.raises(ValueError, match="'classic' or 'modified', but 'craig'"):
+        qt.Arm.from_dh(DH, convention="craig")
+
+
 def test_an_arm_can_be_made_inside_a_trace():
     inside = jax.jit(lambda q: qt.stanford_arm().pose(q)[0])(jnp.asarray(JOINTS))
     np.testing.assert_allclose(inside, homogeneous(JOINTS)[0][:3, 3], atol=1e-14)

@@ -141,7 +141,7 @@ def test_signs_storage_and_invalid_arguments(tmp_path):
     near.save(tmp_path / "pose.toml")
     np.testing.assert_array_equal(qt.load(tmp_path / "pose.toml").error, near.error)
     for call, expected in (
-        (lambda: qt.PoseProgram(both, both.attitude), "the path must be a position curve"),
+        (lambda: qt.PoseProgram(both, both.attitude), "path must be a path, such as a SpiralHelix"),
         (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be an attitude program"),
         (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "has no discrete state"),
         (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a number, 3 numbers"),

@@ -12,7 +12,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.document import load
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
-from qtraj.path.hodograph import Curve
+from qtraj.path.curve import Curve
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import Natural, Upright, trihedral

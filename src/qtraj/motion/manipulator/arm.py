@@ -28,6 +28,7 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
+CLASSIC, MODIFIED = "classic", "modified"
 
 Joints = Float[Array, " n"]
 Jacobian = Float[Array, "6 n"]
@@ -100,16 +101,22 @@ class Arm(eqx.Module):
         self.home_quaternion = quaternion.unit(attitude)
 
     @classmethod
-    def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> Arm:
-        """Create an arm from its classic Denavit–Hartenberg parameters.
+    def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None, convention: str = CLASSIC) -> Arm:
+        """Create an arm from its classic or modified Denavit–Hartenberg parameters.
 
-        `rows` (n, 4): the parameters a [m], α [rad], d [m] and θ [rad] of each joint for joint values of zero. A joint
-        rotates about, or moves along, the z axis of the previous frame; the joint value is added to θ or d. `kinds`
-        (n,): "revolute" or "prismatic"; with None, all joints are revolute.
+        `rows` (n, 4): the parameters a [m], α [rad], d [m] and θ [rad] of each joint for joint values of zero; the
+        joint value is added to θ or d. `kinds` (n,): "revolute" or "prismatic"; with None, all joints are revolute.
 
-        **Raises:** ValueError for rows that are traced, not finite or of another shape; and if `kinds` and `rows` have
-        different lengths.
+        With the `convention` "classic", joint i rotates about, or moves along, the z axis of frame i − 1, and frame i
+        is frame i − 1 after d and θ about this axis, and then a and α about its own x axis. With "modified" (Craig,
+        Introduction to Robotics, section 3.4), row i contains a and α of link i − 1, which are applied first; then d
+        and θ about the z axis of frame i, which is the axis of joint i. The gripper is the last frame.
+
+        **Raises:** ValueError for rows that are traced, not finite or of another shape; if `kinds` and `rows` have
+        different lengths; and for another `convention`.
         """
+        if convention not in (CLASSIC, MODIFIED):
+            raise ValueError(f"the convention must be {CLASSIC!r} or {MODIFIED!r}, but {convention!r} was given")
         with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
             table = concrete(as_float(rows))
         if table is None:
@@ -126,9 +133,11 @@ class Arm(eqx.Module):
         if len(kinds) != len(table):
             raise ValueError(f"kinds must have one entry for each of {len(table)} rows, but {len(kinds)} were given")
         frame, joints = np.eye(4), []
-        for row, kind in zip(table, kinds, strict=True):
+        for (a, alpha, d, theta), kind in zip(table, kinds, strict=True):
+            link, screw = _along_x(a, alpha), _along_z(d, theta)
+            frame = frame @ link if convention == MODIFIED else frame
             joints.append(Joint(frame[:3, 2], frame[:3, 3], kind))
-            frame = frame @ _dh(row)
+            frame = frame @ screw if convention == MODIFIED else frame @ screw @ link
         return cls(joints, frame[:3, 3], rotation.from_dcm(jnp.asarray(frame[:3, :3].T)))
 
     def pose(self, q: Joints) -> tuple[Vec3, Quat]:
@@ -202,8 +211,13 @@ def _along(step: Callable[..., Any], start: Any, rows: tuple[Any, ...]) -> tuple
     return start, tuple(np.stack(x) for x in zip(*outputs, strict=True))
 
 
-def _dh(row: np.ndarray) -> np.ndarray:
-    """Return the transformation (4, 4) from the frame of a Denavit–Hartenberg row to the previous frame."""
-    a, alpha, d, theta = row
-    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
-    return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])
+def _along_x(a: float, alpha: float) -> np.ndarray:
+    """Return the transformation (4, 4) from a frame that is moved by `a` [m] and turned by `alpha` [rad] about x."""
+    c, s = np.cos(alpha), np.sin(alpha)
+    return np.array([[1, 0, 0, a], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+
+
+def _along_z(d: float, theta: float) -> np.ndarray:
+    """Return the transformation (4, 4) from a frame that is moved by `d` [m] and turned by `theta` [rad] about z."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, d], [0, 0, 0, 1]])

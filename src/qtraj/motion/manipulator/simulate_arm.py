@@ -31,7 +31,7 @@ from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.interval import MAX_STEPS, Method, State, Tolerances
 from qtraj.motion.simulation.ode import Grid
 from qtraj.motion.simulation.task import checked_jumps, checked_tolerances, merged_grid, switches_of, within
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 
 
 class _Task(eqx.Module):
@@ -225,8 +225,8 @@ def _require_parts(arm: Any, program: Any, law: Any, path: Any, rows: int) -> No
             f"the program must be an attitude program such as FrameProgram(path), but {program!r} was given"
         )
     require_continuous_law(law, "the law")
-    if path is not None and not isinstance(path, AbstractHodograph):
-        raise ValueError(f"the path must be a position curve such as Curve(position, duration), but {path!r} was given")
+    if path is not None:
+        require_path(path)
     if len(arm.joints) < rows:
         controlled = "attitude" if rows == 3 else "attitude and position"
         raise ValueError(

@@ -25,7 +25,7 @@ from qtraj.motion.checks import common_dtype, initial_quaternion, initial_rate, 
 from qtraj.motion.control.hysteresis import require_continuous_law
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, apply, commanded, gain
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
-from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.hodograph import AbstractHodograph, require_path
 
 Position = TypeAliasType("Position", Float[Array, "3 3"])
 """An array with the rows position [m], velocity [m/s] and acceleration [m/s²], in inertial axes."""
@@ -47,8 +47,7 @@ class PoseProgram(eqx.Module):
     _repr_html_ = shown_html
 
     def __init__(self, path: AbstractHodograph, attitude: AbstractProgram):
-        if not isinstance(path, AbstractHodograph):
-            raise ValueError(f"the path must be a position curve such as SpiralHelix or Curve, but {path!r} was given")
+        require_path(path)
         if not isinstance(attitude, AbstractProgram):
             raise ValueError(
                 f"the attitude must be an attitude program such as FrameProgram(path), but {attitude!r} was given"

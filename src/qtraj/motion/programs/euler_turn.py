@@ -1,6 +1,5 @@
 """Define eigenaxis slews, rotations about a fixed axis (Euler's theorem; paper C, (3.1)–(3.15))."""
 
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
@@ -10,7 +9,7 @@ from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import require_axes
+from qtraj.motion.checks import require_axes, shared_dtype
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
 from qtraj.motion.programs.eigenaxis import (
     attitude_about,
@@ -24,6 +23,7 @@ from qtraj.motion.programs.eigenaxis import (
     size,
     turned,
 )
+from qtraj.motion.programs.program_sequence import ProgramSequence
 
 
 @storable
@@ -57,7 +57,7 @@ class EulerTurn(AbstractProgram):
         self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile", vector: ArrayInput | None = None
     ):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
-        dtype = np.promote_types(start.dtype, end.dtype)
+        dtype = shared_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_profile(law)
         _require_attitudes(start[None], "start_q")
@@ -228,7 +228,9 @@ class SlewSequence(AbstractProgram):
 
 
 def ends_at_rest(program: AbstractProgram) -> bool:
-    """Return whether a program is a slew that ends at rest, so that its attitude is constant after its duration."""
+    """Return whether a program ends with a slew to rest, so that its attitude is constant after its duration."""
+    if isinstance(program, ProgramSequence):
+        return ends_at_rest(program.programs[-1])
     if isinstance(program, EulerTurn):
         return float(program.profile.end_rate) == 0
     return isinstance(program, SlewSequence)

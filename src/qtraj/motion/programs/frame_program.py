@@ -54,6 +54,9 @@ class FrameProgram(AbstractProgram):
     Beyond 0.6 rad (half a turn for the other frames), a warning is given. For traced paths it is the smallest number,
     and the quaternion of a rotation-minimizing frame is NaN if the path turns by more than 1 rad between two anchors.
 
+    With `RotationMinimizing(closed=True)`, the frame rotates about the path by `twist` [rad/m], which is computed with
+    the anchors, so that it closes.
+
     The program is not defined where the frame is not defined. Examples are the natural frame on a straight path, the
     upright frame where the path is parallel to the up direction, the thrust-aligned frame in free fall, and most frames
     where the velocity is zero. The natural frame flips by π at an inflection point.
@@ -62,18 +65,21 @@ class FrameProgram(AbstractProgram):
     Outside [0, duration] path and program are extrapolated.
 
     **Raises:** ValueError for an object that is not a frame; for a rotation-minimizing frame if the path is a route
-    that stops, or if `initial` does not fit the path; or for anchors of another shape.
+    that stops, if `initial` does not fit the path, or if a closed frame has a path that is not closed; or for anchors
+    of another shape.
     """
 
     path: AbstractHodograph
     frame: AbstractFrame | RotationMinimizing
     anchors: Float[Array, "n 4"]
+    twist: Scalar | None
 
     def __init__(
         self,
         path: "AbstractHodograph",
         frame: Frame | None = None,
         anchors: ArrayInput | None = None,
+        twist: ArrayInput | None = None,
     ):
         require_path(path)
         self.path = path
@@ -83,7 +89,10 @@ class FrameProgram(AbstractProgram):
         if isinstance(self.frame, RotationMinimizing):
             require_moving(path)
             rotation_minimizing.require_initial(path, self.frame.initial)
-        self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
+            if self.frame.closed:
+                rotation_minimizing.require_closed(path)
+        found = (anchors, twist) if anchors is not None else _anchors(path, self.frame)
+        self.anchors, self.twist = as_float(found[0]), None if found[1] is None else as_float(found[1])
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
             raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but shape {self.anchors.shape} was given")
         joints = path.nodes()
@@ -101,6 +110,16 @@ class FrameProgram(AbstractProgram):
         """The duration of the path [s]."""
         return self.path.duration
 
+    @property
+    def closing_angle(self) -> Scalar:
+        """The angle [rad], from −π to π, about the path by which a closed frame would miss its start without the twist.
+
+        **Raises:** ValueError for a frame that is not closed.
+        """
+        if self.twist is None:
+            raise ValueError("the frame of this program is not closed: pass RotationMinimizing(closed=True)")
+        return -self.twist * self.path.length()
+
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
         compute = _attitude if _supports_numpy(self.path, self.frame) else _compiled_attitude
@@ -110,7 +129,7 @@ class FrameProgram(AbstractProgram):
 def _jax_attitude(program: FrameProgram, t: Scalar) -> Attitude:
     node, anchor = _node(program, t)
     if isinstance(program.frame, RotationMinimizing):
-        return rotation_minimizing.attitude(program.path, t, node, anchor)
+        return rotation_minimizing.attitude(program.path, t, node, anchor, program.twist)
     frame = trihedral(program.path, t, program.frame)
     q = frame.quaternion()
     return Attitude(xp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
@@ -129,19 +148,23 @@ def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
     return program.duration * (index / last), program.anchors[index.astype(int)]
 
 
-def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
+Anchors = tuple[Float[Array, "n 4"], Scalar | None]
+"""The anchors of a program, and the twist [rad/m] of a closed frame."""
+
+
+def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Anchors:
     at_once = _supports_numpy(path, frame)
     minimizing, given = isinstance(frame, RotationMinimizing), frame
     compute: Any = _sign_anchors if at_once else _compiled_sign_anchors
     if isinstance(frame, RotationMinimizing):
-        given = (_start if at_once else _compiled_start)(path, frame.initial)
+        given = (_start if at_once else _compiled_start)(path, frame.initial), frame.closed
         compute = _minimizing_anchors if at_once else _compiled_minimizing_anchors
-    anchors, turn = compute(path, given, 1)
+    anchors, turn, twist = compute(path, given, 1)
     largest = concrete(turn)
     if largest is None:
-        return xp.where(turn <= TRACED_TURN, anchors, xp.nan) if minimizing else anchors
+        return xp.where(turn <= TRACED_TURN, anchors, xp.nan) if minimizing else anchors, twist
     if not largest > TURN:
-        return anchors
+        return anchors, twist
     parts = 2 ** int(np.ceil(np.log2(min(largest / TURN, MOST_PARTS))))
     if largest > parts * (LONG_TURN if minimizing else np.pi):
         warnings.warn(
@@ -150,25 +173,28 @@ def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing)
             "each.",
             stacklevel=3,
         )
-    return compute(path, given, parts)[0]
+    anchors, _, twist = compute(path, given, parts)
+    return anchors, twist
 
 
 def _supports_numpy(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> bool:
     return path.supports_numpy and (isinstance(frame, RotationMinimizing) or frame.supports_numpy)
 
 
-def _jax_minimizing_anchors(path: AbstractHodograph, start: Quat, parts: int) -> tuple[Float[Array, "n 4"], Scalar]:
-    return rotation_minimizing.nodes(path, start, _times(path, parts))
+def _jax_minimizing_anchors(path: AbstractHodograph, given: tuple[Quat, bool], parts: int) -> Any:
+    """Return the anchors, the largest turn between two of them [rad], and the twist of a closed frame."""
+    start, closed = given
+    return rotation_minimizing.nodes(path, start, _times(path, parts), closed)
 
 
-def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame, parts: int) -> tuple[Float[Array, "n 4"], Scalar]:
-    """Return the anchors, and the turn between two of them that is exceeded only near singular instants [rad]."""
+def _jax_sign_anchors(path: AbstractHodograph, frame: AbstractFrame, parts: int) -> Any:
+    """Return the anchors, the turn between two of them that is exceeded only near singular instants [rad], and None."""
     times = _times(path, parts)
     dcm, rates = dcms(path, times, frame)
     quaternions = stop_gradient(from_rotation(dcm))
     turns = stop_gradient(xp.minimum(rates[1:], rates[:-1]) * xp.diff(times))
     turn = xp.quantile(xp.nan_to_num(turns), USUAL)
-    return xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING, turn
+    return xp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING, turn, None
 
 
 def _times(path: AbstractHodograph, parts: int) -> Float[Array, " n"]:

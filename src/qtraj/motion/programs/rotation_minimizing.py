@@ -6,6 +6,9 @@ the up direction of an upright frame. Let ω be the rate of this upright frame. 
 frame is the upright frame, rotated about the tangent τ by −∫ω·τ dt from the node. The frame is therefore regular
 wherever the speed is not zero, even on straight segments, and r'''' is not needed. The attitudes at the nodes are
 computed once, by quaternion products from one node to the next.
+
+On a closed path, this frame is usually turned about the tangent after one lap. The frame that closes rotates about the
+tangent by a constant angle for each metre, the twist κ, so that its rate is c/v² + κr'.
 """
 
 from typing import Any
@@ -35,6 +38,9 @@ GAUSS = 6
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
 
+GAP = 1e-4
+"""Largest distance between the ends of a closed path, relative to its length, and largest angle [rad] there."""
+
 Samples = list[Float[Array, "n _ 3"]]
 """The position and its first three time derivatives, for n intervals, at both ends and at the quadrature points."""
 
@@ -53,12 +59,20 @@ class RotationMinimizing(eqx.Module):
     initial binormal is the direction normal to the path that is closest to world z, or closest to world x if the path
     is steep.
 
-    **Raises:** ValueError for an `initial` that is zero, not finite or of another shape.
+    On a `closed` path, one whose position and direction are the same at both ends, the frame is usually turned about τ
+    after one lap. With `closed=True` it rotates about τ in proportion to the distance travelled, by the smallest angle
+    with which it ends as it starts; `FrameProgram.closing_angle` is the angle that is distributed.
+
+    **Raises:** ValueError for an `initial` that is zero, not finite or of another shape, or if `closed` is not a bool.
     """
 
     initial: Float[Array, " k"] | None
+    closed: bool = eqx.field(static=True)
 
-    def __init__(self, initial: ArrayInput | None = None):
+    def __init__(self, initial: ArrayInput | None = None, closed: bool = False):
+        if not isinstance(closed, bool):
+            raise ValueError(f"closed must be True or False, but {closed!r} was given")
+        self.closed = closed
         self.initial = None if initial is None else as_float(initial)
         if self.initial is None:
             return
@@ -103,24 +117,24 @@ def frame_named(name: str, up: ArrayInput | None = None, heading: ArrayInput | N
     return frames[name]() if heading is None else ThrustAligned(heading)
 
 
-def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
-    """Compute the frame at `t` [s] from its quaternion `at_node` at the time `node` [s].
+def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat, twist: Scalar | None = None) -> Attitude:
+    """Compute the frame with a `twist` [rad/m] at `t` [s] from its quaternion `at_node` at the time `node` [s].
 
     The quaternion of the result is λ or −λ, whichever is nearer to `at_node`.
     """
     samples = _sample(path, node[None], t[None])
-    dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2))[None], (t - node)[None])[0]
+    up, span = quaternion.rotate(at_node, _axis(at_node, 2))[None], (t - node)[None]
+    dcm = _transported(samples, up, span, 0.0 if twist is None else twist * _lengths(samples, span))[0]
     q = from_rotation(dcm)
     r = [x[0, -1] for x in samples]
     square = dot(r[1], r[1])
     square = xp.where(square > 0, square, 1.0)
     omega = cross(r[1], r[2]) / square
     epsilon = cross(r[1], r[3]) / square - 2 * omega * (dot(r[1], r[2]) / square)
-    return Attitude(
-        quaternion=xp.where(dot(q, at_node) < 0, -q, q),
-        rate=_normal_part(dcm, omega),
-        acceleration=_normal_part(dcm, epsilon),
-    )
+    q = xp.where(dot(q, at_node) < 0, -q, q)
+    if twist is None:
+        return Attitude(q, _normal_part(dcm, omega), _normal_part(dcm, epsilon))
+    return Attitude(q, dcm @ (omega + twist * r[1]), dcm @ (epsilon + twist * r[2]))
 
 
 def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
@@ -133,14 +147,23 @@ def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
     return from_rotation(_dcm(natural.tangent, unit(projected, natural.normal)))
 
 
-def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> tuple[Float[Array, "n 4"], Scalar]:
-    """Return quaternions of the frame at ascending `times` [s] from 0, and the largest turn [rad] between two times.
+def nodes(
+    path: AbstractHodograph, start: Quat, times: Float[Array, " n"], closed: bool = False
+) -> tuple[Float[Array, "n 4"], Scalar, Scalar | None]:
+    """Return quaternions of the frame at ascending `times` [s] from 0 to the duration of the path.
 
-    The signs are continuous, and the first quaternion is `start`. The turn is measured by the largest rate at the
-    quadrature points.
+    The signs are continuous, and the first quaternion is `start`. The second result is the largest turn [rad] between
+    two times, measured by the largest rate at the quadrature points; the third is the twist [rad/m] of a closed frame.
     """
-    steps, turn = _steps(path, times[:-1], times[1:])
-    return _chained(start, steps), turn
+    steps, turn, lengths = _steps(path, times[:-1], times[1:])
+    anchors = _chained(start, steps)
+    if not closed:
+        return anchors, turn, None
+    distances = xp.concatenate([0.0 * lengths[:1], xp.cumsum(lengths)])
+    missing = quaternion.canonical(quaternion.product(quaternion.conjugate(anchors[-1]), anchors[0]))
+    twist = 2 * xp.arctan2(missing[1], missing[0]) / distances[-1]
+    about = distances[:, None] * twist * _axis(anchors[:, 1:], 0)
+    return quaternion.product(anchors, quaternion.exp(0.5 * about)), turn, twist
 
 
 def _chained(start: Quat, steps: Float[Array, "n 4"]) -> Float[Array, "n+1 4"]:
@@ -186,11 +209,32 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
     return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
 
 
-def _steps(path: AbstractHodograph, a: Array, b: Array) -> tuple[Float[Array, "n 4"], Scalar]:
+def require_closed(path: AbstractHodograph) -> None:
+    """Raise a ValueError if position or direction of a concrete path are not the same at both ends."""
+    start, end = (concrete(path.derivatives(t, 1)) for t in (0.0, path.duration))
+    length = concrete(path.length())
+    if start is None or end is None or length is None:
+        return
+    gap = float(np.linalg.norm(end[0] - start[0]))
+    first, last = start[1], end[1]
+    angle = float(np.arctan2(np.linalg.norm(np.cross(first, last)), first @ last))
+    if gap > GAP * float(length) or angle > GAP:
+        raise ValueError(
+            f"a closed frame needs a path that ends as it starts, but its ends are {gap:.6g} m apart and its "
+            f"directions differ by {angle:.6g} rad: omit closed=True, or close the path"
+        )
+
+
+def _lengths(samples: Samples, spans: Array) -> Array:
+    """Return the distances travelled (n,) [m] in intervals of `spans` (n,) [s]."""
+    return spans * (norm(samples[1][:, 1:-1]) @ (_WEIGHTS / 2).astype(spans.dtype))
+
+
+def _steps(path: AbstractHodograph, a: Array, b: Array) -> tuple[Float[Array, "n 4"], Scalar, Float[Array, " n"]]:
     """Return the rotations (n, 4) of the frame from times `a` (n,) to times `b` (n,) [s], in world axes.
 
-    The rotations are the same for every rotation-minimizing frame of the path. The second result is the largest turn of
-    the tangent [rad].
+    The rotations are the same for every rotation-minimizing frame of the path. The other results are the largest turn
+    of the tangent [rad] and the distances travelled [m].
     """
     samples = _sample(path, a, b)
     square = dot(samples[1], samples[1])
@@ -202,7 +246,7 @@ def _steps(path: AbstractHodograph, a: Array, b: Array) -> tuple[Float[Array, "n
     before = _dcm(tangent, unit(cross(side, tangent), side))
     after = _transported(samples, before[..., 2, :], b - a)
     q = quaternion.product(from_rotation(after), quaternion.conjugate(from_rotation(before)))
-    return xp.where(q[..., :1] < 0, -q, q), turn
+    return xp.where(q[..., :1] < 0, -q, q), turn, _lengths(samples, b - a)
 
 
 def _sample(path: AbstractHodograph, a: Array, b: Array) -> Samples:
@@ -212,13 +256,13 @@ def _sample(path: AbstractHodograph, a: Array, b: Array) -> Samples:
     return [x.reshape((*times.shape, 3)) for x in path.sampled(times.ravel(), 3)]
 
 
-def _transported(samples: Samples, up: Vec3, span: Scalar) -> Mat3:
+def _transported(samples: Samples, up: Vec3, span: Scalar, twisted: Any = 0.0) -> Mat3:
     """Return the direction cosines, world to body, of the frames at the ends of intervals of `span` [s].
 
-    At the start of the intervals, the binormal of the frame is `up`.
+    At the start of the intervals, the binormal of the frame is `up`. In them, it is `twisted` [rad] about the tangent.
     """
     roll_rates = _roll_rate(up[:, None], samples[1][:, 1:-1], samples[2][:, 1:-1])
-    angle = (-span * (roll_rates @ (_WEIGHTS / 2).astype(span.dtype)))[:, None]
+    angle = (twisted - span * (roll_rates @ (_WEIGHTS / 2).astype(span.dtype)))[:, None]
     tangent = _tangent(samples[1][:, -1])
     level = unit(cross(up, tangent), _axis(tangent, 1))
     return _dcm(tangent, level * xp.cos(angle) + cross(tangent, level) * xp.sin(angle))

@@ -15,6 +15,7 @@ from qtraj.foundation.namespace import of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.checks import shared_dtype
 from qtraj.motion.programs import rotation_spline as spline
 from qtraj.motion.programs.euler_turn import attitude_table
 
@@ -67,7 +68,7 @@ class TableProgram(AbstractProgram):
         self.outside = outside
         table = attitude_table(quaternions, "a table program")
         instants = as_seconds(times, from_first=True)
-        dtype = np.promote_types(instants.dtype, table.dtype)
+        dtype = shared_dtype(instants, table)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
         distinct = _require_axes(self.times, self.quaternions)
