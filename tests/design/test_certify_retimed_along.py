@@ -1,5 +1,7 @@
 """Limits that change along the way, on a timing that was made for other limits: cells are divided for the proof."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -58,7 +60,8 @@ def test_limits_that_the_timing_was_not_made_for(index, kind):
     for name in ("speed", "acceleration", "lateral_acceleration"):
         along = random_limit(path, name, kind, rng)
         for factor, status in ((1.01, "proved"), (1.001, "proved"), (0.999, "broken"), (0.99, "broken")):
-            found = qt.certify(path, qt.Limits(**{name: along.scaled(factor)}))
+            limits: Any = {name: along.scaled(factor)}
+            found = qt.certify(path, qt.Limits(**limits))
             assert found.status[name] == status
             assert found.margin(name) < 0.02 * found.worst[name][2]
 
@@ -81,10 +84,11 @@ def test_what_is_proved_in_pieces_is_not_contradicted_by_samples(monkeypatch, ki
     """Cells are divided here although the samples violate the limit; then only the pieces without violation pass."""
     monkeypatch.setattr(pieces._Problem, "violated", lambda *_: False)
     path = retimed(1)
-    cells = cells_of(path)
+    cells: Any = cells_of(path)
+    polynomials: Any = source(path.path)
     along = random_limit(path, "speed", kind, np.random.default_rng(7)).scaled(factor)
     bounds = on_path({"speed": along}, path.path)
-    limited, codes = proved_in_pieces(Limited(path, cells, bounds, None), source(path.path))
+    limited, codes = proved_in_pieces(Limited(path, cells, bounds, None), polynomials)
     code, count = codes[NAMES.index("speed")], codes.shape[1]
     assert count > cells.columns.size
     place = np.tile(np.linspace(0.0, 1.0, 21), count)
@@ -98,7 +102,7 @@ def test_what_is_proved_in_pieces_is_not_contradicted_by_samples(monkeypatch, ki
 def test_several_limits_may_change_and_others_remain():
     path, rng = retimed(2), np.random.default_rng(0)
     along = {name: random_limit(path, name, "linear", rng) for name in ("speed", "acceleration")}
-    both = {"speed": along["speed"].scaled(1.002), "acceleration": along["acceleration"].scaled(0.99)}
+    both: Any = {"speed": along["speed"].scaled(1.002), "acceleration": along["acceleration"].scaled(0.99)}
     found = qt.certify(path, qt.Limits(**both, lateral_acceleration=3.0, longitudinal_acceleration=1.5, curvature=9.0))
     assert found.status == {
         "speed": "proved",

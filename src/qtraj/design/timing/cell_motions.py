@@ -62,8 +62,9 @@ class CellMotions(NamedTuple):
     def chosen(self, which: np.ndarray) -> CellMotions:
         """Return the motions in some cells."""
         position = tuple(None if c is None else c[:, which] for c in self.position)
-        chosen: list[Any] = [position, *(x[..., which] for x in self[1:7]), self.directions]
-        return CellMotions(*chosen, None if self.place is None else self.place[:, which])
+        place = None if self.place is None else self.place[:, which]
+        chosen: list[Any] = [position, *(x[..., which] for x in self[1:7]), self.directions, place]
+        return CellMotions(*chosen)
 
     @property
     def standing(self) -> Bool[Any, " n"]:
