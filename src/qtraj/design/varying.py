@@ -71,8 +71,11 @@ class Varying:
         first, last, error = self.on.at(low), self.on.at(high), self.on.uncertainty
         strictest = np.asarray(self.along.strictest(first - error, last + error, self.side))
         constant = np.stack([strictest, strictest], axis=1)
+        loosest = np.asarray(self.along.strictest(first - error, last + error, -self.side))
+        differs = loosest != strictest  # both may be infinite
+        span = np.where(differs, self.side * (loosest - np.where(differs, strictest, 0.0)), 0.0)
         if self.along.kind == "step":
-            return constant, np.zeros(len(constant))
+            return constant, span
         d = np.asarray(self.along.distance)
         inside = AT_ENDS * error
         ends = self.side * np.stack([self.along.at(first), self.along.at(last)], axis=1)
@@ -85,8 +88,7 @@ class Varying:
         worse = ~(shifted.sum(axis=1) > 2 * self.side * strictest) | (shifted[:, 0] * shifted[:, 1] <= 0)
         chosen = bends | worse
         found = np.where(chosen[:, None], self.side * constant, shifted)
-        loosest = np.asarray(self.along.strictest(first - error, last + error, -self.side))
-        rest = np.where(chosen, self.side * (loosest - strictest), above + gap)
+        rest = np.where(chosen, span, above + gap)
         return self.side * found, rest
 
     def _largest_gap(

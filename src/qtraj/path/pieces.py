@@ -85,6 +85,17 @@ def shifted(c: Any, s: Any) -> Any:
     return arithmetic(c, s).stack(terms, axis=1)
 
 
+def chosen(c: Any, i: Any) -> Any:
+    """Return the coefficients (..., terms, 3) of the segments `i` (...) from those of all segments (n, terms, 3).
+
+    In NumPy, the memory contains one contiguous array for each term and axis, which makes the arithmetic of `values`
+    twice as fast.
+    """
+    if not isinstance(c, np.ndarray):
+        return c[i]
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(c, 0, -1))[..., i], (0, 1), (-2, -1))
+
+
 def values(c: Any, s: Any, order: int) -> list[Any]:
     """Return the values and derivatives (..., 3) of segments `c` (..., terms, 3) at local times `s` (...), as a list.
 

@@ -69,8 +69,7 @@ class Segments(NamedTuple):
 
     def values(self, i: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
         """Return position and derivatives up to `order` of the segments `i` (...) at local times `s` (...) [s]."""
-        # One contiguous array for each power: faster than slices of an array (m, terms, 3).
-        terms = np.moveaxis(np.ascontiguousarray(np.moveaxis(self.coefficients, 1, 0))[:, i], 0, -2)
+        terms = pieces.chosen(self.coefficients, i)
         if self.progress is None:
             return pieces.values(terms, s, order)
         return progress.values(terms, self.progress[i], s, order)

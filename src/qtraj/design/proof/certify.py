@@ -98,7 +98,7 @@ def certify(
     A limit that changes along the way (`Along`) is checked on the parts of the path in which it is constant or linear;
     this is supported for paths with concrete values, and for a batch unless it is retimed. An interval in which a limit
     is linear is divided until straight lines in the parameter of the path, which are nowhere less strict, differ from
-    the limit by about 1e-7 of its value.
+    the limit by about 1e-7 of its value. On the path of `retime`, the cells of the timing are divided in the same way.
 
     A `Shape` is checked like a route, with limits on quantities of the shape only: curvature, horizontal curvature,
     steering angle, sharpness, torsion and slope.

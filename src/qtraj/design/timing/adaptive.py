@@ -65,10 +65,29 @@ COARSE = 0.03
 
 
 def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Searched, float]:
-    """Return the result of the last search, and the estimated difference to the minimum duration [s]."""
+    """Return the result of the last search, and the estimated difference to the minimum duration [s].
+
+    With a limit on the jerk, the search may fail where the parameter of the path is very uneven: a cubic u̇² on a short
+    cell then needs much jerk for a constant speed. In this case, it is repeated on cells that need little jerk.
+    """
+    found, excess = _on_cells(p, part, ends, rest, False)
+    if "jerk" not in p.bounds or _is_fastest(p, found, excess) or not np.isfinite(found.powers).all():
+        return found, excess
+    again, own = _on_cells(p, part, ends, rest, True)
+    better = _is_fastest(p, again, own) and not again.times().sum() > found.times().sum()
+    return (again, own) if better else (found, excess)
+
+
+def _is_fastest(p: Posed, found: Searched, excess: float) -> bool:
+    """Return whether the search converged to a timing that is slower than the fastest one by the tolerance at most."""
+    return _converged(p, found) and excess <= p.tolerance * found.times().sum()
+
+
+def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: bool) -> tuple[Searched, float]:
+    """Return the result of the last search, and the estimate; `steady` selects the first cells (see `chosen`)."""
     shape = shape_of(p.path, part)
     task = task_of(p, ends, part, rest, shape)
-    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance)
+    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance, steady)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
     exact = bounds and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)

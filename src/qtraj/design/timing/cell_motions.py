@@ -44,7 +44,9 @@ class CellMotions(NamedTuple):
 
     `position` contains the coefficients of x, y, z and of the angle of the moving basis (see `proof.sources`); y and
     the angle may be None. `segment` (n,) are the keys of `directions`, which contains the segments that start or end
-    at a stop. `rest` (2, n) is whether a = u̇² is zero at the start and at the end of the cell.
+    at a stop. `rest` (2, n) is whether a = u̇² is zero at the start and at the end of the cell. The motions may be those
+    in parts of cells: then `place` (2, n) are the start and the end of each part as fractions of its cell, to which
+    `timing` and `rest` belong, while `first` and `half` are those of the part.
     """
 
     position: tuple[Columns | None, ...]
@@ -55,11 +57,13 @@ class CellMotions(NamedTuple):
     rest: Bool[Any, "2 n"]
     segment: Int[Any, " n"]
     directions: dict[int, Direction]
+    place: Float[Any, "2 n"] | None = None
 
     def chosen(self, which: np.ndarray) -> CellMotions:
         """Return the motions in some cells."""
         position = tuple(None if c is None else c[:, which] for c in self.position)
-        chosen: list[Any] = [position, *(x[..., which] for x in self[1:7]), self.directions]
+        place = None if self.place is None else self.place[:, which]
+        chosen: list[Any] = [position, *(x[..., which] for x in self[1:7]), self.directions, place]
         return CellMotions(*chosen)
 
     @property
@@ -76,6 +80,8 @@ class CellMotions(NamedTuple):
         after_start = np.stack([c1, c2, c3, 0 * c3])
         rest = np.where(self.rest[0], after_start, np.where(self.rest[1], before_end, self.timing))
         timing = BoundedPolynomial(self.timing), BoundedPolynomial(rest, k=3)
+        if self.place is not None:
+            timing = timing[0].restricted(*self.place), timing[1].restricted(*self.place)
         if not self.directions or self.segment[0] not in self.directions:
 
             def of_cells(c: Columns) -> BoundedPolynomial:
@@ -96,6 +102,8 @@ class CellMotions(NamedTuple):
         x, timing = ExactPolynomial([0, 1]), ExactPolynomial.from_floats(self.timing[:, k])
         before_end = -1 * (c[1] + c[2] + c[3]) - (c[2] + c[3]) * x - c[3] * x * x
         rest = timing.divided_by_power(1) if self.rest[0, k] else before_end if self.rest[1, k] else timing
+        if self.place is not None:
+            timing, rest = (p.restricted(*self.place[:, k]) for p in (timing, rest))
         own = self.directions.get(int(self.segment[k]))
         if own is None:
 

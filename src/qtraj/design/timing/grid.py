@@ -139,7 +139,7 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any,
 
 def _of_route(xp: Any, route: Route, i: Int[Any, " m"], local: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
     """Return the derivatives of a route in the segments `i`, at times `local` since their starts."""
-    c, own = xp.asarray(route.coefficients)[i], route.progress
+    c, own = pieces.chosen(xp.asarray(route.coefficients), i), route.progress
     rows = pieces.values(c, local, ORDER) if own is None else progress.values(c, xp.asarray(own)[i], local, ORDER)
     return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
 

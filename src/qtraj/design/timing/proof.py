@@ -63,9 +63,10 @@ class Proofs(NamedTuple):
 def prove(
     path: Source,
     grid: Grid,
-    timing: tuple[Float[Any, "cells 4"], Bool[Any, " 2"]],
+    timing: tuple[Float[Any, "cells 4"], Bool[Any, "2 *cells"]],
     bounds: Mapping[str, Any],
     vehicle: RoadParameters | None = None,
+    place: Float[np.ndarray, "2 cells"] | None = None,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
@@ -73,6 +74,9 @@ def prove(
     have the values at both ends of each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
     limit is PROVED if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are
     treated as if they were not in `bounds`.
+
+    The cells may be dyadic parts of the cells of a timing: `place` contains their starts and ends as fractions of the
+    cells to which the coefficients belong, and the second item of `timing` has a column for each part.
     """
     known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
     by_speed = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
@@ -82,7 +86,7 @@ def prove(
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
         numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
-        return _judged(path.directions, grid, rest, position, durations, powers, (numbers, by_speed), road)
+        return _judged(path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road)
 
     given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
@@ -92,26 +96,34 @@ def prove(
 def _judged(
     directions: Any,
     grid: Grid,
-    rest: Bool[Any, " 2"],
+    ends: tuple[Bool[Any, "2 *cells"], Float[np.ndarray, "2 cells"] | None],
     position: list[np.ndarray | None],
     durations: Float[Any, "batch segments"],
     powers: Float[Any, "batch cells 4"],
     bounds: tuple[dict[str, PerCell], dict[str, OfSpeed]],
     road: RoadParameters | None,
 ) -> Int[Any, "batch limits cells"]:
-    """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path."""
+    """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path.
+
+    `ends` are the flags of ends at rest and the places of the cells (see `prove`).
+    """
     batch, cells = powers.shape[:2]
+    rest, place = ends
 
     def of_cells(x: np.ndarray) -> np.ndarray:
         """Return the coefficients (terms, batch·cells) from those of the segments (batch, terms, segments)."""
         return np.moveaxis(x[..., grid.segment], 0, -2).reshape(*x.shape[1:-1], batch * cells)
 
     at_rest = np.zeros((2, batch, cells), bool)
-    at_rest[0, :, 0], at_rest[1, :, -1] = rest
+    if rest.ndim == 1:
+        at_rest[0, :, 0], at_rest[1, :, -1] = rest
+    else:
+        at_rest[:] = rest[:, None]
     first, half, segment = (np.tile(x, batch) for x in (0.5 * (1 + grid.middle - grid.half), grid.half, grid.segment))
     columns = tuple(None if x is None else of_cells(x) for x in position)
-    timing, ends = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
-    motions = CellMotions(columns, of_cells(durations), first, half, timing, ends, segment, directions)
+    timing, at_rest = powers.reshape(-1, 4).T, at_rest.reshape(2, -1)
+    place = None if place is None else np.tile(place, batch)
+    motions = CellMotions(columns, of_cells(durations), first, half, timing, at_rest, segment, directions, place)
     limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
     vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))

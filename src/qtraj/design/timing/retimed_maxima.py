@@ -14,7 +14,7 @@ from qtraj.design.timing.retimed_by_speed import OnCell
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.varying import at_places
+from qtraj.design.varying import Varying, at_places, varies
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.vehicle import RoadParameters
 
@@ -33,7 +33,7 @@ INSIDE = 1e-9
 class Limited(NamedTuple):
     """A retimed path with its cells, and its limits by name; `vehicle` is None without limits on friction or power.
 
-    A limit may be an array with the values at both ends of each moving cell.
+    A limit may be an array with the values at both ends of each moving cell, or `Varying` if all values are concrete.
     """
 
     path: RetimedPath
@@ -51,9 +51,17 @@ class Limited(NamedTuple):
         r, v = motion_at(self.path, self.cells, cell, place)
         one: Any = np.ones(())
         before_stop = self.library.asarray(self.cells.stops[1])[cell] & (place > 0.5)
-        found = used(parts(r, one, at_places(self.bounds, cell, place), self.vehicle, before_stop), v)
+        found = used(parts(r, one, self.bounds_at(cell, place), self.vehicle, before_stop), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
+
+    def bounds_at(self, cell: Int[Any, " m"], place: Float[Any, " m"]) -> dict[str, Any]:
+        """Return the limits at the fraction `place` of each moving `cell`."""
+        if not varies(self.bounds):
+            return at_places(self.bounds, cell, place)
+        knots, at = np.asarray(self.path.timing.knots), np.asarray(self.cells.columns)[cell]
+        u = knots[at] + place * (knots[at + 1] - knots[at])
+        return {name: x.at(u) if isinstance(x, Varying) else x for name, x in self.bounds.items()}
 
 
 def values_in(
@@ -67,9 +75,9 @@ def values_in(
     `at` is for each limit the cell of the timing, and the place in it.
     """
     xp, rows = limited.library, [limited.bounds] * len(names)
-    if any(np.ndim(x) for x in limited.bounds.values()):
+    if varies(limited.bounds) or any(np.ndim(x) for x in limited.bounds.values()):
         columns = np.searchsorted(limited.cells.columns, at[0])
-        rows = [at_places(limited.bounds, k, z) for k, z in zip(columns, at[1], strict=True)]
+        rows = [limited.bounds_at(k, z) for k, z in zip(columns, at[1], strict=True)]
     found = [
         _by_speed(limited, at, k, name)
         if isinstance(rows[k][name], OfSpeed)

@@ -19,13 +19,14 @@ from qtraj.design.proof.varying import require_known
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.joints import jumps
+from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
-from qtraj.design.varying import in_cells, on_path, varies
+from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
@@ -98,33 +99,41 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     names, dtype = tuple(limits.given()), path.duration.dtype
     (arrays, static), traced = eqx.partition(path, eqx.is_array), is_traced(path, limits)
     xp: Any = jnp if traced else np
-    bounds = on_path(limits.given(), path.path)
-    if varies(bounds):
-        knots = np.asarray(path.timing.knots)
-        bounds = in_cells(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
-    bounds = {name: x if isinstance(x, OfSpeed) else xp.asarray(x, dtype) for name, x in bounds.items()}
+    bounds = {
+        name: x if isinstance(x, OfSpeed | Varying) else xp.asarray(x, dtype)
+        for name, x in on_path(limits.given(), path.path).items()
+    }
     vehicle = None
     if set(names) & set(ROAD):
         vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
     polynomials: Any = constants(source(path.path))
     limited = constants(Limited(path, cells, bounds, vehicle))
     known = not is_traced(limited)
-    coefficients = limited.path.timing.coefficients
-    coefficients = (np.asarray(coefficients) if known else coefficients)[cells.columns]
-    timing = coefficients, np.array(path.timing.rest)
-    codes = prove(polynomials, cells.grid, timing, limited.bounds, limited.vehicle).codes
     if known:
-        known_bounds = {name: x if isinstance(x, OfSpeed) else np.asarray(x) for name, x in limited.bounds.items()}
-        limited = limited._replace(bounds=known_bounds)
+        limited = limited._replace(
+            bounds={
+                name: x if isinstance(x, OfSpeed | Varying) else np.asarray(x) for name, x in limited.bounds.items()
+            }
+        )
+    limited, codes = (proved_in_pieces if varies(bounds) else _proved)(limited, polynomials)
     # Cells without motion are proved, and their usage is negative.
-    place = np.full(path.timing.coefficients.shape[0], cells.columns.size)
-    place[cells.columns] = np.arange(cells.columns.size)
+    columns = limited.cells.columns
+    place = np.full(limited.path.timing.coefficients.shape[0], columns.size)
+    place[columns] = np.arange(columns.size)
     found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names, place)
     if not traced:
         return found
     road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
     values = differentiable(names, static, (arrays, road), found.times, found.values)
     return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.constant().values()]))
+
+
+def _proved(limited: Limited, polynomials: Any) -> tuple[Limited, Int[Any, "limits moving"]]:
+    """Return the path with its cells, and the status of each limit of `NAMES` on each cell that moves."""
+    timing, cells = limited.path.timing, limited.cells
+    coefficients = timing.coefficients if is_traced(limited) else np.asarray(timing.coefficients)
+    powers = coefficients[cells.columns], np.array(timing.rest)
+    return limited, prove(polynomials, cells.grid, powers, limited.bounds, limited.vehicle).codes
 
 
 def _certificate(

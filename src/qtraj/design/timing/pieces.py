@@ -1,0 +1,151 @@
+"""Prove limits that change along the way on a timing that was not made for them, in parts of its cells.
+
+On a cell, the proof is about a line that is nowhere less strict than the limit (see `varying`). Where the limit bends
+or changes in steps within a cell, the line is a constant, so that the proof may fail although the limit is satisfied.
+Such cells are halved until the lines are close to the limit, or until a sample violates the limit itself.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
+from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.grid import Grid
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.retimed_cells import Cells
+from qtraj.design.timing.retimed_maxima import PLACES, Limited
+from qtraj.design.timing.sources import Source
+from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.design.varying import Varying
+
+ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
+"""Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
+number `MOST` of parts on, no cell is halved."""
+
+LEAST = 2.0**-40
+"""Smallest half length of a piece that is halved, relative to its segment; so the ends of pieces are exact floats."""
+
+Codes = Int[np.ndarray, "limits pieces"]
+
+
+class Pieces(NamedTuple):
+    """Parts of the moving cells of a timing: each is from `start` to `end` of its `cell`, as dyadic fractions."""
+
+    cell: Int[np.ndarray, " pieces"]
+    start: Float[np.ndarray, " pieces"]
+    end: Float[np.ndarray, " pieces"]
+
+    def halved(self, chosen: Bool[np.ndarray, " pieces"]) -> tuple["Pieces", Int[np.ndarray, " more"]]:
+        """Return the pieces with the chosen ones halved, in the same order, and the index of each in these pieces."""
+        index = np.repeat(np.arange(chosen.size), 1 + chosen)
+        cell, start, end = (x[index] for x in self)
+        second = np.flatnonzero(np.append(False, index[1:] == index[:-1]))
+        start[second] = end[second - 1] = 0.5 * (start[second] + end[second])
+        return Pieces(cell, start, end), index
+
+    def part(self, chosen: Any) -> "Pieces":
+        """Return some of the pieces."""
+        return Pieces(*(x[chosen] for x in self))
+
+
+def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Codes]:
+    """Return the path with its cells divided where necessary, and the status of each limit of `NAMES` on each piece.
+
+    The path and the limits have concrete values. BROKEN refers to limits that are constant on the piece.
+    """
+    problem = _Problem(limited, polynomials)
+    count = limited.cells.columns.size
+    pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
+    codes, rough = problem.judged(pieces, tuple(limited.bounds))
+    for _ in range(HALVINGS):
+        unproved = rough & (codes != PROVED) & (_grid(limited.cells.grid, pieces).half > LEAST)
+        for name in problem.changing:
+            row = unproved[NAMES.index(name)]
+            row &= not problem.violated(pieces.part(row), name)
+        chosen = unproved.any(axis=0)
+        if not chosen.any() or chosen.size > MOST:
+            break
+        pieces, index = pieces.halved(chosen)
+        codes, rough = codes[:, index], rough[:, index]
+        names = tuple(name for name in problem.changing if unproved[NAMES.index(name)].any())
+        new = chosen[index]
+        found = problem.judged(pieces.part(new), names)
+        for name in names:
+            row, again = NAMES.index(name), unproved[NAMES.index(name), index]
+            codes[row, again], rough[row, again] = (x[row, again[new]] for x in found)
+    codes = np.where(rough & (codes == BROKEN), UNDECIDED, codes)
+    return (limited if codes.shape[1] == count else _divided(limited, pieces)), codes
+
+
+class _Problem:
+    """The limits on a timing, and the polynomials of its path."""
+
+    def __init__(self, limited: Limited, polynomials: Source):
+        self._limited, self._polynomials = limited, polynomials
+        self.changing = tuple(name for name, x in limited.bounds.items() if isinstance(x, Varying))
+        timing, columns = limited.path.timing, limited.cells.columns
+        self._powers = np.asarray(timing.coefficients)[columns]
+        self._rest = np.zeros((2, columns.size), bool)
+        self._rest[0, 0], self._rest[1, -1] = timing.rest
+
+    def judged(self, pieces: Pieces, names: tuple[str, ...]) -> tuple[Codes, Bool[np.ndarray, "limits pieces"]]:
+        """Return the status of the limits `names` on pieces, and where lines are not close to a limit that changes."""
+        low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
+        grid, place = _grid(self._limited.cells.grid, pieces), np.stack([pieces.start, pieces.end])
+        bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
+        for name in names:
+            bounds[name] = bound = self._limited.bounds[name]
+            if isinstance(bound, Varying):
+                bounds[name], rest = bound.approximated(low, high)
+                rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
+        timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
+        codes = prove(self._polynomials, grid, timing, bounds, self._limited.vehicle, place).codes
+        return np.array(codes), rough
+
+    def violated(self, pieces: Pieces, name: str) -> bool:
+        """Return whether a sample on one of the pieces violates a limit."""
+        if not pieces.cell.size:
+            return False
+        place = pieces.start[:, None] + (pieces.end - pieces.start)[:, None] * np.linspace(0.0, 1.0, PLACES)
+        usage = self._limited.usage(np.repeat(pieces.cell, PLACES), place.ravel(), (name,))
+        return bool((usage > 1).any())
+
+
+def _parameters(limited: Limited, cell: Int[np.ndarray, " m"], place: Float[np.ndarray, " m"]) -> np.ndarray:
+    """Return the parameters of the path at fractions of moving cells."""
+    knots, at = np.asarray(limited.path.timing.knots), limited.cells.columns[cell]
+    return knots[at] + place * (knots[at + 1] - knots[at])
+
+
+def _grid(grid: Grid, pieces: Pieces) -> Grid:
+    half = grid.half[pieces.cell] * (pieces.end - pieces.start)
+    middle = grid.middle[pieces.cell] + grid.half[pieces.cell] * (pieces.start + pieces.end - 1)
+    return Grid(np.arange(half.size + 1.0), grid.segment[pieces.cell], middle, half)
+
+
+def _divided(limited: Limited, pieces: Pieces) -> Limited:
+    """Return the path with the pieces as the cells of its timing, which is the same to within rounding errors."""
+    path, cells = limited.path, limited.cells
+    timing, count = path.timing, path.timing.coefficients.shape[0]
+    parts = np.ones(count, int)
+    parts[cells.columns] = np.bincount(pieces.cell, minlength=cells.columns.size)
+    owner, own = np.repeat(np.arange(count), parts), np.zeros(parts.sum(), bool)
+    own[np.isin(owner, cells.columns)] = True
+    start, width = np.zeros(owner.size), np.ones(owner.size)
+    start[own], width[own] = pieces.start, pieces.end - pieces.start
+    c0, c1, c2, c3 = np.asarray(timing.coefficients)[owner].T
+    shifted = [
+        c0 + start * (c1 + start * (c2 + start * c3)),
+        width * (c1 + start * (2 * c2 + 3 * start * c3)),
+        width**2 * (c2 + 3 * start * c3),
+        width**3 * c3,
+    ]
+    at = np.asarray(timing.knots)
+    knots = np.append(at[owner] + start * np.diff(at)[owner], at[-1])
+    stops = np.stack(
+        [cells.stops[0][pieces.cell] & (pieces.start == 0), cells.stops[1][pieces.cell] & (pieces.end == 1)]
+    )
+    divided = RetimedPath(path.path, Timing(np.stack(shifted, axis=1), knots, timing.rest))
+    return limited._replace(path=divided, cells=Cells(_grid(cells.grid, pieces), np.flatnonzero(own), stops))
