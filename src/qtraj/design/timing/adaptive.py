@@ -111,7 +111,15 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
         cells, draft = _positive(shape, cells.halved(np.ones(cells.half.size, bool)), draft_on, None)
     if not np.isfinite(draft.powers).all():  # the limits contradict each other, and smaller cells do not help
         return draft.completed("jerk" in p.bounds), np.nan
+
+    def estimated(slower: float) -> float:
+        """Return the estimated difference of a completed timing to the minimum duration."""
+        own = slower - finest(shape, task, cells)
+        own = own if exact else min(own, change + max(slower - time, 0.0))
+        return own if np.isfinite(own) else np.inf
+
     accuracy = (ACCURACY if exact else ACCURACY_COUPLED) * p.tolerance
+    time, change = draft.times().sum(), np.inf
     gained, best, excess, drafts = np.inf, None, np.inf, []
     for attempt in range(ATTEMPTS + 1):
         profile = relaxed_profile(shape, task, cells)
@@ -120,9 +128,7 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
         near = time - profile.least <= ENOUGH * p.tolerance * time
         if near or change <= CHANGE * p.tolerance * time or attempt == ATTEMPTS or cells.half.size >= MOST:
             latest, slower = _completed(p, part, draft, (ends, rest))
-            own = slower - finest(shape, task, cells)
-            own = own if exact else min(own, change + max(slower - time, 0.0))
-            own = own if np.isfinite(own) else np.inf
+            own = estimated(slower)
             rank = not _converged(p, latest), own
             if best is None or rank < (not _converged(p, best), excess):
                 best, excess = latest, own
@@ -147,7 +153,8 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
             accuracy *= FINER
     if best is None:
         best, slower = _completed(p, part, draft, (ends, rest))
-        excess = slower - finest(shape, task, cells)
+        time, change = draft.times().sum(), abs(gained)
+        excess = estimated(slower)
     for earlier in drafts[: -COARSER - 1 : -1]:
         if _converged(p, best) or not np.isfinite(best.powers).all():
             break

@@ -24,10 +24,10 @@ STEPS, LEAST = 16, 1e-12
 
 def scaled(bounds: dict[str, Any], factor: float) -> dict[str, Any]:
     """Return the limits with those on accelerations multiplied by `factor`, and that on the jerk by its power 1.5."""
-    return {name: _times(bound, factor ** _exponent(name, bound)) for name, bound in bounds.items()}
+    return {name: _product(bound, factor ** _exponent(name, bound)) for name, bound in bounds.items()}
 
 
-def _times(bound: Any, factor: float) -> Any:
+def _product(bound: Any, factor: float) -> Any:
     return bound.scaled(factor) if isinstance(bound, Varying | OfSpeed) else bound * factor
 
 

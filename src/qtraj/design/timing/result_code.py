@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from qtraj.design.timing.search import Found
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
@@ -38,3 +40,15 @@ def result_code(
     ):
         code = xp.where(failed, int(result), code)
     return code
+
+
+def accuracy_code(time: float, wanted: float | None, gap: float, tolerance: float) -> np.ndarray:
+    """Return the code of a successful timing, which may miss the prescribed duration `wanted`, or the tolerance."""
+    code = ResultCode.successful
+    if wanted is not None and time > (1 + tolerance) * wanted:
+        code = ResultCode.duration_too_short
+    elif wanted is not None and time < (1 - 2 * tolerance) * wanted:
+        code = ResultCode.duration_too_long
+    elif gap > tolerance:  # false for NaN
+        code = ResultCode.not_converged
+    return np.asarray(int(code))

@@ -41,7 +41,7 @@ from qtraj.design.timing.requirements import (
     require_tolerance,
     speed_at,
 )
-from qtraj.design.timing.result_code import REACHED, result_code
+from qtraj.design.timing.result_code import REACHED, accuracy_code, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
 from qtraj.design.timing.road import ROAD
@@ -238,14 +238,10 @@ def _retimed(
     )
     if duration is not None:
         result[3], gap = result[3] * ratios(p.names, p.bounds, share)[:, None], np.asarray(np.nan)
-        too_short = code == ResultCode.successful and float(result[1]) > (1 + p.tolerance) * duration
-        code = np.asarray(int(ResultCode.duration_too_short)) if too_short else code
-        too_long = code == ResultCode.successful and float(result[1]) < (1 - 2 * p.tolerance) * duration
-        code = np.asarray(int(ResultCode.duration_too_long)) if too_long else code
     elif not one_interval(p.bounds):
         gap = np.asarray(np.nan)
-    elif not traced and code == ResultCode.successful and gap > p.tolerance:  # false for NaN
-        code = np.asarray(int(ResultCode.not_converged))
+    if not traced and code == ResultCode.successful:
+        code = accuracy_code(float(result[1]), duration, float(gap), p.tolerance)
     if brakes is not None and brakes.holds and code == ResultCode.limits_broken:
         code = np.asarray(int(ResultCode.starts_above_limits))
     return *result, code, steps, gap, share, *((0.0, 0.0) if brakes is None else brakes[2:4])
