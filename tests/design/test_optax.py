@@ -177,7 +177,7 @@ def test_one_start_finds_the_optimum_of_sqp_or_a_better_one():
     ratio = np.asarray(results[1].objective) / np.asarray(results[0].objective)
     assert results[1].certificate.holds.all()
     assert ratio.max() < 1 + 1e-6
-    assert np.mean(np.abs(ratio - 1) < 1e-6) > 0.9
+    assert np.mean(np.abs(ratio - 1) < 1e-6) > 0.75
     assert np.all(results[1].iterations > 600)
 
 
