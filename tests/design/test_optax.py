@@ -160,16 +160,6 @@ def random_problems(count, seed):
         return problems(count, seed)
 
 
-@pytest.mark.slow
-def test_many_starts_find_optima_at_least_as_good_as_sqp():
-    given = random_problems(100, 7)
-    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
-    reference = qt.tune(given.starts, given.ends, limits, starts=8)
-    best = qt.tune(given.starts, given.ends, limits, starts=64, method=ADAM)
-    assert best.certificate.holds.all()
-    assert np.max(np.asarray(best.objective) / np.asarray(reference.objective)) < 1 + 1e-6
-
-
 def test_one_start_finds_the_optimum_of_sqp_or_a_better_one():
     given = random_problems(24, 5)
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
