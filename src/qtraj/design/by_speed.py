@@ -178,13 +178,7 @@ def one_side(given: BySpeed, side: int, what: str) -> BySpeed:
 
 
 def _speeds(given: ArrayInput) -> Array:
-    try:
-        found = as_float(given)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"speeds must contain numbers [m/s], but {described(given)} was given") from error
-    known = concrete(found)
-    if known is None:
-        raise ValueError("speeds must have concrete values: create BySpeed outside jit, grad and vmap")
+    found, known = _known(given, "speeds", "must contain numbers [m/s]")
     ascends = known.ndim == 1 and known.size > 0 and np.isfinite(known).all() and (np.diff(known) > 0).all()
     if not ascends or known[0] < 0:
         raise ValueError(
@@ -194,18 +188,23 @@ def _speeds(given: ArrayInput) -> Array:
 
 
 def _values(given: ArrayInput, what: str, speeds: Array) -> Array:
-    count = speeds.shape[0]
-    expected = f"{what} must contain one finite number [m/s²] for each of the {count} speeds"
+    expected = f"must contain one finite number [m/s²] for each of the {speeds.shape[0]} speeds"
+    found, known = _known(given, what, expected)
+    if known.shape != speeds.shape or not np.isfinite(known).all():
+        raise ValueError(f"{what} {expected}, but {known.tolist()} was given")
+    return found
+
+
+def _known(given: ArrayInput, what: str, expected: str) -> tuple[Array, np.ndarray]:
+    """Return an array, and the same in NumPy."""
     try:
         found = as_float(given)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{expected}, but {described(given)} was given") from error
+        raise ValueError(f"{what} {expected}, but {described(given)} was given") from error
     known = concrete(found)
     if known is None:
         raise ValueError(f"{what} must have concrete values: create BySpeed outside jit, grad and vmap")
-    if known.shape != speeds.shape or not np.isfinite(known).all():
-        raise ValueError(f"{expected}, but {known.tolist()} was given")
-    return found
+    return found, known
 
 
 def _listed(x: Any) -> str:

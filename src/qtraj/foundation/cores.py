@@ -41,17 +41,6 @@ def take(tree: Any, block: np.ndarray, size: int) -> Any:
     return jax.tree.map(lambda x: x[padded], tree)
 
 
-def put(tree: Any, block: np.ndarray, result: Any) -> None:
-    """Write the result for a block, without the padding, into the arrays of the whole batch."""
-    for whole, part in zip(jax.tree.leaves(tree), jax.tree.leaves(result), strict=True):
-        whole[block] = part[: block.size]
-
-
-def allocate(elements: int, result: Any) -> Any:
-    """Allocate arrays of zeros for the whole batch, with the structure and dtypes of the result for one block."""
-    return jax.tree.map(lambda x: np.zeros((elements, *x.shape[1:]), x.dtype), result)
-
-
 def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device: Any = None) -> Iterator[Any]:
     """Yield the results of `call` for each tuple of arguments, in order, as NumPy arrays.
 
