@@ -71,6 +71,18 @@ def tune(motion, again=None):
     return lambda: qt.tune(start, end, qt.Limits(**TWO), motion=motion)
 
 
+def gradient_of_tune():
+    """The derivatives of the duration of a tuned path with respect to both velocities, outside jit."""
+    jax.config.update("jax_enable_x64", True)
+
+    def duration(velocities):
+        start, end = (qt.BoundaryState(x[0], v) for x, v in zip((START, END), velocities, strict=True))
+        return qt.tune(start, end, qt.Limits(**TWO), motion="hermite").path.duration
+
+    velocities = jax.numpy.asarray([START[1], END[1]])
+    return lambda: jax.grad(duration)(velocities)
+
+
 def on_minute(call, **limits):
     """Return a call with a minute of the drive and limits."""
     route, given = drive().window(*WINDOW), qt.Limits(**limits)
@@ -138,6 +150,7 @@ CALLS = {
     "tune, hermite": lambda: tune("hermite"),
     "tune, hermite, after uniform with other limits": lambda: tune("hermite", again="uniform"),
     "retime, 60 s": lambda: on_minute(qt.retime, **TIMED),
+    "gradient of tune, hermite": gradient_of_tune,
     "tune_route, 60 s": lambda: on_minute(qt.tune_route, **TUBED),
     "fit": fit,
     "fit_route, 8 km": fit_route,

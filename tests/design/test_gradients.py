@@ -110,6 +110,7 @@ def test_other_numbers_in_an_objective_compile_nothing(compiled):
     assert not compiled
 
 
+@pytest.mark.slow
 def test_the_second_derivative_of_a_solution():
     slope, step = jax.grad(FUNCTIONS["tune"]), 1e-4
     difference = (float(slope(1.0 + step)) - float(slope(1.0 - step))) / (2 * step)

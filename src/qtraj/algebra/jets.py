@@ -86,6 +86,15 @@ class Jet:
             hessian = _added((second * self.gradient)[:, None] * self.gradient, _scaled(first, self.hessian))
         return Jet(value, first * self.gradient, hessian)
 
+    @property
+    def ndim(self) -> int:
+        """Number of batch axes."""
+        return self.value.ndim
+
+    def __pow__(self, exponent: int) -> "Jet":
+        x, n = self.value, exponent
+        return self.apply(x**n, n * x ** (n - 1), n * (n - 1) * x ** (n - 2))
+
     def reciprocal(self) -> "Jet":
         """Return 1/x."""
         inverse = 1 / self.value

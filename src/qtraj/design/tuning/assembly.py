@@ -16,7 +16,7 @@ from qtraj.design.tuning.model import objective_values
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
 from qtraj.design.tuning.problem import broadcasting
 from qtraj.design.tuning.search import SearchResult
-from qtraj.design.tuning.sensitivity import solution
+from qtraj.design.tuning.sensitivity import solutions
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task, as_jax, one
 from qtraj.foundation.arrays import is_traced
@@ -42,7 +42,7 @@ def make_outcome(
     if not tasks.problem.objective.is_formula:
         tasks = eqx.tree_at(lambda task: task.problem.scale, tasks, jax.lax.stop_gradient(result.scale))
     if is_traced(tasks, result):
-        parts = _traced_paths(tasks, jax.lax.stop_gradient(result), start, end)
+        parts = _traced_paths(tasks, solutions(tasks, jax.lax.stop_gradient(result)), start, end)
         parts = parts if batch else one(parts)
     else:
         with np.errstate(all="ignore"):
@@ -81,10 +81,9 @@ def _paths(
 
 
 @eqx.filter_jit
-def _traced_paths(tasks: Task, results: SearchResult, start: BoundaryState, end: BoundaryState) -> Any:
-    """Return the results of `_paths` as differentiable functions of the tasks."""
+def _traced_paths(tasks: Task, z: Array, start: BoundaryState, end: BoundaryState) -> Any:
+    """Return the results of `_paths` for the variables (batch, n) as differentiable functions."""
     with broadcasting():
-        z = jax.vmap(lambda task, result: solution(task, result).z)(tasks, results)
         return _paths(tasks, z.T, start, end)
 
 

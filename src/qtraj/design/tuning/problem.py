@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.algebra.jets import exp
+from qtraj.algebra.jets import exp, replaced
 from qtraj.design.tuning import ends
 from qtraj.design.tuning.motions.motion import HEADINGS, AbstractMotion, Velocities
 from qtraj.design.tuning.objectives.nearest import Nearest
@@ -90,7 +90,7 @@ class Formulas:
         tuned = []
         for k, state in enumerate((self.start, self.end)):
             fixed, angular = self.heading_fixed[..., k], state.velocity[..., 1]
-            ratio = fixed * state.velocity[..., 0] / (angular + (angular == 0))
+            ratio = fixed * state.velocity[..., 0] / replaced(angular, ~((angular > 0) | (angular < 0)), 1.0)
             radial, along, up = both[k]
             tuned.append((radial * (1 - fixed) + along * ratio, along, up))
         return tuned[0], tuned[1]

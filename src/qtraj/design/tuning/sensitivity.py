@@ -17,10 +17,48 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
+from qtraj.design.tuning import host_sensitivity
 from qtraj.design.tuning.problem import broadcasting
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
 from qtraj.design.tuning.task import Task, constraint_values
+from qtraj.foundation.arrays import is_traced
+
+
+@eqx.filter_custom_jvp
+def solutions(tasks: Task, results: SearchResult) -> Float[Array, "batch n"]:
+    """Return the solutions of a batch of searches as differentiable functions of the tasks.
+
+    For a few problems outside jit, the derivatives of first order come from jets on the host.
+    """
+    return jnp.asarray(results.z)
+
+
+@solutions.def_jvp
+def _differentiate_all(
+    primals: tuple[Task, SearchResult], tangents: tuple[Task, SearchResult | None]
+) -> tuple[Array, Array]:
+    tasks, results = primals
+    if is_traced(primals) or not host_sensitivity.is_supported(tasks):
+        return _compiled(tasks, results, tangents[0])
+    moving = jax.tree.map(lambda x, change: change is not None, tasks, tangents[0])
+    changes = [x.reshape(len(x), -1) for x in jax.tree.leaves(tangents[0])]
+    return jnp.asarray(results.z), _applied(host_sensitivity.derivatives(tasks, results, moving), changes)
+
+
+@jax.jit
+def _applied(derivatives: Float[Array, "batch n p"], changes: list[Float[Array, "batch _"]]) -> Float[Array, "batch n"]:
+    """Return the changes of the variables for changes of the data."""
+    return jnp.einsum("bnp,bp->bn", derivatives, jnp.concatenate(changes, axis=1))
+
+
+@eqx.filter_jit
+def _compiled(tasks: Task, results: SearchResult, changes: Task) -> tuple[Array, Array]:
+    def z(tasks: Task) -> Array:
+        return jax.vmap(lambda task, result: solution(task, result).z)(tasks, results)
+
+    with broadcasting():
+        return eqx.filter_jvp(z, (tasks,), (changes,))
 
 
 class Solution(NamedTuple):

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -148,18 +149,17 @@ def tune(
     axis, bounds_of = Placement() if placement is None else placement, _as_floats(bounds)
     _require_batch((duration, turn, axis, bounds_of, road, limits.constant(), corridor), batch)
     limits.require_batch(batch, "the states")
-    count = start.position.shape[0]
 
-    def task_of(objective: AbstractObjective) -> Task:
-        problem = pose(start, end, objective, motion, duration, turns, axis, turn, weight_array, fixed, road)
-        return Task(problem, search_limits(limits, corridor, count), *box(problem, fixed, bounds_of))
-
+    data = (start, end, limits, duration, axis, turn, weight_array, road, corridor, bounds_of)
+    choices: Any = {"motion": motion, "turns": turns, "fixed": tuple(fixed)}
     with np.errstate(all="ignore"), broadcasting():  # ill-posed problems are reported below
-        tasks = task_of(objective)
+        # Outside jit, the derivatives of separate operations would be compiled one by one.
+        compiled = objective.is_formula and is_traced(start, end, duration, axis, turn)
+        tasks = (_compiled_tasks if compiled else _tasks)(objective, *data, **choices)
     if isinstance(objective, Custom) and is_traced(tasks, start, end, duration):
         explicit = objective.with_closure(one(constants(tasks.problem)))
         with broadcasting():
-            tasks = tasks if explicit is objective else task_of(explicit)
+            tasks = tasks if explicit is objective else _tasks(explicit, *data, **choices)
     # Outside jit and vmap, the values of differentiated arrays are known, so the search does not have to be traced.
     constant, *others = constants((tasks, turn, limits, corridor))
     checked: Any = (constant.problem if batch else one(constant.problem), *others, placement is not None)
@@ -188,11 +188,36 @@ def tune(
             return outcome.check() if throw else outcome
         advisor = Advisor(searches, result, starts, max_steps, bounds, limits.vehicle)
         if batch:
-            place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
+            place = np.stack([np.full(batch, advisor.number), np.arange(batch[0])], axis=1)
             outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
         else:
             outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), report))
     return outcome.check() if throw else outcome
+
+
+def _tasks(
+    objective: AbstractObjective,
+    start: BoundaryState,
+    end: BoundaryState,
+    limits: Limits,
+    duration: Any,
+    axis: Placement,
+    turn: Any,
+    weights: Any,
+    road: RoadParameters | None,
+    corridor: Any,
+    bounds: Any,
+    *,
+    motion: AbstractMotion,
+    turns: int,
+    fixed: tuple[str, ...],
+) -> Task:
+    """Return the problems of a batch of states with their limits and bounds."""
+    problem = pose(start, end, objective, motion, duration, turns, axis, turn, weights, fixed, road)
+    return Task(problem, search_limits(limits, corridor, len(start.position)), *box(problem, fixed, bounds))
+
+
+_compiled_tasks = eqx.filter_jit(_tasks)
 
 
 def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
