@@ -17,6 +17,7 @@ from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
+from qtraj.motion.control.hysteresis import without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, require_linear
 from qtraj.motion.control.response import error_state
 
@@ -145,6 +146,7 @@ def _place(
 
 
 def _require_gibbs(law: AbstractLaw, mu: Quat, sign: str) -> None:
+    law = without_hysteresis(law)
     if getattr(law, "error", None) == "additive" or isinstance(law, tuple(BASELINES.values())):
         raise ValueError(
             "the normalization 'gibbs' is possible only for a law with the body or the inertial error, whose Gibbs "
