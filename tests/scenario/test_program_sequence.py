@@ -10,9 +10,10 @@ from qtraj.scenario.loop import prepare
 from qtraj.scenario.reader import read_scenario
 
 START = "start = {rotation_vector = [30, 0, 0]}\n"
-UP = "[[program.sequence]]\n[program.sequence.slew]\naxis = [0, 0, 1]\nangle = 9\nlaw = {max_acceleration = 2, end_rate = 6}\n"
+SLEW = "[[program.sequence]]\n[program.sequence.slew]\naxis = [0, 0, 1]\nangle = 9\n"
+UP = SLEW + "law = {max_acceleration = 2, end_rate = 6}\n"
 SPIN = "[[program.sequence]]\nspin = {rate = [0, 0, 6], duration = 20}\n"
-DOWN = UP.replace("end_rate", "start_rate")
+DOWN = SLEW + "law = {max_acceleration = 2, start_rate = 6}\n"
 ANGLES = "angles = 'deg'\n"
 
 
