@@ -216,8 +216,8 @@ class ExactSpline:
     """The rotation spline through attitudes in mpmath, without the formulas of ours and SciPy's.
 
     On each interval λ = λ_i∘exp(θ/2) with a cubic θ. The derivatives of θ at the end of an interval follow from the
-    rate there, and the rates from the continuity of the acceleration 2 vec(λ⁻¹∘λ̈). λ̇ and λ̈ are central differences with 50
-    digits, which are exact to 1e-24.
+    rate there, and the rates from the continuity of the acceleration 2 vec(λ⁻¹∘λ̈). Derivatives are central differences
+    with 50 digits, which are exact to 1e-24.
     """
 
     H = mpmath.mpf(10) ** -12
