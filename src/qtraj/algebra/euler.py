@@ -18,7 +18,7 @@ from typing import Any
 from qtraj.algebra.quaternion import canonical, components, product
 from qtraj.algebra.vector import balanced, norm
 from qtraj.foundation.namespace import of_arrays, xp
-from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, Vec3
+from qtraj.foundation.types import Flag, Quat, Scalar, Vec3
 
 Pair = tuple[Any, Any]
 
@@ -26,7 +26,7 @@ _LOCK = 16  # in units of machine epsilon; at a smaller distance from gimbal loc
 
 
 @of_arrays
-def from_euler(seq: str, angles: ArrayInput) -> Quat:
+def from_euler(seq: str, angles: Any) -> Quat:
     """Return the unit quaternion for Euler `angles` (..., n) [rad] in the order of `seq`.
 
     `seq` names n = 1, 2 or 3 axes; the angle about one axis may also be a scalar.
