@@ -16,6 +16,9 @@ from qtraj.scenario import KINDS
 FIRST = ("name", "description", "angles")
 """Keys of the whole scenario, wherever a model has them."""
 
+LAST = ("sequence",)
+"""Tables that refer to the tables before them."""
+
 PAGE = Path(__file__).with_suffix(".md")
 
 COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS.values()}
@@ -36,6 +39,78 @@ commands run if no scenario is given. Until version 1.0, the old keys `[program.
 """
 
 
+EXAMPLES = {
+    "SlewScenario": """axis = [0.0, 0.0, 1.0]         # two turns and 30° about the z axis
+angle = 30.0
+turns = 2""",
+    "NextPart": """[[program.sequence]]
+[program.sequence.slew]        # from rest to 6°/s
+start = {quaternion = [1.0, 0.0, 0.0, 0.0]}
+axis = [0.0, 0.0, 1.0]
+angle = 9.0
+law = {max_acceleration = 2.0, end_rate = 6.0}
+
+[[program.sequence]]
+spin = {rate = [0.0, 0.0, 6.0], duration = 20.0}
+
+[[program.sequence]]
+[program.sequence.slew]        # to rest
+axis = [0.0, 0.0, 1.0]
+angle = 9.0
+law = {max_acceleration = 2.0, start_rate = 6.0}""",
+    "HysteresisPart": """[law.hysteresis]
+half_width = 0.25              # the sign changes at an error of 209°
+sampling = 0.1                 # [s]""",
+    "RigidBodyPart": """[body]
+inertia = [12.0, 15.0, 9.0]    # [kg m²]
+assumed = [11.0, 15.0, 10.0]   # the law is designed for another inertia
+max_torque = 2.0               # [N m]""",
+    "WheelsPart": """[body]
+inertia = [12.0, 15.0, 9.0]    # [kg m²]
+
+[body.wheels]                  # a pyramid of four wheels
+axes = [[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]]
+max_torque = 0.5               # [N m]
+max_momentum = 20.0            # [N m s]
+momentum = [1.0, 1.0, 1.0, 1.0]""",
+    "DisturbancePart": """[disturbance]
+torque = [0.005, 0.0, -0.003]  # [N m], constant
+inertia = [12.0, 15.0, 9.0]    # [kg m²]""",
+    "GravityPart": """[body]
+inertia = [12.0, 15.0, 9.0]    # [kg m²]
+
+[disturbance.orbit]
+radius = 7e6                   # [m]
+
+[disturbance.gravity_gradient] # at the position on the orbit""",
+    "MagneticPart": """[disturbance]
+inertia = [12.0, 15.0, 9.0]    # [kg m²]
+
+[disturbance.magnetic]
+dipole = [0.0, 0.0, 5.0]       # [A m²], body axes
+field = [3e-5, 0.0, 0.0]       # [T], inertial axes""",
+    "AirPart": """[disturbance]
+inertia = [12.0, 15.0, 9.0]    # [kg m²]
+
+[disturbance.aerodynamic]
+centre = [0.1, 0.0, 0.0]       # [m]
+area = 2.0                     # [m²]
+density = 1e-11                # [kg/m³]
+velocity = [0.0, 7500.0, 0.0]  # [m/s]; or [disturbance.orbit]""",
+    "SensorPart": """[sensor]
+kind = "gyros"
+sampling = 0.1                 # [s]
+rate_bias = [0.005, 0.0, 0.0]  # [°/s]
+rate_noise = 0.01              # [°/s]
+seed = 1""",
+    "ActuatorPart": """[actuator]
+limit = [3.0, 3.0, 2.0]        # [°/s²]
+saturation = "axis"
+time_constant = 0.2            # [s]""",
+}
+"""Examples of tables by the name of their model; angles are in degrees."""
+
+
 class Table(NamedTuple):
     """A table of a scenario: its possible headers, and its model."""
 
@@ -48,7 +123,7 @@ def page() -> str:
     parts = [INTRODUCTION]
     known: dict[type[BaseModel], str] = {}
     for heading, model in COMMANDS.items():
-        parts += [f"## {heading}\n", *_about(model), _keys(model)]
+        parts += [f"## {heading}\n", *_about(model), _keys(model), *_example(model)]
         for table in _tables(model):
             title = ", ".join(f"`{header}`" for header in table.headers)
             parts.append(f"### {title}\n")
@@ -56,7 +131,7 @@ def page() -> str:
                 parts.append(f"Same keys as {known[table.model]} above.\n")
                 continue
             known[table.model] = f"{title} of {heading}"
-            parts += [*_about(table.model), _keys(table.model)]
+            parts += [*_about(table.model), _keys(table.model), *_example(table.model)]
     return "\n".join(parts)
 
 
@@ -64,6 +139,12 @@ def _about(model: type[BaseModel]) -> list[str]:
     """The paragraphs of a model's docstring."""
     lines = [line.strip() for line in (model.__doc__ or "").strip().splitlines()]
     return [f"{paragraph}\n" for paragraph in " ".join(line or "\n" for line in lines).split(" \n ")]
+
+
+def _example(model: type[BaseModel]) -> list[str]:
+    """The example of a table, if it has one."""
+    example = EXAMPLES.get(model.__name__)
+    return [] if example is None else [f"```toml\n{example}\n```\n"]
 
 
 def _tables(model: type[BaseModel], under: str = "") -> Iterator[Table]:
@@ -82,7 +163,9 @@ def _tables(model: type[BaseModel], under: str = "") -> Iterator[Table]:
 def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
     """The keys of a table by name: name, description and angles first, and keys shared with other tables last."""
     own = model.__annotations__
-    return sorted(model.model_fields.items(), key=lambda item: (item[0] not in FIRST, item[0] not in own))
+    return sorted(
+        model.model_fields.items(), key=lambda item: (item[0] not in FIRST, item[0] in LAST, item[0] not in own)
+    )
 
 
 def _inner(annotation: Any) -> type[BaseModel] | None:

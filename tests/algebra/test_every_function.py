@@ -22,6 +22,7 @@ KINDS = TRAILING | {Scalar: ()}
 INERTIA = np.array([1.5, 2.5, 3.5])
 
 SIZES = {
+    "rotation.from_euler": (Quat, (3,)),
     "rotation.align": (Vec3, (4, 3), (4, 3)),
     "rotation.mean": (Quat, (3, 4)),
     "rotation.continuous": (Quat, (3, 4)),

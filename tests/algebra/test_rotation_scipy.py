@@ -168,3 +168,25 @@ def test_near_gimbal_lock_the_attitude_is_kept(seq):
     qs = scipy_quaternion(Rotation.from_euler(seq, [[0.3, lock - gap, 0.4] for gap in 10.0 ** -np.arange(3, 17)]))
     angles = np.array(batch(lambda q: rotation.to_euler(q, seq))(jnp.array(qs)))
     assert distance(scipy_quaternion(Rotation.from_euler(seq, angles)), qs).max() < ROUND_OFF
+
+
+@pytest.mark.parametrize("seq", ["x", "Y", "zy", "XZ"])
+def test_sequences_of_one_and_two_axes(seq):
+    angles = np.random.default_rng(2).uniform(-4, 4, (3, 5, len(seq)))
+    expected = scipy_quaternion(Rotation.from_euler(seq, angles.reshape(-1, len(seq)))).reshape(3, 5, 4)
+    found = rotation.from_euler(seq, angles)
+    assert found.shape == (3, 5, 4)
+    assert distance(found, expected).max() < ROUND_OFF
+    np.testing.assert_allclose(jax.jit(lambda x: rotation.from_euler(seq, x))(angles), found, atol=ROUND_OFF)
+    if len(seq) == 1:
+        np.testing.assert_array_equal(rotation.from_euler(seq, 0.3), rotation.from_euler(seq, [0.3]))
+    with pytest.raises(ValueError, match=rf"angles must have shape \(..., {len(seq)}\), but shape \(3,\) was given"):
+        rotation.from_euler(seq, [0.1, 0.2, 0.3])
+    with pytest.raises(ValueError, match="an Euler sequence must be three of the letters"):
+        rotation.to_euler(found, seq)
+
+
+@pytest.mark.parametrize("seq", ["", "xx", "xY", "xyzx", "w"])
+def test_sequences_that_are_none(seq):
+    with pytest.raises(ValueError, match="an Euler sequence must be one to three of the letters"):
+        rotation.from_euler(seq, np.zeros(len(seq)))

@@ -95,3 +95,67 @@ def test_derivatives_are_finite_and_those_of_finite_differences(angle):
     right = (dual_quaternion.interpolate(a, b, 0.3 + step) - dual_quaternion.interpolate(a, b, 0.3 - step)) / (2 * step)
     np.testing.assert_allclose(slopes, right, atol=1e-9)
     assert np.isfinite(jax.jacobian(lambda x: dual_quaternion.interpolate(a, x, 0.3))(jnp.asarray(b))).all()
+
+
+def generator(twist_of_six):
+    """The commutator with a twist as a matrix (6, 6): the adjoint of exp(v, u) is its matrix exponential."""
+    (x, y, z), (a, b, c) = twist_of_six[:3], twist_of_six[3:]
+    turn, move = (np.array([[0, -r, q], [r, 0, -p], [-q, p, 0]]) for p, q, r in ((x, y, z), (a, b, c)))
+    return np.block([[turn, np.zeros((3, 3))], [move, turn]])
+
+
+@pytest.mark.parametrize("angle", TURNS)
+def test_the_adjoint_of_a_screw_motion_is_the_exponential_of_its_generator(angle):
+    v, u = RNG.normal(size=3), RNG.normal(size=3)
+    v *= angle / np.linalg.norm(v)
+    found = dual_quaternion.adjoint(-2.0 * dual_quaternion.exp(v, u))
+    np.testing.assert_allclose(found, expm(generator([*v, *u])), atol=1e-13)
+
+
+def test_the_adjoint_changes_the_axes_of_twists():
+    """Matrices: T [U] T⁻¹ with the pose T and the twist [U] (4, 4)."""
+    a, b = pose(), pose()
+    omega, u = RNG.normal(size=3), RNG.normal(size=3)
+    inertial = dual_quaternion.inertial_twist(a, omega, u)
+    right = matrix(a) @ twist(omega, u) @ np.linalg.inv(matrix(a))
+    np.testing.assert_allclose(twist(*inertial), right, atol=1e-13)
+    np.testing.assert_allclose(dual_quaternion.adjoint(a) @ [*omega, *u], np.concatenate(inertial), atol=1e-13)
+    back = dual_quaternion.body_twist(a, *inertial)
+    np.testing.assert_allclose(np.concatenate(back), [*omega, *u], atol=1e-13)
+    inverse = dual_quaternion.adjoint(dual_quaternion.inverse(a))
+    np.testing.assert_allclose(inverse @ dual_quaternion.adjoint(a), np.eye(6), atol=1e-13)
+    both = dual_quaternion.adjoint(dual_quaternion.product(a, b))
+    np.testing.assert_allclose(both, dual_quaternion.adjoint(a) @ dual_quaternion.adjoint(b), atol=1e-12)
+
+
+def test_the_twist_in_inertial_axes_is_that_of_the_derivative():
+    """2Λ̇ = U_ξ∘Λ for Λ̇ of `derivative`, whose velocity is that of the origin of the body."""
+    dual, omega, velocity = pose(), RNG.normal(size=3), RNG.normal(size=3)
+    slope = dual_quaternion.derivative(dual, omega, velocity)
+    u = qt.quaternion.rotate(qt.quaternion.conjugate(dual[:4]), velocity)
+    rate, moment = dual_quaternion.inertial_twist(dual, omega, u)
+    right = 0.5 * dual_quaternion.product(np.array([0, *rate, 0, *moment]), dual)
+    np.testing.assert_allclose(slope, right, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [*TURNS, 5.0, 2 * np.pi])
+def test_the_jacobians_map_rates_of_a_twist_to_twists(angle):
+    """Central differences of exp; for small angles also the series Σ ad^k/(k + 1)! of the generator."""
+    v, u, change = RNG.normal(size=3), RNG.normal(size=3), RNG.normal(size=6)
+    v *= angle / np.linalg.norm(v)
+    step = 1e-5
+
+    def motion(h):
+        return matrix(dual_quaternion.exp(v + h * change[:3], u + h * change[3:]))
+
+    slope, back = (motion(step) - motion(-step)) / (2 * step), np.linalg.inv(motion(0.0))
+    left, right = (f(v, u) for f in (dual_quaternion.left_jacobian, dual_quaternion.right_jacobian))
+    for jacobian, expected in ((left, slope @ back), (right, back @ slope)):
+        rates = jacobian @ change
+        np.testing.assert_allclose(twist(rates[:3], rates[3:]), expected, atol=1e-9)
+    series, power = np.eye(6), np.eye(6)
+    for k in range(1, 60):
+        power = power @ generator([*v, *u]) / (k + 1)
+        series = series + power
+    np.testing.assert_allclose(left, series, atol=1e-13)
+    np.testing.assert_allclose(left, dual_quaternion.adjoint(dual_quaternion.exp(v, u)) @ right, atol=1e-13)

@@ -6,6 +6,9 @@ import qtraj as qt
 
 from .loop_scenarios import LAW, SLEW
 
+BODY = "[body]\ninertia = [12, 15, 9]\n"
+WHEELS = "[body.wheels]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+
 BAD = {
     "an empty file": ("", ["the key 'angles' is missing", "and 2 more"]),
     "no program": (
@@ -129,6 +132,88 @@ BAD = {
     "an impossible inertia": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 1, 9]\n",
         ["the key 'disturbance.inertia': no body has a principal moment of inertia that exceeds the sum"],
+    ),
+    "an inertia twice": (
+        SLEW + LAW + BODY + "[disturbance]\ntorque = [1, 0, 0]\ninertia = 2\n",
+        ["the inertia is specified twice: omit 'disturbance.inertia'"],
+    ),
+    "an inertia of nothing": (
+        SLEW + LAW + "[disturbance]\nacceleration = [1, 0, 0]\ninertia = 2\n",
+        ["[disturbance]: the key 'inertia' requires a torque, which is missing"],
+    ),
+    "an acceleration and a torque": (
+        SLEW + LAW + BODY + "[disturbance]\nacceleration = [1, 0, 0]\n[disturbance.magnetic]\ndipole = [0, 0, 1]\n"
+        "field = [0, 1, 0]\n",
+        ["[disturbance]: specify either acceleration, or torques (torque, gravity_gradient, magnetic, aerodynamic)"],
+    ),
+    "a gravity gradient at no place": (
+        SLEW + LAW + BODY + "[disturbance.gravity_gradient]\n",
+        ["[disturbance.gravity_gradient] needs [disturbance.orbit], or a constant position"],
+    ),
+    "drag without a velocity": (
+        SLEW + LAW + BODY + "[disturbance.aerodynamic]\ncentre = [1, 0, 0]\narea = 1\ndensity = 1e-9\n",
+        ["[disturbance.aerodynamic] needs [disturbance.orbit], or a constant velocity"],
+    ),
+    "an orbit for nothing": (
+        SLEW + LAW + BODY + "[disturbance]\ntorque = [1, 0, 0]\n[disturbance.orbit]\nradius = 7e6\n",
+        ["[disturbance]: [disturbance.orbit] has no effect"],
+    ),
+    "an orbit without a plane": (
+        SLEW + LAW + BODY + "[disturbance.gravity_gradient]\n[disturbance.orbit]\nradius = 7e6\nnormal = [1, 0, 0]\n",
+        ["[disturbance.orbit]: normal must not be zero or along start"],
+    ),
+    "a period of a field": (
+        SLEW + LAW + BODY + "[disturbance]\nperiod = 3\n[disturbance.magnetic]\ndipole = [0, 0, 1]\n"
+        "field = [0, 1, 0]\n",
+        ["[disturbance]: the key 'period' requires 'acceleration' or 'torque'"],
+    ),
+    "a misspelt torque": (
+        SLEW + LAW + BODY + "[disturbance.gravity]\n",
+        ["unknown key 'disturbance.gravity'; did you mean 'gravity_gradient'?"],
+    ),
+    "a body of a rate law": (
+        SLEW + LAW + "kind = 'rate'\n" + BODY,
+        ["[body] cannot be used with a law of kind 'rate', which commands the rate directly"],
+    ),
+    "limits of thrusters with wheels": (
+        SLEW + LAW + BODY + "max_torque = 1\n" + WHEELS,
+        ["[body]: 'max_torque' limits thrusters, but there are wheels: use 'max_torque' of [body.wheels]"],
+    ),
+    "wheels in a plane": (
+        SLEW + LAW + BODY + "[body.wheels]\naxes = [[1, 0, 0], [0, 1, 0], [1, 1, 0]]\n",
+        ["[body.wheels]: the spin axes of the wheels must span three dimensions"],
+    ),
+    "two wheels": (
+        SLEW + LAW + BODY + "[body.wheels]\naxes = [[1, 0, 0], [0, 1, 0]]\n",
+        ["'body.wheels.axes' has the value", "expected three or more vectors [x, y, z]"],
+    ),
+    "momenta of other wheels": (
+        SLEW + LAW + BODY + WHEELS + "momentum = [1, 2]\n",
+        ["[body.wheels]: the momenta of 3 wheels must have shape (3,), but shape (2,) was given"],
+    ),
+    "an assumed inertia of nothing": (
+        SLEW + LAW + "[body]\nassumed = 3\n",
+        ["the key 'body.inertia' is missing"],
+    ),
+    "a hysteresis without samples": (
+        SLEW + LAW + "[law.hysteresis]\n",
+        ["the key 'law.hysteresis.sampling' is missing: the sign of λ is updated at samples"],
+    ),
+    "a hysteresis of another law": (
+        SLEW + LAW + "kind = 'geometric'\n[law.hysteresis]\nsampling = 1\n",
+        ["[law]: 'hysteresis' cannot be used with a law of kind 'geometric'"],
+    ),
+    "a hysteresis beyond all errors": (
+        SLEW + LAW + "[law.hysteresis]\nhalf_width = 1\n",
+        ["'law.hysteresis.half_width' has the value 1", "a number from 0 to below 1"],
+    ),
+    "another sampling of the hysteresis": (
+        SLEW + LAW + "[law.hysteresis]\nsampling = 0.1\n[actuator]\nsampling = 0.2\n",
+        ["the key 'law.hysteresis.sampling': actuator and hysteretic law must have the same sampling"],
+    ),
+    "the Gibbs normalization of a baseline with hysteresis": (
+        SLEW + LAW + "kind = 'quaternion'\n[law.hysteresis]\nsampling = 1\n[error]\nnormalization = 'gibbs'\n",
+        ["the key 'error.normalization': the normalization 'gibbs' is possible only for a law with the body or the"],
     ),
     "noise without samples": (SLEW + LAW + "[sensor]\nrate_noise = 0.1\n", ["the key 'sampling' is missing: noise"]),
     "a negative noise": (

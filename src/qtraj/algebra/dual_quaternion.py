@@ -6,13 +6,20 @@ angular rate and v the velocity of the body's origin. With the twist U = ω + s 
 (index X), u is v; in inertial axes (index ξ), u = v + r × ω is the velocity of the body point at the inertial origin
 (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
 
-A dual quaternion is an array (8,) with λ first. Leading axes of the arrays are batch axes.
+A dual quaternion is an array (8,) with λ first. A twist (ω, u) is a pair of arrays (3,), the rotational part first, as
+in `exp` and `log`; in matrices (6, 6) the first three rows and columns belong to ω. Leading axes of the arrays are
+batch axes.
 """
 
-from qtraj.algebra import quaternion
-from qtraj.algebra.rotation_rates import left_jacobian, left_jacobian_inverse
+from typing import Any
+
+import numpy as np
+
+from qtraj.algebra import quaternion, rotation_rates
+from qtraj.algebra.rotation_rates import left_jacobian_derivative, left_jacobian_inverse
+from qtraj.algebra.vector import cross
 from qtraj.foundation.namespace import matmul, of_arrays, xp
-from qtraj.foundation.types import DualQuat, Quat, Scalar, Vec3
+from qtraj.foundation.types import DualQuat, Mat6, Quat, Scalar, Vec3
 
 
 @of_arrays
@@ -78,7 +85,7 @@ def exp(v: Vec3, u: Vec3) -> DualQuat:
     The position is J_left(v) u (Lynch and Park, Modern Robotics, section 3.3.3), see `rotation.left_jacobian`.
     """
     v, u = xp.broadcast_arrays(v, u)
-    return from_pose(matmul(left_jacobian(v), u[..., None])[..., 0], quaternion.exp(0.5 * v))
+    return from_pose(matmul(rotation_rates.left_jacobian(v), u[..., None])[..., 0], quaternion.exp(0.5 * v))
 
 
 @of_arrays
@@ -106,6 +113,67 @@ def interpolate(a: DualQuat, b: DualQuat, s: Scalar) -> DualQuat:
     share = xp.asarray(s)[..., None]
     start = a / xp.sqrt(quaternion.norm_squared(a[..., :4]))[..., None]
     return product(start, exp(share * v, share * u))
+
+
+@of_arrays
+def inertial_twist(dual: DualQuat, omega: Vec3, u: Vec3) -> tuple[Vec3, Vec3]:
+    """Return the twist U_ξ = Λ∘U_X∘Λ⁻¹ in inertial axes of the twist (ω, u) in body axes, both parts (..., 3).
+
+    With the attitude R and the position r of the pose Λ, the result is (Rω, Ru + r × Rω). This is the adjoint action of
+    SE(3); `adjoint` is its matrix. ω [rad/s] is the angular rate, and u [m/s] the velocity of the body point at the
+    origin of the axes.
+    """
+    position, q = to_pose(dual)
+    rate = quaternion.rotate(q, omega)
+    return rate, quaternion.rotate(q, u) + cross(position, rate)
+
+
+@of_arrays
+def body_twist(dual: DualQuat, omega: Vec3, u: Vec3) -> tuple[Vec3, Vec3]:
+    """Return the twist U_X = Λ⁻¹∘U_ξ∘Λ in body axes of the twist (ω, u) in inertial axes, both parts (..., 3).
+
+    It is the inverse of `inertial_twist`, (Rᵀω, Rᵀ(u − r × ω)), and its matrix is `adjoint(inverse(dual))`.
+    """
+    position, q = to_pose(dual)
+    back = quaternion.conjugate(q)
+    return quaternion.rotate(back, omega), quaternion.rotate(back, u - cross(position, omega))
+
+
+@of_arrays
+def adjoint(dual: DualQuat) -> Mat6:
+    """Return the adjoint (..., 6, 6) of the pose Λ, the matrix of `inertial_twist` for twists (ω, u), ω first.
+
+    Ad = ((R, 0), ([r×]R, R)). It is Ad_a Ad_b for the product Λ_a∘Λ_b (Lynch and Park, Modern Robotics, section 3.3.2).
+    """
+    columns = [xp.concatenate(inertial_twist(dual, *_parts(e)), axis=-1) for e in np.eye(6, dtype=dual.dtype)]
+    return xp.stack(columns, axis=-1)
+
+
+@of_arrays
+def left_jacobian(v: Vec3, u: Vec3) -> Mat6:
+    """Return the left Jacobian (..., 6, 6) of SE(3) at the twist (`v`, `u`) of `exp`, both (..., 3).
+
+    It maps the rates (v̇, u̇) to the twist of Λ = exp(v, u) in inertial axes, 2Λ̇∘Λ⁻¹: J = ((J_v, 0), (Q, J_v)), where J_v
+    is `rotation.left_jacobian` at v and Q its derivative in the direction u, by the transference principle. Values and
+    derivatives are finite for all v and u (Barfoot, State Estimation for Robotics, section 7.1.5).
+    """
+    v, u = xp.broadcast_arrays(v, u)
+    diagonal, below = rotation_rates.left_jacobian(v), left_jacobian_derivative(v, u)
+    upper = xp.concatenate([diagonal, xp.zeros_like(diagonal)], axis=-1)
+    return xp.concatenate([upper, xp.concatenate([below, diagonal], axis=-1)], axis=-2)
+
+
+@of_arrays
+def right_jacobian(v: Vec3, u: Vec3) -> Mat6:
+    """Return the right Jacobian (..., 6, 6) of SE(3) at the twist (`v`, `u`) of `exp`, both (..., 3).
+
+    It maps the rates (v̇, u̇) to the twist of Λ = exp(v, u) in body axes, 2Λ⁻¹∘Λ̇, and is `left_jacobian(-v, -u)`.
+    """
+    return left_jacobian(-v, -u)
+
+
+def _parts(twist: Any) -> tuple[Any, Any]:
+    return twist[..., :3], twist[..., 3:]
 
 
 def _pure(v: Vec3) -> Quat:

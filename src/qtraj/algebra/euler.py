@@ -10,7 +10,9 @@ cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2). The polar f
 quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
 """
 
+import itertools
 import math
+from functools import reduce
 from typing import Any
 
 from qtraj.algebra.quaternion import canonical, components, product
@@ -24,18 +26,22 @@ _LOCK = 16  # in units of machine epsilon; at a smaller distance from gimbal loc
 
 
 @of_arrays
-def from_euler(seq: str, angles: Vec3) -> Quat:
-    """Return the unit quaternion for three Euler `angles` [rad] in the order of `seq`.
+def from_euler(seq: str, angles: Any) -> Quat:
+    """Return the unit quaternion for Euler `angles` (..., n) [rad] in the order of `seq`.
 
-    **Raises:** ValueError unless `seq` is three axis letters, all upper case or all lower case, none twice in a row.
+    `seq` names n = 1, 2 or 3 axes; the angle about one axis may also be a scalar.
+
+    **Raises:** ValueError unless `seq` is one to three axis letters, all upper case or all lower case, none twice in a
+    row, and for angles of another shape.
     """
-    axes, intrinsic = parse(seq)
-    first, second, third = (
-        turn(axis, angle) for axis, angle in zip(axes, (angles[..., k] for k in range(3)), strict=True)
-    )
-    if intrinsic:
-        return product(first, product(second, third))
-    return product(third, product(second, first))
+    axes, intrinsic = parse(seq, fewest=1)
+    angles = xp.asarray(angles)
+    if len(axes) == 1 and angles.ndim == 0:
+        angles = angles[None]
+    if angles.shape[-1:] != (len(axes),):
+        raise ValueError(f"from_euler: angles must have shape (..., {len(axes)}), but shape {angles.shape} was given")
+    turns = [turn(axis, angles[..., k]) for k, axis in enumerate(axes)]
+    return reduce(product, turns if intrinsic else turns[::-1])
 
 
 @of_arrays
@@ -103,14 +109,16 @@ def turn(axis: int, angle: Scalar) -> Quat:
     return xp.stack(parts, axis=-1)
 
 
-def parse(seq: str) -> tuple[list[int], bool]:
-    """Return the indices of the three axes of a sequence, and whether it is intrinsic (upper case)."""
+def parse(seq: str, fewest: int = 3) -> tuple[list[int], bool]:
+    """Return the indices of the axes of a sequence, `fewest` to three, and whether it is intrinsic (upper case)."""
     letters = seq if isinstance(seq, str) else ""
     axes = ["xyz".find(letter) for letter in letters.lower()]
     one_case = letters in (letters.lower(), letters.upper())
-    if len(axes) != 3 or min(axes) < 0 or not one_case or axes[0] == axes[1] or axes[1] == axes[2]:
+    twice = any(a == b for a, b in itertools.pairwise(axes))
+    if not fewest <= len(axes) <= 3 or min(axes) < 0 or not one_case or twice:
+        count = "three" if fewest == 3 else "one to three"
         raise ValueError(
-            f"an Euler sequence must be three of the letters xyz (extrinsic) or XYZ (intrinsic), none twice in a row, "
-            f"such as 'ZYX' or 'zxz', but {seq!r} was given"
+            f"an Euler sequence must be {count} of the letters xyz (extrinsic) or XYZ (intrinsic), none twice in a "
+            f"row, such as 'ZYX' or 'zxz', but {seq!r} was given"
         )
     return axes, letters.isupper()

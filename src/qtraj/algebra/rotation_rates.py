@@ -8,6 +8,7 @@ For a rotation vector v with [v×] the matrix of the cross product and θ = |v|,
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ TERMS = 12
 SMALL_SQUARE = 1.0
 """Below this value of θ², the coefficients of the Jacobians are computed by series, which are exact to round-off."""
 
+SERIES = {m: [(-1) ** k / math.factorial(2 * k + m) for k in range(TERMS)] for m in (2, 3)}
+"""The coefficients of (1 − cos θ)/θ² and (θ − sin θ)/θ³ in powers of θ²."""
+
 BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 """The absolute values of the Bernoulli numbers B2, B4, …, B20, for the series of θ/2 cot θ/2."""
 
@@ -38,20 +42,28 @@ def left_jacobian(v: Vec3) -> Mat3:
     It maps the rate v̇ [rad/s] to the angular rate [rad/s] in inertial axes. Values and derivatives are finite for all
     v; the matrix is singular for |v| = 2π, 4π, ….
     """
-    x = dot(v, v)
-    small = x < SMALL_SQUARE
-    near, angle = xp.where(small, x, 0.0), xp.sqrt(xp.where(small, 1.0, x))
-    first, second = (
-        xp.where(small, horner([(-1) ** k / math.factorial(2 * k + m) for k in range(TERMS)], near), far)
-        for m, far in ((2, (1 - xp.cos(angle)) / angle**2), (3, (angle - xp.sin(angle)) / angle**3))
-    )
-    basis = np.eye(3, dtype=v.dtype)
-    columns = []
-    for row in basis:
-        e = xp.broadcast_to(row, v.shape)
+    first, second = _coefficients(dot(v, v))
+
+    def column(e: Vec3) -> Vec3:
         once = cross(v, e)
-        columns.append(e + first[..., None] * once + second[..., None] * cross(v, once))
-    return xp.stack(columns, axis=-1)
+        return e + first * once + second * cross(v, once)
+
+    return _columns_of(column, v)
+
+
+@of_arrays
+def left_jacobian_derivative(v: Vec3, u: Vec3) -> Mat3:
+    """Return the derivative (..., 3, 3) of `left_jacobian` at `v` (..., 3) [rad] in the direction `u` (..., 3)."""
+    v, u = xp.broadcast_arrays(v, u)
+    x, slope = dot(v, v), 2 * dot(v, u)[..., None]
+    (first, second), (first_slope, second_slope) = _coefficients(x), _coefficient_slopes(x)
+
+    def column(e: Vec3) -> Vec3:
+        once, other = cross(v, e), cross(u, e)
+        twice, mixed = cross(v, once), cross(v, other) + cross(u, once)
+        return first * other + second * mixed + slope * (first_slope * once + second_slope * twice)
+
+    return _columns_of(column, v)
 
 
 @of_arrays
@@ -70,12 +82,38 @@ def left_jacobian_inverse(v: Vec3, w: Vec3) -> Vec3:
     J⁻¹ = E − ½ [v×] + (1 − θ/2 cot θ/2)/θ² [v×]².
     """
     x = dot(v, v)
-    small = x < SMALL_SQUARE
-    near, angle = xp.where(small, x, 0.0), xp.sqrt(xp.where(small, 1.0, x))
+    small, near, angle = _split(x)
     series = [b / math.factorial(2 * k) for k, b in enumerate(BERNOULLI, 1)]
     second = xp.where(small, horner(series, near), (1 - 0.5 * angle / xp.tan(0.5 * angle)) / angle**2)
     once = cross(v, w)
     return w - 0.5 * once + second[..., None] * cross(v, once)
+
+
+def _columns_of(column: Callable[[Vec3], Vec3], v: Vec3) -> Mat3:
+    """Return the matrix with the columns `column(e)` of the three unit vectors e."""
+    return xp.stack([column(xp.broadcast_to(e, v.shape)) for e in np.eye(3, dtype=v.dtype)], axis=-1)
+
+
+def _coefficients(x: Scalar) -> list[Any]:
+    """Return (1 − cos θ)/θ² and (θ − sin θ)/θ³ at x = θ², with a last axis of length 1."""
+    small, near, angle = _split(x)
+    far = (1 - xp.cos(angle)) / angle**2, (angle - xp.sin(angle)) / angle**3
+    return [xp.where(small, horner(SERIES[m], near), y)[..., None] for m, y in zip(SERIES, far, strict=True)]
+
+
+def _coefficient_slopes(x: Scalar) -> list[Any]:
+    """Return the derivatives of `_coefficients` with respect to x, with a last axis of length 1."""
+    small, near, angle = _split(x)
+    rest, excess = 1 - xp.cos(angle), angle - xp.sin(angle)
+    far = (angle * xp.sin(angle) - 2 * rest) / (2 * angle**4), (angle * rest - 3 * excess) / (2 * angle**5)
+    slopes = [[k * c for k, c in enumerate(series)][1:] for series in SERIES.values()]
+    return [xp.where(small, horner(series, near), y)[..., None] for series, y in zip(slopes, far, strict=True)]
+
+
+def _split(x: Scalar) -> tuple[Any, Any, Any]:
+    """Return whether x = θ² is small, safe arguments x of series, and safe angles θ of closed forms."""
+    small = x < SMALL_SQUARE
+    return small, xp.where(small, x, 0.0), xp.sqrt(xp.where(small, 1.0, x))
 
 
 @of_arrays

@@ -85,4 +85,5 @@ def _gentle(scenario: LoopScenario, task: LoopTask) -> tuple[str, LoopTask] | No
         law = feedback_law(scenario.law.kind, settling_time=time)
     except ValueError:
         return None
-    return f"Use smaller gains, such as those of settling_time = {time:g} in [law].", task._replace(law=law)
+    text = f"Use smaller gains, such as those of settling_time = {time:g} in [law]."
+    return text, task._replace(law=scenario.law.with_hysteresis(law))

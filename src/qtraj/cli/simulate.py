@@ -57,9 +57,10 @@ def simulate(
 ) -> Outcome:
     """Simulate a body that follows an attitude program under a feedback law.
 
-    The program is a slew, the frame of a path, or a saved program. Disturbance, sensor and actuator are optional. The
-    error is compared with its closed form. The command writes the motion (solution.toml), its table (table.nc,
-    table.csv) and a figure (simulation.png, simulation.svg). The exit code is 1 if the integration did not finish.
+    The program is a slew, a spin, the frame of a path, a saved program, or a sequence of these. Inertia and wheels,
+    disturbance, sensor and actuator are optional. The error is compared with its closed form. The command writes the
+    motion (solution.toml), its table (table.nc, table.csv) and a figure (simulation.png, simulation.svg). The exit code
+    is 1 if the integration did not finish.
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
@@ -76,7 +77,7 @@ def simulate(
     from qtraj.viz.command_files import loop_files  # imported after the computation, because matplotlib is slow
 
     about = loaded.provenance() | {"law": content["law"]["kind"], "result": content["result"]}
-    writers = loop_files(history.at(task.times), verdict, task.actuator, about)
+    writers = loop_files(history.at(task.times), verdict, task.actuator, about, task.body)
     return Outcome(content, _text(content, verdict, task.actuator), loaded, not content["finished"], writers)
 
 
@@ -85,9 +86,11 @@ def _content(
 ) -> dict[str, Any]:
     """Return the result as JSON types."""
     from qtraj.foundation.plain import plain, tabular
+    from qtraj.motion.simulation.body_facts import body_facts
     from qtraj.motion.simulation.loop_facts import gains_of, limit_of
 
     angles, remedy = history.open_loop_angle, advice(loaded.scenario, task, verdict)
+    motion = history.solution.body
     ends = {} if angles is None else {"final_angle": float(angles[-1]), "largest_angle": float(np.max(angles))}
     return {
         "program": {
@@ -104,6 +107,7 @@ def _content(
         **limit_of(task.actuator),
         "verdict": plain(verdict.record()),
         **({"open_loop": ends} if ends else {}),
+        **({} if task.body is None or motion is None else {"body": body_facts(task.body, motion)}),
         "finished": bool(history.solution.successful),
         "result": _result(history, verdict, remedy),
         "advice": remedy,
@@ -121,6 +125,7 @@ def _result(history: "LoopHistory", verdict: "LoopVerdict", remedy: str) -> str:
 def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator | None") -> list[layout.Part]:
     """Return the loop and its motion as text, with angles in degrees."""
     from qtraj.motion.simulation import loop_facts
+    from qtraj.motion.simulation.body_facts import body_fact_rows
 
     gains = loop_facts.gains_text({name: gain for name, gain in content["law"].items() if name != "kind"})
     loop = [
@@ -137,6 +142,7 @@ def _text(content: dict[str, Any], verdict: "LoopVerdict", actuator: "Actuator |
         layout.facts("Closed loop", loop),
         layout.styled(loop_facts.stability_text(verdict), layout.ALERT),
         layout.facts("Motion", loop_facts.loop_fact_rows(verdict, actuator, without_feedback)),
+        *([layout.facts("Body", body_fact_rows(content["body"]))] if "body" in content else []),
         layout.styled(deviation and f"{deviation} {content['advice']}".rstrip(), layout.ALERT),
         *layout.instants(title, content["columns"] | {"command": commands}, content["units"], headers, SIZES),
         layout.heading("Result"),

@@ -18,6 +18,7 @@ Quat = TypeAliasType("Quat", Float[Array, "4"])
 DualQuat = TypeAliasType("DualQuat", Float[Array, "8"])
 Mat3 = TypeAliasType("Mat3", Float[Array, "3 3"])
 Mat4 = TypeAliasType("Mat4", Float[Array, "4 4"])
+Mat6 = TypeAliasType("Mat6", Float[Array, "6 6"])
 
 ScalarLike = TypeAliasType("ScalarLike", Real[ArrayLike, ""])
 

@@ -38,7 +38,7 @@ def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
     headers = {"time": ["time [s]"]}
     for name, variable in dataset.data_vars.items():
         unit = symbol(variable.attrs["units"])
-        components = product(*(dataset[axis].values for axis in variable.dims[1:]))
+        components = product(*(map(str, dataset[axis].values) for axis in variable.dims[1:]))  # may be indices
         headers[str(name)] = ["_".join([str(name), *labels]) + (f" [{unit}]" if unit else "") for labels in components]
     return headers
 

@@ -57,6 +57,7 @@ HOMES = (
     "qtraj.motion.torques.circular_orbit",
     "qtraj.motion.torques.gravity_gradient",
     "qtraj.motion.torques.magnetic",
+    "qtraj.motion.torques.torque_sum",
     "qtraj.path.boundary",
     "qtraj.path.driving",
     "qtraj.path.placement",

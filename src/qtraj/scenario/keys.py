@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic.fields import FieldInfo
 
 from qtraj.algebra import rotation
+from qtraj.algebra.euler import parse
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.design.tuning.choices import either
 from qtraj.foundation.types import Quat
@@ -168,7 +169,7 @@ class AttitudePart(Part):
         if (self.euler is None) != (self.sequence is None):
             yield f"euler and sequence must be specified together: euler is three angles, sequence is {SEQUENCE}"
         if self.sequence is not None:
-            rotation.from_euler(self.sequence, jnp.zeros(3))  # raises for an unknown sequence
+            parse(self.sequence)  # raises for an unknown sequence
         if self.quaternion is not None and not any(self.quaternion):
             yield "the quaternion is zero, which does not represent an attitude"
 

@@ -5,103 +5,32 @@ from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from qtraj.foundation.naming import naming
 from qtraj.foundation.number_text import degrees
 from qtraj.foundation.types import Quat
-from qtraj.io.input_file import read_input
-from qtraj.io.saved import saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.laws import AbstractLaw
-from qtraj.motion.programs.euler_turn import SlewSequence, ends_at_rest
-from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import Frame, frame_named, name_of
+from qtraj.motion.programs.euler_turn import ends_at_rest
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.loop_verdict import SETTLED
 from qtraj.motion.simulation.sensor import AbstractSensor
-from qtraj.path.existence import require_defined
-from qtraj.path.frame_axes import FRAMES, UPRIGHT
-from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.scenario import keys
-from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, one_of, radians, with_hyphens
-from qtraj.scenario.loop_parts import ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
-from qtraj.scenario.path import lay
-from qtraj.scenario.reader import ScenarioFile, scenario_in
-from qtraj.scenario.slew import SlewPart
-from qtraj.scenario.spin import SpinPart
+from qtraj.scenario.body_part import RigidBodyPart
+from qtraj.scenario.disturbance_part import DisturbancePart
+from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, radians
+from qtraj.scenario.loop_parts import ActuatorPart, ErrorPart, FeedbackPart, SensorPart
+from qtraj.scenario.program_part import ProgramPart, build_program
+from qtraj.scenario.reader import ScenarioFile
 
 MAX_SAMPLES = 100_000
-SOURCES = "[program.slew], [program.spin], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
 """Fraction by which a duration may exceed the duration of the program, because users may copy rounded digits."""
-
-
-class ProgramPart(Part):
-    """The attitude program: a slew, a spin, the frame of a path, or a saved program."""
-
-    slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
-    spin: SpinPart | None = key("a rotation at a constant rate", None, values="a table [program.spin]")
-    path: keys.Text | None = key(
-        "a path; the program is the attitude of a frame along it",
-        None,
-        values="the name of a path scenario or a saved path, relative to the scenario",
-    )
-    frame: Annotated[str, one_of(FRAMES), AfterValidator(with_hyphens)] | None = key(
-        "frame of the path: 'upright' (x forward, y left, z up; the default), 'natural' (tangent, principal normal, "
-        "binormal; flips at inflections of the path), 'rotation-minimizing' (zero rate about the tangent) or "
-        "'thrust-aligned' (z along the thrust, for multirotors)",
-        None,
-    )
-    up: keys.Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", None)
-    heading: keys.Number | None = key(
-        "heading of the thrust-aligned frame, from world x towards world y; default: along the velocity",
-        None,
-        unit="angle",
-    )
-    file: keys.Text | None = key(
-        "a saved program, such as program.toml from `qtraj slew`",
-        None,
-        values="the name of a saved program, relative to the scenario",
-    )
-
-    def _faults(self) -> Iterator[str]:
-        sources = self.given("slew", "spin", "path", "file")
-        if len(sources) != 1:
-            problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
-            yield f"{problem}: specify one of {SOURCES}"
-        if self.path is None and (extra := self.given("frame", "up", "heading")):
-            yield f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
-        self.path_frame("rad")  # raises for settings of another frame
-
-    def describe(self, program: AbstractProgram) -> str:
-        """Describe the program as text."""
-        if self.path is not None:
-            return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
-        if self.spin is not None:
-            return "spin"
-        if self.file is not None:
-            return f"{type(program).__name__} of {self.file}"
-        return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
-
-    def path_frame(self, angles: str, chosen: str | None = None) -> Frame:
-        """Return the frame of the path; a `chosen` frame overrides the frame of the scenario."""
-        own = self.frame or UPRIGHT
-        if chosen not in (None, own):
-            return frame_named(chosen)
-        return frame_named(own, self.up, None if self.heading is None else radians(angles) * self.heading)
-
-    def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
-        """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
-        frame = self.path_frame(angles, chosen)
-        if isinstance(frame, AbstractFrame):
-            with naming("[program]: " if chosen is None else "--frame: "):
-                require_defined(path, frame)
-        return FrameProgram(path, frame)
 
 
 class SimulationPart(Part):
@@ -127,12 +56,13 @@ class SimulationPart(Part):
 
 
 class LoopScenario(NamedPart):
-    """A body that follows a program under a feedback law, with an optional disturbance, sensor and actuator."""
+    """A body that follows a program under a feedback law, with optional dynamics, disturbance, sensor and actuator."""
 
     angles: keys.Angles = key("the unit of angles", values=ANGLES)
     program: ProgramPart = key("the attitude program")
     law: FeedbackPart = key("the feedback law")
     error: ErrorPart = key("the initial error of the body", ErrorPart())
+    body: RigidBodyPart | None = key("inertia and wheels; default: the body has the commanded acceleration", None)
     disturbance: DisturbancePart | None = key("an external disturbance", None)
     sensor: SensorPart | None = key("the sensor; default: exact and continuous", None)
     actuator: ActuatorPart | None = key("the actuator; default: unlimited and continuous", None)
@@ -145,6 +75,32 @@ class LoopScenario(NamedPart):
             yield (
                 f"'error.sign' cannot be used with a law of kind '{self.law.kind}', whose command is the same for λ "
                 "and −λ"
+            )
+        if self.law.kind == "rate" and self.body is not None:
+            yield "[body] cannot be used with a law of kind 'rate', which commands the rate directly"
+        yield from self._inertia_faults()
+        yield from self._sampling_faults()
+
+    def _inertia_faults(self) -> Iterator[str]:
+        disturbance = self.disturbance
+        if disturbance is None or not disturbance.has_torques:
+            return
+        if disturbance.inertia is not None and self.body is not None:
+            yield "the inertia is specified twice: omit 'disturbance.inertia', because [body] has an inertia"
+        if disturbance.inertia is None and self.body is None:
+            yield (
+                "torque and inertia must be specified together, because ε = J⁻¹M: specify 'disturbance.inertia', or "
+                "[body] with an inertia"
+            )
+
+    def _sampling_faults(self) -> Iterator[str]:
+        hysteresis = self.law.hysteresis
+        if hysteresis is not None and not any(
+            part and part.sampling for part in (hysteresis, self.sensor, self.actuator)
+        ):
+            yield (
+                "the key 'law.hysteresis.sampling' is missing: the sign of λ is updated at samples, so specify this "
+                "period, or that of the sensor or of the actuator"
             )
 
 
@@ -162,6 +118,7 @@ class LoopTask(NamedTuple):
     rtol: float
     atol: float
     settled: float
+    body: RigidBody | None = None
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `qtraj.assess_loop`."""
@@ -175,39 +132,24 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
     """
     scenario, simulation = loaded.scenario, loaded.scenario.simulation
     scale = radians(scenario.angles)
-    disturbance = scenario.disturbance and scenario.disturbance.disturbance(scale)
+    body = scenario.body and scenario.body.body()
+    disturbance = scenario.disturbance and scenario.disturbance.disturbance(
+        scale, scenario.body and scenario.body.inertia
+    )
     sensor = scenario.sensor and scenario.sensor.sensor(scale)
     actuator = scenario.actuator and scenario.actuator.actuator(scale)
-    law, program = scenario.law.law(), _program(loaded, frame)
+    law, program = scenario.law.law(), build_program(scenario.program, loaded.beside, scenario.angles, frame)
     times = _times(scenario, program, samples)
     with naming("[law]: "):  # raises for parts that a rate law cannot have
-        loop = Loop(program, law, disturbance, sensor, actuator or Actuator())
+        loop = Loop(program, law, disturbance, sensor, actuator or Actuator(), body)
     quaternion, rate = scenario.error.state(scenario.angles, program(jnp.asarray(0.0)), law)
-    sampled = sensor is not None and sensor.sampling is not None
-    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):  # raises for too many commands
+    sampled = {"sensor": scenario.sensor, "law.hysteresis": scenario.law.hysteresis}
+    first = next((name for name, part in sampled.items() if part is not None and part.sampling), "actuator")
+    with naming(f"the key '{first}.sampling': "):  # raises for too many commands
         renewal_instants(loop, jnp.asarray(times))
     settled = SETTLED if simulation.settled is None else scale * simulation.settled
     around = disturbance, sensor, actuator
-    return LoopTask(program, law, quaternion, rate, times, *around, simulation.rtol, simulation.atol, settled)
-
-
-def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
-    part, angles = loaded.scenario.program, loaded.scenario.angles
-    if frame is not None and part.path is None:
-        raise ValueError(
-            f"--frame {frame} requires a program along a path, but [program] has no path: add path in [program], or "
-            "omit --frame"
-        )
-    if part.slew is not None:
-        with naming("in [program.slew], "):
-            return part.slew.program_within_limits(angles)
-    if part.spin is not None:
-        return part.spin.program(angles)
-    if part.path is None:
-        return saved_program(loaded.beside(str(part.file)))
-    given = read_input(loaded.beside(part.path))
-    path = saved_path(given.file) if given.is_saved else lay(scenario_in(given, "path")).path
-    return part.along(path, frame, angles)
+    return LoopTask(program, law, quaternion, rate, times, *around, simulation.rtol, simulation.atol, settled, body)
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:

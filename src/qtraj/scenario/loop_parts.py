@@ -1,7 +1,7 @@
-"""Define the scenario tables of a closed loop: law, gains, initial error, disturbance, sensor and actuator."""
+"""Define the scenario tables of a closed loop: law, gains, initial error, sensor and actuator."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jax
 import jax.numpy as jnp
@@ -11,17 +11,13 @@ from pydantic import Field
 from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
 from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.baselines import QuaternionFeedback
 from qtraj.motion.control.feedback_law import LAWS, feedback_law
 from qtraj.motion.control.gains import RESIDUAL
-from qtraj.motion.control.laws import AbstractLaw
+from qtraj.motion.control.hysteresis import HALF_WIDTH, HystereticLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw
 from qtraj.motion.control.quaternion_sign import place
 from qtraj.motion.simulation.actuator import Actuator
-from qtraj.motion.simulation.disturbance import (
-    AbstractDisturbance,
-    DisturbanceAcceleration,
-    DisturbanceTorque,
-    Sinusoid,
-)
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
 from qtraj.scenario import keys
 from qtraj.scenario.keys import AttitudePart, Part, key, one_of, radians
@@ -47,6 +43,22 @@ class WeightsPart(Part):
     command: keys.Positive = key("weight of the command", 1.0)
 
 
+class HysteresisPart(Part):
+    """A stored sign of λ, which changes with hysteresis, so that noise near a half turn causes no chattering.
+
+    The law uses hλ with h = ±1. At each update, h changes if hμ0 < −half_width·|μ|, with the error quaternion μ.
+    """
+
+    half_width: Annotated[float, Field(ge=0, lt=1)] = key(
+        "half-width of the hysteresis; 0 selects the nearer of λ and −λ",
+        HALF_WIDTH,
+        values="a number from 0 to below 1",
+    )
+    sampling: keys.Seconds | None = key(
+        "period of the updates; default: that of the sensor or of the actuator, one of which must be sampled", None
+    )
+
+
 class FeedbackPart(Part):
     """The feedback law and its gains.
 
@@ -69,14 +81,33 @@ class FeedbackPart(Part):
     damping: keys.Positive | None = key("damping ratio", None)
     frequency: keys.Positive | None = key("undamped natural frequency", None, unit="rad/s")
     weights: WeightsPart | None = key("weights of a linear-quadratic regulator", None, values="a table [law.weights]")
+    hysteresis: HysteresisPart | None = key(
+        "hysteresis of the sign of λ; only with the laws 'body', 'inertial', 'additive' and 'quaternion'",
+        None,
+        values="a table [law.hysteresis], which may be empty",
+    )
 
     def _faults(self) -> Iterator[str]:
-        self.law()  # raises for gains that are not valid
-        yield from ()
+        bare = self.bare_law()  # raises for gains that are not valid
+        if self.hysteresis is not None and not isinstance(bare, AccelerationLaw | QuaternionFeedback):
+            yield (
+                f"'hysteresis' cannot be used with a law of kind '{self.kind}': use 'body', 'inertial', 'additive' or "
+                "'quaternion'"
+            )
+
+    def bare_law(self) -> AbstractLaw:
+        """Return the feedback law without its hysteresis."""
+        return feedback_law(**self.model_dump(exclude_none=True, exclude={"hysteresis"}))
 
     def law(self) -> AbstractLaw:
         """Return the feedback law."""
-        return feedback_law(**self.model_dump(exclude_none=True))
+        return self.with_hysteresis(self.bare_law())
+
+    def with_hysteresis(self, law: AbstractLaw) -> AbstractLaw:
+        """Return a law with the hysteresis of this table, if it has one and the law allows it."""
+        if self.hysteresis is None or not isinstance(law, AccelerationLaw | QuaternionFeedback):
+            return law
+        return HystereticLaw(law, self.hysteresis.half_width, self.hysteresis.sampling)
 
 
 class ErrorPart(AttitudePart):
@@ -100,34 +131,6 @@ class ErrorPart(AttitudePart):
         rate = radians(angles) * jnp.asarray(self.rate)
         with naming("the key 'error.normalization': "):
             return place(law, start, self.unit_quaternion(angles), rate, self.sign, self.normalization)
-
-
-class DisturbancePart(Part):
-    """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
-
-    acceleration: keys.Vector | None = key("angular acceleration", None, unit="angle/s²")
-    torque: keys.Vector | None = key("torque; requires the key 'inertia'", None, unit="N m")
-    inertia: keys.Inertia | None = key("inertia of the body", None)
-    period: keys.Seconds | None = key("period of a sinusoidal disturbance; default: a constant disturbance", None)
-    phase: keys.Number = key("phase of a sinusoidal disturbance", 0.0, unit="angle")
-
-    def _faults(self) -> Iterator[str]:
-        if len(self.given("acceleration", "torque")) != 1:
-            yield "specify either acceleration, or torque and inertia"
-        if len(self.given("torque", "inertia")) == 1:
-            yield "torque and inertia must be specified together, because ε = J⁻¹M"
-        if self.period is None and "phase" in self.model_fields_set:
-            yield "the key 'phase' requires 'period', which is missing"
-
-    def disturbance(self, scale: float) -> AbstractDisturbance:
-        """Return the disturbance; `scale` converts angles to radians."""
-        amplitude = self.torque if self.acceleration is None else [scale * x for x in self.acceleration]
-        function: Any = jnp.asarray(amplitude, float)
-        if self.period is not None:
-            function = Sinusoid(function, self.period, scale * self.phase)
-        if self.acceleration is not None:
-            return DisturbanceAcceleration(function)
-        return DisturbanceTorque(function, jnp.asarray(self.inertia, float))
 
 
 class SensorPart(Part):
@@ -164,13 +167,16 @@ class SensorPart(Part):
 
 
 class ActuatorPart(Part):
-    """The limit and the sampling of the command; the limit applies to the vector part of the command."""
+    """The limit, the sampling and the lag of the command; the limit applies to the vector part of the command."""
 
     limit: keys.Positive | keys.PositiveVector | None = key("limit on the command", None, values=AXIS_LIMIT)
     saturation: Literal["norm", "axis"] = key(
         "the limit applies to the norm of the command ('norm') or to each component ('axis')", "norm"
     )
     sampling: keys.Seconds | None = key("sampling period of the command; default: continuous", None)
+    time_constant: keys.Seconds | None = key(
+        "time constant of a first-order lag, with which the actuator follows the command; default: no lag", None
+    )
 
     def _faults(self) -> Iterator[str]:
         self.actuator(1.0)  # raises in the units of the file
@@ -179,4 +185,4 @@ class ActuatorPart(Part):
     def actuator(self, scale: float) -> Actuator:
         """Return the actuator; `scale` converts angles to radians."""
         limit = None if self.limit is None else scale * np.asarray(self.limit, float)
-        return Actuator(limit, self.saturation, self.sampling)
+        return Actuator(limit, self.saturation, self.sampling, self.time_constant)

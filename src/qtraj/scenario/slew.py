@@ -1,5 +1,6 @@
 """Define the scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`, and build the slew."""
 
+import math
 from collections.abc import Iterator
 from typing import Annotated
 
@@ -72,7 +73,7 @@ class BodyPart(Part):
 class SlewPart(Part):
     """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis.
 
-    With axis and angle instead of [end], one slew about this axis by any angle, also of several whole turns.
+    With an axis instead of [end], one slew about this axis by an angle, a number of whole turns, or both.
     """
 
     start: KnownAttitudePart = key("the first attitude", values="a table [start] with an attitude")
@@ -80,20 +81,25 @@ class SlewPart(Part):
         "intermediate attitudes, at which the body comes to rest", [], values="tables [[via]] with one attitude each"
     )
     end: KnownAttitudePart | None = key(
-        "the last attitude; required without 'axis' and 'angle'", None, values="a table [end] with an attitude"
+        "the last attitude; required without 'axis'", None, values="a table [end] with an attitude"
     )
     axis: keys.Vector | None = key(
         "axis of a slew without [end], in body axes", None, values=f"{keys.THREE}, not all zero, of any length"
     )
     angle: keys.Number | None = key("angle of a slew about 'axis', of any size and either sign", None, unit="angle")
+    turns: int | None = key(
+        "whole turns about 'axis', which are added to 'angle'; a negative number turns the other way",
+        None,
+        values="an integer",
+    )
     law: SlewLawPart = key("the motion profile")
     body: BodyPart | None = key("the body; required for torques and for a limit on the torque", None)
 
     def _faults(self) -> Iterator[str]:
-        if (self.axis is None) != (self.angle is None):
-            yield "axis and angle must be specified together: a slew turns by the angle about the axis"
+        if (self.axis is None) != (self.angle is None and self.turns is None):
+            yield "axis and angle must be specified together: a slew turns by angle, turns or both about axis"
         if self.end is None and self.axis is None:
-            yield "the key 'end' is missing: specify [end], or axis and angle"
+            yield "the key 'end' is missing: specify [end], or axis with angle or turns"
         if self.axis is not None and (self.end is not None or self.via):
             yield "axis and angle describe the whole slew: omit them, or omit [end] and [[via]]"
         if self.axis is not None and not any(self.axis):
@@ -101,18 +107,22 @@ class SlewPart(Part):
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
         """Return all specified attitudes in order of time, by the names of their tables."""
-        end = {} if self.end is None else {"end": self.end}
-        return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | end
+        parts = {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
+        return {name: part for name, part in parts.items() if part is not None}
 
-    def program(self, angles: str) -> EulerTurn | SlewSequence:
+    def program(self, angles: str, start: np.ndarray | None = None) -> EulerTurn | SlewSequence:
         """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
+
+        Without an attitude [start], it starts with `start` (4,).
 
         A slew with end rates is not slowed down, and may violate its limits. A slew with a duration keeps it; its
         acceleration is reduced, unless the torque limit cannot be satisfied in this time.
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """
-        attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
+        own = self.attitudes()
+        first = [] if "start" in own or start is None else [start]
+        attitudes = np.stack([*first, *(attitude.attitude(angles) for attitude in own.values())])
         with naming("[law]: "):
             law = self.law.law(angles)
             program = self._slews(attitudes, law, angles)
@@ -126,13 +136,14 @@ class SlewPart(Part):
                 return program
 
     def _slews(self, attitudes: np.ndarray, law: AbstractProfile, angles: str) -> EulerTurn | SlewSequence:
-        if self.axis is not None and self.angle is not None:
-            return EulerTurn.about(self.axis, radians(angles) * self.angle, attitudes[0], law)
+        if self.axis is not None:
+            angle = radians(angles) * (self.angle or 0.0) + 2 * math.pi * (self.turns or 0)
+            return EulerTurn.about(self.axis, angle, attitudes[0], law)
         return SlewSequence(attitudes, law) if self.via else EulerTurn(attitudes[0], attitudes[1], law)
 
-    def program_within_limits(self, angles: str) -> EulerTurn | SlewSequence:
-        """Return the program, or raise a ValueError if it violates its limits."""
-        program, body = self.program(angles), self.body
+    def program_within_limits(self, angles: str, start: np.ndarray | None = None) -> EulerTurn | SlewSequence:
+        """Return the program, as `program` does, or raise a ValueError if it violates its limits."""
+        program, body = self.program(angles, start), self.body
         if is_fixed(program.law):
             verdict = judge_slew(program, self.law.limits(angles), body and body.inertia, body and body.max_torque)
             if not verdict.met:
@@ -140,10 +151,21 @@ class SlewPart(Part):
         return program
 
 
+class NextSlewPart(SlewPart):
+    """A slew in a sequence of programs; without [start], it starts with the attitude at the end of the program before.
+
+    The law needs a start_rate if that program ends in motion.
+    """
+
+    start: KnownAttitudePart | None = key(  # pyright: ignore[reportIncompatibleVariableOverride]
+        "the first attitude; default: the end of the program before", None, values="a table [start] with an attitude"
+    )
+
+
 class SlewScenario(NamedPart, SlewPart):
     """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis.
 
-    With axis and angle instead of [end], one slew about this axis by any angle, also of several whole turns.
+    With an axis instead of [end], one slew about this axis by an angle, a number of whole turns, or both.
     """
 
     angles: keys.Angles = key("the unit of angles", values=ANGLES)

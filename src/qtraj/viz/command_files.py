@@ -6,6 +6,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray
 
 from qtraj.design.fitting.fitted import Fitted
@@ -24,6 +25,7 @@ from qtraj.io.retimed_dataset import retimed_dataset
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.motion.programs.slew_history import SlewHistory
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.loop_facts import limit_of
 from qtraj.motion.simulation.loop_history import LoopHistory
 from qtraj.motion.simulation.loop_verdict import LoopVerdict
@@ -135,7 +137,11 @@ def slew_files(
 
 
 def loop_files(
-    history: LoopHistory, verdict: LoopVerdict, actuator: Actuator | None = None, about: Mapping[str, str] | None = None
+    history: LoopHistory,
+    verdict: LoopVerdict,
+    actuator: Actuator | None = None,
+    about: Mapping[str, str] | None = None,
+    body: RigidBody | None = None,
 ) -> dict[str, Writer]:
     """Return the files of `qtraj simulate`: the solution, the table of the `history` and a figure."""
     limited = limit_of(actuator)
@@ -145,8 +151,17 @@ def loop_files(
     dataset = to_dataset(history.record(), {**(about or {}), **more})
     if limit is not None:
         dataset["command"].attrs["limit"] = limit
+    for name, value in _body_limits(body).items():
+        dataset[name].attrs["limit"] = np.asarray(value).tolist()
     return {
         **documents({"solution.toml": history.solution}),
         **table(dataset),
         **figure("simulation", figures.simulation_figure(dataset, float(verdict.settled_angle), limit)),
     }
+
+
+def _body_limits(body: RigidBody | None) -> dict[str, Any]:
+    """Return the limits on the torque of thrusters and on the momenta of wheels, by variable."""
+    wheels = None if body is None else body.wheels
+    limits = {"torque": body and body.max_torque, "momentum": wheels and wheels.max_momentum}
+    return {name: limit for name, limit in limits.items() if limit is not None}

@@ -24,7 +24,9 @@ from qtraj.viz.style import (
     title,
 )
 
-HEIGHT = 7.25  # [inch] without a title
+HEIGHT = 7.25  # [inch] of three rows without a title
+FAR = 3
+"""Limits beyond this multiple of the largest value are not drawn."""
 PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
 NORM = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
@@ -34,30 +36,36 @@ def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | li
 
     The error is shown as an angle, on a logarithmic axis, and as a quaternion. `dataset` is the table written by `qtraj
     simulate`. The closed form of the error is drawn too, if it applies. Lines mark the angle `settled` [rad] and the
-    `limit` of the command [rad/s or rad/s²], one number or one for each component.
+    `limit` of the command [rad/s or rad/s²], one number or one for each component. A rigid body has a fourth row with
+    its torque and the momenta of its wheels; without wheels, with the acceleration minus the command.
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
-        height = HEIGHT + band
+        rows = 4 if "torque" in dataset else 3
+        height = HEIGHT * rows / 3 + band
         figure = Figure(figsize=(WIDTH, height))
         margins = {"top": 1 - (0.35 + band) / height, "bottom": 0.5 / height}
-        grid = figure.add_gridspec(3, 2, hspace=0.34, wspace=0.3, left=0.08, right=0.98, **margins)
+        grid = figure.add_gridspec(rows, 2, hspace=0.34, wspace=0.3, left=0.08, right=0.98, **margins)
         angle = figure.add_subplot(grid[0, 0])
-        others = [figure.add_subplot(grid[k // 2, k % 2], sharex=angle) for k in range(1, 6)]
-        error, command, virtual, rate, length = others
+        others = [figure.add_subplot(grid[k // 2, k % 2], sharex=angle) for k in range(1, 2 * rows)]
+        error, command, virtual, rate, length, *body = others
         _draw_angle(angle, dataset, settled)
         _draw_error(error, dataset)
         _draw_command(command, dataset, limit)
         _draw_virtual(virtual, dataset)
         _draw_rate(rate, dataset)
         _draw_norm(length, dataset)
-        for axes in (angle, *others):
+        if body:
+            _draw_torque(body[0], dataset)
+            _draw_wheels(body[1], dataset)
+        every = [angle, *others]
+        for axes in every:
             frame(axes)
-            axes.tick_params(labelbottom=axes in (rate, length))
-        for axes in (rate, length):
+            axes.tick_params(labelbottom=axes in every[-2:])
+        for axes in every[-2:]:
             axes.set_xlabel("time [s]")
-        figure.align_ylabels([angle, command, rate])
-        figure.align_ylabels([error, virtual, length])
+        figure.align_ylabels(every[::2])
+        figure.align_ylabels(every[1::2])
         head(figure, title(dataset))
     return figure
 
@@ -101,7 +109,7 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
         axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="norm", **NORM)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
-    if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):
+    if bounds.size and bounds.max() <= FAR * max(peak, 1e-12):
         for k, value in enumerate(bounds):
             label = "limit " + ", ".join(f"{b:.4g}" for b in bounds) if k == 0 else None
             axes.axhline(value, label=label, **BOUND)
@@ -132,6 +140,35 @@ def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
     if spread < 1e-6 * middle:  # an automatic range would magnify round-off
         axes.set_ylim(0.9 * middle, 1.1 * middle)
     axes.set_ylabel("norm |λ| [–]")
+
+
+def _draw_torque(axes: Any, dataset: xarray.Dataset) -> None:
+    _draw_components(axes, dataset, "torque", "M", "xyz")
+    _draw_bounds(axes, dataset["torque"])
+    axes.set_ylabel("control torque [N m]")
+    above(axes)
+
+
+def _draw_wheels(axes: Any, dataset: xarray.Dataset) -> None:
+    """Plot the momenta of the wheels; without wheels, the acceleration minus the command."""
+    if "momentum" not in dataset:
+        _draw_components(axes, dataset, "mismatch", "Δε", "xyz", degrees=True)
+        axes.set_ylabel("mismatch [°/s²]")
+    else:
+        for k, momentum in enumerate(dataset["momentum"].values.T):
+            axes.plot(dataset["time"].values, momentum, lw=1.5, label=f"wheel {k + 1}")
+        _draw_bounds(axes, dataset["momentum"])
+        axes.set_ylabel("wheel momenta [N m s]")
+    above(axes)
+
+
+def _draw_bounds(axes: Any, variable: xarray.DataArray) -> None:
+    """Draw the limits of a variable on both sides, unless they are far from its values."""
+    peak = np.nanmax(np.abs(variable.values), initial=0.0)
+    for k, bound in enumerate(np.unique(np.ravel(variable.attrs.get("limit", [])))):
+        if bound <= FAR * max(peak, 1e-12):
+            axes.axhline(bound, label="limit" if k == 0 else None, **BOUND)
+            axes.axhline(-bound, **BOUND)
 
 
 def _draw_components(

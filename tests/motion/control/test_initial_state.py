@@ -179,3 +179,14 @@ def test_the_spectral_abscissa_of_an_undamped_loop_is_zero():
     law = qt.AccelerationLaw(np.zeros((4, 4)), root @ root.T + np.eye(4))
     assert control.spectral_abscissa(law) == 0.0
     assert control.spectral_abscissa(qt.AccelerationLaw(0.1, root @ root.T + np.eye(4))) < 0
+
+
+@pytest.mark.parametrize("kind", [list, np.array, jnp.asarray])
+def test_the_state_of_lists_and_integers(kind):
+    """Half a turn about x, and a rate about y, from integers."""
+    law, at = qt.AccelerationLaw(2.0, 1.0), qt.Attitude(kind([1, 0, 0, 0]), kind([0, 0, 1]), kind([0, 0, 0]))
+    quaternion, rate = qt.control.place(law, at, kind([0, 1, 0, 0]), kind([0, 2, 0]), "near")
+    np.testing.assert_allclose(quaternion, [0, 1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(rate, [0, 0, 2, -1], atol=1e-15)  # the rate of the program in axes of the body
+    with pytest.raises(ValueError, match="mu must have shape"):
+        qt.control.place(law, at, kind([0, 1, 0]), kind([0, 2, 0]))

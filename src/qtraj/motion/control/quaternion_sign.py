@@ -11,12 +11,13 @@ import jax
 import jax.numpy as jnp
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import concrete
+from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.renamed import renamed_arguments
-from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import BASELINES
 from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
+from qtraj.motion.control.hysteresis import without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, require_linear
 from qtraj.motion.control.response import error_state
 
@@ -101,8 +102,8 @@ def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tu
 def place(
     law: AbstractLaw,
     reference: Attitude,
-    mu: Quat | None,
-    rate_error: Vec3,
+    mu: ArrayInput | None,
+    rate_error: ArrayInput,
     sign: str = "auto",
     normalization: str = "unit",
 ) -> tuple[Quat, Quat]:
@@ -122,7 +123,9 @@ def place(
         raise ValueError(
             f"normalization must be one of {', '.join(map(repr, NORMALIZATIONS))}, but {normalization!r} was given"
         )
-    mu = jnp.zeros_like(reference.quaternion).at[0].set(1.0) if mu is None else mu
+    reference = jax.tree.map(as_float, reference, is_leaf=lambda x: isinstance(x, list | tuple) and x is not reference)
+    rate_error = real_vector(rate_error, "rate_error", 3)
+    mu = jnp.zeros_like(reference.quaternion).at[0].set(1.0) if mu is None else real_vector(mu, "mu", 4)
     if normalization == "gibbs":
         _require_gibbs(law, mu, sign)
     return _place(law, reference, mu, rate_error, sign, normalization)
@@ -145,6 +148,7 @@ def _place(
 
 
 def _require_gibbs(law: AbstractLaw, mu: Quat, sign: str) -> None:
+    law = without_hysteresis(law)
     if getattr(law, "error", None) == "additive" or isinstance(law, tuple(BASELINES.values())):
         raise ValueError(
             "the normalization 'gibbs' is possible only for a law with the body or the inertial error, whose Gibbs "

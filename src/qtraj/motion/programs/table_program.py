@@ -38,8 +38,9 @@ class TableProgram(AbstractProgram):
     attitudes are connected by the shorter rotation, which must be less than a half turn, because the axis of a half
     turn between two attitudes is arbitrary. The rates at both ends are the mean rates of the first and the last
     interval. The spline is the same as SciPy's RotationSpline if SciPy's iteration converges. SciPy stops it after ten
-    iterations or at a relative change of 1e-9. For steps of 2 rad and more its attitudes then differ by 1e-5 to
-    1e-3 rad, and its acceleration jumps.
+    iterations or at a relative change of 1e-9; its acceleration may then jump. At equal intervals, its attitudes differ
+    by 1e-8 rad for steps of 2 rad and by 4e-6 rad for steps of 2.5 rad. At intervals that differ by a factor of up to
+    100, they differ by up to 1e-3 rad for steps of 0.9 rad, and by more for larger steps.
 
     Program time is measured from times[0]. `outside` determines what happens outside [0, duration]: "error" raises an
     error (NaN for traced times), "hold" keeps the first and the last attitude at rest, and "extrapolate" continues the

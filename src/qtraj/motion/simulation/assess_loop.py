@@ -11,6 +11,7 @@ from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.checks import initial_quaternion, output_times
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
 from qtraj.motion.simulation.loop import Loop, renewal_instants
@@ -35,14 +36,15 @@ def assess_loop(
     atol: float = 1e-12,
     *,
     sign: str = NEARER,
+    body: RigidBody | None = None,
     settled: float = SETTLED,
     without_feedback: bool = False,
 ) -> tuple[LoopHistory, LoopVerdict]:
     """Simulate a closed loop and assess it: settling, peak command, and agreement with the closed form.
 
-    The arguments up to `sign` are as in `simulate`. `times` (n,) [s] start at 0. `settled` [rad]: the attitude error
-    below which the loop counts as settled. If `without_feedback` is true, the body is also simulated under the
-    acceleration of the program alone.
+    The arguments up to `body` are as in `simulate`. `times` (n,) [s] start at 0. `settled` [rad]: the attitude error
+    below which the loop counts as settled. If `without_feedback` is true, the motion under the acceleration of the
+    program alone is also simulated; it does not depend on `body`.
 
     The result is the motion at `times` and at many more instants, and its assessment by `judge_loop`. To select the
     motion at `times`, use `history.at(times)`.
@@ -53,13 +55,13 @@ def assess_loop(
     times, actuator = output_times(times), Actuator() if actuator is None else actuator
     start = start_quaternion(sign, program(times[0]), initial_quaternion(quaternion))
     jumps = switches_of(program)
-    renewals = renewal_instants(Loop(program, law, disturbance, sensor, actuator), times)
+    renewals = renewal_instants(Loop(program, law, disturbance, sensor, actuator, body), times)
     dense = judging_times(np.asarray(times), *(None if x is None else np.asarray(x) for x in (jumps, renewals)))
     references_at(program, dense)  # raises before the simulation if an attitude is undefined
     options: Any = {"jumps": jumps, "rtol": rtol, "atol": atol, "sign": "as given"}
-    solution = simulate(program, law, start, rate, dense, disturbance, sensor, actuator, **options)
+    solution = simulate(program, law, start, rate, dense, disturbance, sensor, actuator, body=body, **options)
     alone = None
     if without_feedback:
         alone = open_loop(program, dense, start, rate, disturbance=disturbance, **options)
     history = loop_history(program, law, start, rate, solution, alone)
-    return history, judge_loop(history, law, disturbance, sensor, actuator, settled, rtol, atol)
+    return history, judge_loop(history, law, disturbance, sensor, actuator, settled, rtol, atol, body=body)

@@ -16,6 +16,9 @@ from qtraj.motion.control.errors import error_quaternion, error_rate
 from qtraj.motion.control.laws import AccelerationLaw
 from qtraj.motion.control.response import error_state
 
+MISMATCH = 1e-6
+"""A mismatch above this fraction of the largest acceleration is not a rounding error."""
+
 
 @storable
 class BodyMotion(AbstractResult):
@@ -87,6 +90,15 @@ class BodyMotion(AbstractResult):
         """Return the largest magnitude of `mismatch` [rad/s²]; NaN if an instant was not reached."""
         return jnp.max(jnp.sqrt(jnp.sum(self.mismatch**2, axis=-1)), axis=-1)
 
+    def first_mismatch(self, command: ArrayInput, rate: ArrayInput) -> float | None:
+        """Return the first instant [s] at which `mismatch` is not a rounding error; None if there is none.
+
+        `command` (n, 3) [rad/s²] and `rate` (n, 3) or (n, 4) [rad/s] of the solution determine the rounding errors.
+        """
+        largest = np.max(_length(command)) + np.max(_length(np.asarray(rate)[:, -3:])) ** 2
+        deviates = _length(self.mismatch) > MISMATCH * largest
+        return float(self.times[np.argmax(deviates)]) if deviates.any() else None
+
 
 def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
     """Return the residual ẍ + K1ẋ + K2x [1/s²] if the acceleration is the command plus `mismatch` (4,) [rad/s²].
@@ -110,7 +122,7 @@ def deviation_of(
     return jax.vmap(lambda at, q: error_quaternion(at, q, law.error))(references, quaternions) - closed
 
 
-def _length(x: Array) -> np.ndarray:
+def _length(x: ArrayInput) -> np.ndarray:
     return np.linalg.norm(np.asarray(x), axis=-1)
 
 

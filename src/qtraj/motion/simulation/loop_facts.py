@@ -7,15 +7,18 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation.number_text import degrees, number
+from qtraj.motion.control.hysteresis import HystereticLaw, without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.loop_verdict import LoopVerdict
 
 
 def gains_of(law: AbstractLaw) -> dict[str, Any]:
-    """Return the gains k, k1 and k2 of a feedback law by name, as numbers or nested lists."""
-    gains = {name: getattr(law, name, None) for name in ("k", "k1", "k2")}
-    return {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
+    """Return the gains k, k1 and k2 of a feedback law, and the half-width of its hysteresis, as JSON types by name."""
+    bare = without_hysteresis(law)
+    gains = {name: getattr(bare, name, None) for name in ("k", "k1", "k2")}
+    found = {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
+    return found | ({"half_width": float(law.half_width)} if isinstance(law, HystereticLaw) else {})
 
 
 def limit_of(actuator: Actuator | None) -> dict[str, Any]:

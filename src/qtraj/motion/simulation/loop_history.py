@@ -29,7 +29,7 @@ class LoopHistory(AbstractResult):
     `solution`: the `Solution`. `reference`: the attitudes of the program, with fields (n, …). `closed_form`: the motion
     without disturbances in closed form; None for a law without a linear error equation. `open_loop_angle` (n,) [rad]:
     the attitude error angle of the motion without feedback; None if this motion was not simulated. `history[rows]`
-    selects instants.
+    selects instants. The motion of a `RigidBody` also has its torques and wheel momenta.
     """
 
     solution: Solution
@@ -77,6 +77,9 @@ class LoopHistory(AbstractResult):
         if self.open_loop_angle is not None:
             meaning = "attitude error angle under the acceleration of the program alone, without feedback"
             variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
+        if solution.body is not None:
+            own = solution.body.variables()
+            variables |= {name: own[name] for name in ("torque", "momentum", "mismatch") if name in own}
         summary = f"{times_text(self.times)}: attitude error {extent(solution.angle, 'rad')}"
         times = Quantity(solution.times, "s", "time from the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}

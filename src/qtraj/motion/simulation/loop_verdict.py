@@ -14,10 +14,12 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_quaternion, error_rate
+from qtraj.motion.control.hysteresis import HystereticLaw, without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.quaternion_sign import least_norm
 from qtraj.motion.control.response import spectral_abscissa
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop_history import LoopHistory
 from qtraj.motion.simulation.sensor import AbstractSensor, Sensor
@@ -140,12 +142,14 @@ def judge_loop(
     settled: float = SETTLED,
     rtol: float = 1e-10,
     atol: float = 1e-12,
+    *,
+    body: RigidBody | None = None,
 ) -> LoopVerdict:
     """Assess a simulated closed loop.
 
-    `law`, `disturbance`, `sensor`, `actuator`, `rtol` and `atol` are the arguments of the simulation. `settled` [rad]
-    is the angle below which the loop counts as settled. Only the instants of `history` are used, so these instants
-    should be dense and include both sides of each jump of the program, as the instants of `judging_times` do.
+    `law`, `disturbance`, `sensor`, `actuator`, `rtol`, `atol` and `body` are the arguments of the simulation. `settled`
+    [rad] is the angle below which the loop counts as settled. Only the instants of `history` are used, so these
+    instants should be dense and include both sides of each jump of the program, as the instants of `judging_times` do.
     """
     solution, times = history.solution, history.times
     lengths, angle = np.asarray(solution.norm), np.asarray(solution.angle)
@@ -153,7 +157,7 @@ def judge_loop(
     finite = np.isfinite(commands).all(axis=1)
     sizes = np.linalg.norm(commands, axis=1)
     peak = int(np.argmax(np.where(finite, sizes, -1.0)))
-    reason = _reason(history, disturbance, sensor, actuator)
+    reason = _reason(history, law, disturbance, sensor, actuator, body)
     deviation, bound = _deviation(history, rtol, atol) if not reason else (math.nan, math.nan)
     least, exact = _least_error(history, law, reason)
     code = int(solution.code)
@@ -173,10 +177,10 @@ def judge_loop(
         initial_norm=jnp.asarray(lengths[0]),
         least_norm=jnp.asarray(np.nanmin(lengths) if any_finite else math.nan),
         largest_norm=jnp.asarray(np.nanmax(lengths) if any_finite else math.nan),
-        norm_drift=jnp.asarray(_drift(history, lengths, reason), float),
+        norm_drift=jnp.asarray(_drift(history, law, lengths, reason), float),
         least_error=jnp.asarray(least, float),
         least_error_exact=jnp.asarray(exact),
-        growth=jnp.asarray(spectral_abscissa(law), float),
+        growth=jnp.asarray(spectral_abscissa(without_hysteresis(law)), float),
         code=jnp.asarray(int(code), jnp.int32),
         instants=jnp.asarray(len(times)),
         reason=reason,
@@ -186,23 +190,34 @@ def judge_loop(
 
 def _reason(
     history: LoopHistory,
+    law: AbstractLaw,
     disturbance: AbstractDisturbance | None,
     sensor: AbstractSensor | None,
     actuator: Actuator | None,
+    body: RigidBody | None,
 ) -> str:
     """Return the reason why the closed form does not apply, or an empty string if the closed form applies."""
+    if isinstance(law, HystereticLaw):
+        return "a hysteretic law may change the sign of λ"
     if history.closed_form is None:
         return "the closed loop of this law is not linear"
-    if disturbance is not None:
+    if body is not None and not np.array_equal(body.inertia, body.assumed):
+        return "the law assumes another inertia than that of the body"
+    if disturbance is not None or (body is not None and body.torque is not None):
         return "a disturbance acts on the body"
     if any(part is not None and part.sampling is not None for part in (sensor, actuator)):
         return "the command is held between samples"
     if isinstance(sensor, Sensor) and (np.any(sensor.rate_bias) or np.any(sensor.attitude_bias)):
         return "the sensor has a bias"
+    if actuator is not None and actuator.time_constant is not None:
+        return "the actuator follows the command with a lag"
     if not bool(history.solution.successful):
         return "the integration did not finish"
-    t = _first_limited(history, actuator)
-    return "" if t is None else f"the actuator's limit is reached, first at t = {t:.6g} s"
+    if (t := _first_limited(history, actuator)) is not None:
+        return f"the actuator's limit is reached, first at t = {t:.6g} s"
+    solution = history.solution
+    t = None if solution.body is None else solution.body.first_mismatch(solution.physical_command, solution.rate)
+    return "" if t is None else f"a limit of the torques is reached, first at t = {t:.6g} s"
 
 
 def _first_limited(history: LoopHistory, actuator: Actuator | None) -> float | None:
@@ -240,14 +255,14 @@ def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[f
     return min(least, float(least_norm(law, mu, slope))), True
 
 
-def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
-    """Return the largest relative difference of |λ| from its closed form, or from |λ(0)| if the law has no closed form.
+def _drift(history: LoopHistory, law: AbstractLaw, lengths: np.ndarray, reason: str) -> float:
+    """Return the largest relative difference of |λ| from its closed form, or from |λ(0)| if the law keeps |λ|.
 
-    The result is NaN if the law has a closed form that does not apply to the loop.
+    The result is NaN if the law changes |λ| and the closed form does not apply to the loop.
     """
-    if history.closed_form is None:
+    if history.closed_form is None and not isinstance(without_hysteresis(law), AccelerationLaw):
         return _largest((lengths - lengths[0]) / lengths[0])
-    if reason:
+    if reason or history.closed_form is None:
         return math.nan
     expected = np.linalg.norm(np.asarray(history.closed_form.quaternion), axis=1)
     return _largest((lengths - expected) / np.maximum(expected, lengths[0]))

@@ -47,10 +47,15 @@ TITLES = {
     "torque": "torque, body axes",
     "command": "command, body axes",
     "norm": "norm of the quaternion",
+    "momentum": "momenta of the wheels",
+    "mismatch": "acceleration minus command, body axes",
 }
 APPLIES = "applies"
 """Value of the attribute `closed_form` if the closed form applies; otherwise the attribute contains the reason."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
+LETTERS |= {"momentum": "h", "mismatch": "Δε"}
+WHEELS = ("#D55E00", "#009E73", "#0072B2", "#CC79A7", "#000000", "#E69F00")
+"""Colours of the wheels, in order."""
 
 
 def is_of_attitudes(dataset: xarray.Dataset) -> bool:
@@ -100,7 +105,9 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
     labels = _labels(dataset, name)
     symbol_of = LETTERS.get(name, name.replace("_", " "))
     names = [f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label for label in labels]
-    styles = [(COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid")) for label in labels]
+    wheels = dataset[name].dims[-1] == "wheel"
+    colours = [WHEELS[k % len(WHEELS)] if wheels else COMPONENTS.get(x, PLAIN) for k, x in enumerate(labels)]
+    styles = [(colour, DASHES.get(label, "solid")) for colour, label in zip(colours, labels, strict=True)]
     lines = zip(names, values.T, styles, strict=True)
     series = [Series(text, 0, column, *style) for text, column, style in lines]
     span, note = without_near_one(values, names) if name in ("quaternion", "error") else (None, "")
@@ -175,13 +182,18 @@ def _peaks(dataset: xarray.Dataset) -> Table:
         bound = ", ".join(map(number, _limits(dataset, name))) or "–"
         when = number(float(dataset["time"].values[worst]))
         largest, heading = number(float(size[worst])), name.replace("_", " ")
-        if name == "command" and _of_each_axis(dataset):
+        if (name == "command" and _of_each_axis(dataset)) or name == "momentum":
             limits = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
             bound = ", ".join(number(x) for x in _scale(dataset, name) * limits) or "–"
-            largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
+            largest, heading = (
+                ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)),
+                f"{heading}, each {'wheel' if name == 'momentum' else 'axis'}",
+            )
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Norms of vectors, or components if each axis has its own limit; only at the instants of the dataset."
+    note = (
+        "Norms of vectors, or components if each axis or wheel has its own limit; only at the instants of the dataset."
+    )
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 
