@@ -38,8 +38,9 @@ class Profile(eqx.Module):
     The angle is `total` [rad] at `duration` [s]. Segment k of n starts at `starts[k]` [s], lasts `widths[k]` [s] and
     has the ascending coefficients `pieces[k]` (m,) in its variable u. The segments represent angle/total if the
     profile is `proportional` (at rest at both ends), and the angle [rad] otherwise. `end_rate` [rad/s] is the rate at
-    `duration`. Inside a trace, where errors cannot be raised, `feasible` is false if the fixed duration is not
-    possible; the profile then has the minimum duration.
+    `duration`, and `end_acceleration` [rad/s²] the acceleration there, zero for None. Inside a trace, where errors
+    cannot be raised, `feasible` is false if the fixed duration is not possible; the profile then has the minimum
+    duration.
     """
 
     total: Scalar = eqx.field(converter=as_float)
@@ -50,6 +51,7 @@ class Profile(eqx.Module):
     end_rate: Scalar = eqx.field(converter=as_float)
     feasible: Flag = eqx.field(converter=xp.asarray)
     proportional: bool = eqx.field(static=True, default=True)
+    end_acceleration: Scalar | None = None
 
     @property
     def switches(self) -> Float[Array, " n"]:
@@ -68,7 +70,7 @@ class Profile(eqx.Module):
         return self.derivatives(t, 1)[1]
 
     def acceleration(self, t: ScalarLike) -> Scalar:
-        """Return Φ̈(t) [rad/s²]; the acceleration is zero at the end and after the end."""
+        """Return Φ̈(t) [rad/s²]; the acceleration is `end_acceleration` at the end and zero after the end."""
         return self.derivatives(t, 2)[2]
 
     def jerk(self, t: ScalarLike) -> Scalar:
@@ -149,7 +151,10 @@ def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     final = [xp.ones_like(t) if profile.proportional else profile.total]
     if order > 0:
         final.append(xp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
-    return xp.stack(final + [zero] * (order - 1))
+    if order > 1:
+        at_end = profile.end_acceleration
+        final.append(zero if at_end is None else xp.where(t == profile.duration, at_end, 0.0))
+    return xp.stack(final + [zero] * (order - 2))
 
 
 def stationary_points(curve: Polynomial) -> list[float]:
@@ -238,6 +243,9 @@ def limit(value: ArrayInput | None) -> Scalar | None:
 PER_TIME = {"max_rate": "/s", "max_acceleration": "/s²", "max_jerk": "/s³"}
 """The units of the limits, without the unit of the angle or distance."""
 
+END_STATES = ("start_rate", "end_rate", "start_acceleration", "end_acceleration")
+"""The rates and accelerations at the ends, of profiles that need not start or end at rest."""
+
 
 def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
     """Return the limits and the duration of a motion profile by field name, without values that are None."""
@@ -251,8 +259,8 @@ def is_fixed(motion_profile: AbstractProfile) -> bool:
 
 
 def has_end_rates(motion_profile: AbstractProfile) -> bool:
-    """Return whether a start rate or an end rate of a motion profile is set."""
-    return any(getattr(motion_profile, name, None) is not None for name in ("start_rate", "end_rate"))
+    """Return whether a rate or an acceleration at an end of a motion profile is set."""
+    return any(getattr(motion_profile, name, None) is not None for name in END_STATES)
 
 
 def require_limits(motion_profile: AbstractProfile) -> None:
@@ -287,8 +295,9 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"a motion of {angle} with this {motion_profile.name} profile needs at least {minimum_text} within the "
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
+    possible = getattr(motion_profile, "possible_durations", None)
+    others = "some longer durations are impossible too" if possible is None else f"possible are {possible(profile.total)}"
     raise ValueError(
-        f"with this start_rate and end_rate, a motion of {angle} cannot last exactly {fixed:.9g} s within the limits. "
-        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too. "
-        "Change duration, start_rate or end_rate."
+        f"with these rates at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s within the limits. The "
+        f"minimum is {minimum_text}; {others}. Change the duration, or the rates and accelerations at the ends."
     )
