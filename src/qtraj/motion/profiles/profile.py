@@ -296,8 +296,10 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     possible = getattr(motion_profile, "possible_durations", None)
-    others = "some longer durations are impossible too" if possible is None else f"possible are {possible(profile.total)}"
+    text = f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too."
+    if possible is not None:
+        text = f"It can last {possible(profile.total)}."
     raise ValueError(
-        f"with these rates at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s within the limits. The "
-        f"minimum is {minimum_text}; {others}. Change the duration, or the rates and accelerations at the ends."
+        f"with the rates at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s with this "
+        f"{motion_profile.name} profile within the limits. {text} Change the duration, or the rates at the ends."
     )

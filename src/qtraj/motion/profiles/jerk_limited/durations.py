@@ -21,13 +21,13 @@ def durations_text(task: Task) -> str:
     intervals = possible_durations(ends, float(max_rate))
     if not any(low <= minimum * (1 + ROUND_OFF) <= high for low, high in intervals):
         intervals = sorted([(minimum, minimum), *intervals])
-    return ", ".join(_interval_text(*(float(time) * (before + x) for x in pair)) for pair in intervals)
+    return " or ".join(_interval_text(*(float(time) * (before + x) for x in pair)) for pair in intervals)
 
 
 def _interval_text(low: float, high: float) -> str:
     if low == high:
         return f"{low:.9g} s"
-    return f"at least {low:.9g} s" if math.isinf(high) else f"{low:.9g} s to {high:.9g} s"
+    return f"at least {low:.9g} s" if math.isinf(high) else f"from {low:.9g} to {high:.9g} s"
 
 
 def possible_durations(ends: Ends, max_rate: float) -> list[tuple[float, float]]:
