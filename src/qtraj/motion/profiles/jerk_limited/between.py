@@ -1,10 +1,10 @@
 """Compute the motion between two states within limits on rate, acceleration and jerk, with derivatives.
 
-The search for the structure of the motion uses units in which the limits on jerk and acceleration are 1. The
-derivatives follow from the equations of this structure by the implicit function theorem.
+The search for the structure of the motion uses units in which the limits on jerk and acceleration are 1. Derivatives
+follow from the equations of this structure by the implicit function theorem.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -69,7 +69,7 @@ def segments(task: Task, duration: Scalar | None) -> Segments:
     before = xp.sum(braking.widths)
     left = xp.full_like(time, np.nan) if duration is None else duration / time - before
     found = find_structure(ends, max_rate, left)
-    unknowns = _differentiable(found, ends, max_rate, left)
+    unknowns = found.unknowns if is_host(found.unknowns) else _unknowns(found, ends, max_rate, left)
     widths = time * xp.concatenate([braking.widths, _widths(unknowns, found, ends)])
     return Segments(
         xp.where(xp.isnan(found.minimum), np.nan, widths),
@@ -92,24 +92,25 @@ def _jerks(found: Structure) -> Float[Array, "7"]:
     return xp.stack([found.first, zero, -found.first, zero, -found.last, zero, found.last])
 
 
-def _differentiable(found: Structure, ends: Ends, max_rate: Scalar, duration: Scalar) -> Float[Array, "5"]:
-    """Return the unknowns with their derivatives: −(∂R/∂x)⁻¹ ∂R/∂θ for the equations R(x, θ) = 0 of the structure.
+@jax.custom_jvp
+def _unknowns(found: Structure, ends: Ends, max_rate: Scalar, duration: Scalar) -> Float[Array, "5"]:
+    """Return the unknowns of a structure, with derivatives with respect to the other arguments."""
+    return found.unknowns
+
+
+@_unknowns.defjvp
+def _unknowns_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    """Return dx = −(∂R/∂x)⁻¹ dR for the equations R(x, θ) = 0 of the structure.
 
     The derivatives are zero where they do not exist, such as for a motion of zero duration.
     """
-    if is_host(found.unknowns):
-        return found.unknowns
-    x = jax.lax.stop_gradient(found.unknowns)
-
-    def equations(x: Float[Array, "5"]) -> Float[Array, "5"]:
-        return _equations(x, found, ends, max_rate, duration)
-
-    residual = equations(x)
-    matrix = jax.lax.stop_gradient(jax.jacfwd(equations)(x))
+    found, *values = primals
+    x = found.unknowns
+    matrix = jax.jacfwd(lambda x: _equations(x, found, *values))(x)
+    change = jax.jvp(lambda *values: _equations(x, found, *values), tuple(values), tangents[1:])[1]
     regular = jnp.isfinite(matrix).all() & (jnp.linalg.det(matrix) != 0)
-    matrix = jnp.where(regular, matrix, jnp.eye(5, dtype=x.dtype))
-    change = jnp.where(regular & jnp.isfinite(residual), residual - jax.lax.stop_gradient(residual), 0.0)
-    return x - jnp.linalg.solve(matrix, change)
+    matrix = jnp.where(regular, matrix, jnp.eye(len(x), dtype=x.dtype))
+    return x, -jnp.linalg.solve(matrix, jnp.where(regular, change, 0.0))
 
 
 def _equations(
