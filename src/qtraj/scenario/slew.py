@@ -114,8 +114,8 @@ class SlewPart(Part):
     def program(self, angles: str) -> EulerTurn | SlewSequence:
         """Return one slew, or a sequence through [[via]], slowed down to satisfy the torque limit.
 
-        A slew with rates or accelerations at its ends is not slowed down, and may violate its limits. A slew with a duration keeps it; its
-        acceleration is reduced, unless the torque limit cannot be satisfied in this time.
+        A slew with rates or accelerations at its ends is not slowed down, and may violate its limits. A slew with a
+        duration keeps it; its acceleration is reduced, unless the torque limit cannot be satisfied in this time.
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """

@@ -1,4 +1,4 @@
-"""S-curves between rates and accelerations: durations of an independent program, the motion, derivatives and messages."""
+"""S-curves between rates and accelerations: durations of another program, motions, derivatives and messages."""
 
 import csv
 import re
@@ -201,7 +201,8 @@ def test_a_duration_in_a_gap_names_the_possible_ones():
     minimum = law(None).profile(0.2).duration
     with pytest.raises(ValueError, match=r"of 0\.2 rad cannot last exactly 0\.6 s .* It can last ") as error:
         law(0.6).profile(0.2, unit="rad")
-    low, high, longer = map(float, re.search(r"from (\S+) to (\S+) s or at least (\S+) s", str(error.value)).groups())
+    (numbers,) = re.findall(r"from (\S+) to (\S+) s or at least (\S+) s", str(error.value))
+    low, high, longer = map(float, numbers)
     np.testing.assert_allclose(low, minimum, rtol=1e-8)
     assert high < 0.6 < longer
     for duration in (low * (1 + 1e-8), (low + high) / 2, high * (1 - 1e-8), longer * (1 + 1e-8), 100.0):

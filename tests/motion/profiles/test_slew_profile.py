@@ -48,7 +48,7 @@ def test_each_name_is_a_class(kind, arguments, expected):
         (
             "quintic",
             {"duration": T, "end_rate": 0.1},
-            "'end_rate' is valid only with kind = 'time_optimal' or 's_curve': a slew of kind 'quintic' starts and ends",
+            "'end_rate' is valid only with kind = 'time_optimal' or 's_curve': a slew of kind 'quintic' starts",
         ),
         (
             "time_optimal",

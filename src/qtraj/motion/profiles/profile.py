@@ -24,6 +24,7 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, of_arrays, xp
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
+from qtraj.motion.profiles.stationary import stationary_points
 
 TOLERANCE = 16
 """Relative tolerance, in machine epsilons, by which a fixed duration may be below the minimum."""
@@ -157,15 +158,6 @@ def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     return xp.stack(final + [zero] * (order - 2))
 
 
-def stationary_points(curve: Polynomial) -> list[float]:
-    """Return 0, the stationary points of a polynomial between 0 and 1 in ascending order, and 1."""
-    slope = curve.deriv()
-    # Leading coefficients below round-off would add spurious roots and make the true roots inexact.
-    slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
-    # Round-off may split a double root into a complex pair, so the real parts of complex roots are included.
-    return [0.0, *(float(u) for u in np.sort(slope.roots().real) if 0 < u < 1), 1.0]
-
-
 class AbstractProfile(eqx.Module):
     """A motion profile, which computes the `Profile` of a slew of any angle, in minimum time or a fixed `duration` [s].
 
@@ -296,7 +288,9 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     possible = getattr(motion_profile, "possible_durations", None)
-    text = f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too."
+    text = (
+        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too."
+    )
     if possible is not None:
         text = f"It can last {possible(profile.total)}."
     raise ValueError(

@@ -47,9 +47,8 @@ def slew_profile(
     limited if the acceleration is continuous, as for "s_curve", "quintic" and "septic". For a distance along a line,
     read m instead of rad.
 
-    **Raises:** ValueError for an unknown kind, a missing limit, a limit, a rate or an acceleration that the profile cannot
-    have,
-    and invalid values.
+    **Raises:** ValueError for an unknown kind, a missing limit, a limit, a rate or an acceleration that the profile
+    cannot have, and invalid values.
     """
     if kind not in PROFILES:
         raise ValueError(f"the kind of a slew must be one of {', '.join(map(repr, PROFILES))}, but {kind!r} was given")

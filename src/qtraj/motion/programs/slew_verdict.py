@@ -18,8 +18,9 @@ from qtraj.foundation.arrays import real_vector
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, stationary_points, user_limits
+from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, user_limits
 from qtraj.motion.profiles.smooth_step import Cubic
+from qtraj.motion.profiles.stationary import stationary_points
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_advice import advice

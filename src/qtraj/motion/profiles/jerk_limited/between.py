@@ -32,9 +32,11 @@ class Task(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """The times and the jerks of the segments (three of braking, seven of the motion), the duration of the fastest
-    motion, and whether a motion exists. If none has the duration, the segments are those of the fastest motion. The times
-    are NaN if the limits forbid the final state."""
+    """The times and jerks of the segments, three of braking and seven of the motion.
+
+    `minimum` is the duration of the fastest motion. If none has the duration of the user, `exists` is false, and the
+    segments are those of the fastest motion. The times are NaN if the limits forbid the final state.
+    """
 
     widths: Float[Array, "10"]
     jerks: Float[Array, "10"]

@@ -21,8 +21,7 @@ TOLERANCE = 1e-12
 
 
 class Ramp(NamedTuple):
-    """A ramp between a state and the coast: its sense ±1, its peak, the times at the peak and of the whole ramp, and
-    its distance."""
+    """A ramp between a state and the coast: its sense ±1, its peak, the time at the peak, its time and its distance."""
 
     sense: float
     peak: float
@@ -81,9 +80,7 @@ def rests(ends: Ends) -> tuple[float, float]:
     return min(first, last), max(first, last)
 
 
-def _intervals(
-    spare: Callable[[float], float], low: float, high: float, max_rate: float
-) -> list[tuple[float, float]]:
+def _intervals(spare: Callable[[float], float], low: float, high: float, max_rate: float) -> list[tuple[float, float]]:
     """Return the intervals of coasting rates within ±`max_rate` for which `spare` is not negative."""
 
     def fits(w: float) -> bool:

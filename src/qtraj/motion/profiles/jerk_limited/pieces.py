@@ -7,7 +7,10 @@ from qtraj.foundation.types import Scalar
 
 
 def jerk_pieces(
-    widths: Float[Array, " n"], jerks: Float[Array, " n"], rate: Scalar | float = 0.0, acceleration: Scalar | float = 0.0
+    widths: Float[Array, " n"],
+    jerks: Float[Array, " n"],
+    rate: Scalar | float = 0.0,
+    acceleration: Scalar | float = 0.0,
 ) -> Float[Array, "n 4"]:
     """Return the ascending coefficients of the angle in each segment, in a variable from 0 to 1.
 
