@@ -1,7 +1,7 @@
 """Compute S-curve profiles, the fastest slews within limits on rate, acceleration and jerk."""
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -110,17 +110,24 @@ class SCurve(AbstractProfile):
 
     def possible_durations(self, total: ArrayInput) -> str:
         """Describe the durations [s] that a slew of `total` [rad] can have."""
-        return durations_text(_task(self, np.asarray(total, float)))
+        angle: Any = np.asarray(total, float)
+        return durations_text(_task(self, angle))
 
 
 def _task(motion_profile: SCurve, total: Scalar) -> Task:
-    values = (getattr(motion_profile, name) for name in ("start_rate", "start_acceleration", "end_rate"))
-    states = [xp.zeros_like(total) if x is None else x.astype(total.dtype) for x in values]
-    at_end = motion_profile.end_acceleration
-    states.append(xp.zeros_like(total) if at_end is None else at_end.astype(total.dtype))
-    max_rate = None if motion_profile.max_rate is None else motion_profile.max_rate.astype(total.dtype)
-    limits = motion_profile.max_acceleration.astype(total.dtype), motion_profile.max_jerk.astype(total.dtype)
-    return Task(total, *states, max_rate, *limits)
+    def value(x: Scalar | None) -> Scalar:
+        return xp.zeros_like(total) if x is None else x.astype(total.dtype)
+
+    return Task(
+        distance=total,
+        v0=value(motion_profile.start_rate),
+        a0=value(motion_profile.start_acceleration),
+        v1=value(motion_profile.end_rate),
+        a1=value(motion_profile.end_acceleration),
+        max_rate=None if motion_profile.max_rate is None else motion_profile.max_rate.astype(total.dtype),
+        max_acceleration=motion_profile.max_acceleration.astype(total.dtype),
+        max_jerk=motion_profile.max_jerk.astype(total.dtype),
+    )
 
 
 def _between_states(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-Batch = np.ndarray
-"""An array over a batch of motions."""
+Batch = Any
+"""An array over a batch of motions; in the formulas without a search also a JAX array."""
 
 NEWTON_STEPS = 4
 """Number of Newton steps that refine the eigenvalues of companion matrices."""
