@@ -7,8 +7,11 @@ import numpy as np
 
 from qtraj.motion.profiles.jerk_limited.structures import Batch, Ends, Motions, enumerate_motions, half_distance
 
-TOLERANCES = (1e-13, 1e-11, 1e-9, 1e-7)
-"""Relative tolerances for times, rates and distances; each is tried if no motion exists within the previous one."""
+TOLERANCES = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
+"""Relative tolerances for times, rates and distances; each is tried if no motion exists within the previous one.
+
+The last ones are for states at a limit in single precision.
+"""
 
 
 class Found(NamedTuple):

@@ -13,16 +13,15 @@ from qtraj.motion.profiles.jerk_limited.fastest import fastest
 from qtraj.motion.profiles.jerk_limited.in_time import coast_in_time
 from qtraj.motion.profiles.jerk_limited.structures import Batch, Ends
 
-ROUND_OFF = 1e-13
-"""Relative difference up to which a duration counts as the minimum."""
+ROUND_OFF = 512
+"""Relative round-off, in machine epsilons of the arguments, of a duration and of states at their limits."""
 
 
 class Structure(NamedTuple):
     """The structure of a motion: p, h, q, k and the coast of `Motions`, and the senses ±1 of both halves.
 
-    `timed` is true if the duration is that of the user and the coast has no other rate than the duration needs;
-    `exists` is false if there is no motion. `minimum` is the duration of the fastest motion,
-    NaN if the final state cannot be reached.
+    `timed` is true if the coast has the rate that the duration of the user needs. `exists` is false if there is no
+    motion. `minimum` is the duration of the fastest motion, NaN if the final state cannot be reached.
     """
 
     unknowns: Float[Array, "5"]
@@ -50,25 +49,26 @@ def find_structure(ends: Ends, max_rate: Scalar, duration: Scalar) -> Structure:
 def _search(*arguments: Batch) -> Batch:
     """Return the values of a `Structure` on a new last axis, for arrays of any shape."""
     *states, max_rate, durations = (np.asarray(x, float) for x in arguments)
-    ends = Ends(*states)
+    ends, dtype = Ends(*states), np.asarray(arguments[0]).dtype
+    round_off = ROUND_OFF * float(np.finfo(dtype).eps)
     with np.errstate(all="ignore"):
         found = fastest(ends, max_rate)
-        exists = found.exists & _is_reachable(ends, max_rate)
+        exists = found.exists & _is_reachable(ends, max_rate * (1 + round_off), 1 + round_off)
         minimum = np.where(exists, found.motion.duration(Ends(*(found.sense * x for x in ends))), np.nan)
     rows = np.stack([*found.motion, found.sense, found.sense, 0 * minimum, exists, minimum], axis=-1)
     for index in np.argwhere(np.isfinite(durations) & exists):
         k = tuple(index)
         size = minimum[k] + abs(ends.b0[k]) + abs(ends.b1[k])
-        if abs(durations[k] - minimum[k]) > ROUND_OFF * size:
+        if abs(durations[k] - minimum[k]) > round_off * size:
             rows[k][:9] = _timed(Ends(*(x[k] for x in ends)), float(max_rate[k]), float(durations[k]), rows[k][:9])
-    return rows.astype(np.asarray(arguments[0]).dtype)
+    return rows.astype(dtype)
 
 
-def _is_reachable(ends: Ends, max_rate: Batch) -> Batch:
+def _is_reachable(ends: Ends, max_rate: Batch, max_acceleration: float) -> Batch:
     """Return whether the limits allow the final state, and the rate that the final acceleration needs before it."""
     before = ends.v1 + ends.b1 * np.abs(ends.b1) / 2
     largest = np.maximum(np.abs(ends.v1), np.abs(before))
-    return (np.abs(ends.b1) <= 1 + ROUND_OFF) & (largest <= max_rate * (1 + ROUND_OFF))
+    return (np.abs(ends.b1) <= max_acceleration) & (largest <= max_rate)
 
 
 def minimum_duration(ends: Ends, max_rate: Scalar) -> float:
