@@ -236,6 +236,14 @@ def test_end_rates_reach_the_program():
     assert np.degrees(program(program.duration).rate) == pytest.approx([0, -0.25, 0])
 
 
+def test_end_accelerations_reach_the_program():
+    law = {"kind": "s_curve", "max_acceleration": 0.05, "max_jerk": 0.01, "start_rate": 0.5, "end_acceleration": 0.02}
+    start, end = {"quaternion": [1, 0, 0, 0]}, {"rotation_vector": [0, 10, 0]}
+    program = SlewPart.model_validate({"start": start, "end": end, "law": law}).program("deg")
+    assert np.degrees(program(0.0).rate) == pytest.approx([0, 0.5, 0])
+    assert np.degrees(program(program.duration).acceleration) == pytest.approx([0, 0.02, 0])
+
+
 BODY = "[body]\ninertia = [[10, 1, 0.5], [1, 14, -2], [0.5, -2, 20]]\n"
 
 

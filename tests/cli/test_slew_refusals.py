@@ -84,6 +84,11 @@ BAD = {
         REST + LAW + "end_rate = 3\n",
         ["[law]: |end_rate| must not exceed max_rate, but end_rate = 3.0 and max_rate = 1.0 were given"],
     ),
+    "an acceleration that the limit on the rate forbids": (
+        REST + "[law]\nkind = 's_curve'\nmax_rate = 1\nmax_acceleration = 2\nmax_jerk = 4\nend_acceleration = 2\n"
+        "end_rate = -0.9\n",
+        ["[law]: with end_acceleration = 2.0, end_rate = -0.9", "the rate is at -1.4 before the end"],
+    ),
     "an end rate a little beyond the limit": (
         REST + LAW + "end_rate = 1.00000001\n",
         ["[law]: |end_rate| must not exceed max_rate, but end_rate = 1.00000001 and max_rate = 1.0 were given"],

@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.profiles.profile import AbstractProfile, has_end_rates, is_fixed
-from qtraj.motion.profiles.slew_profile import END_RATES, LIMITS, POLYNOMIALS, PROFILES, slew_profile
+from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, has_end_rates, is_fixed
+from qtraj.motion.profiles.slew_profile import LIMITS, POLYNOMIALS, PROFILES, slew_profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.motion.programs.slew_verdict import judge_slew
@@ -37,10 +37,17 @@ class SlewLawPart(Part):
         "duration of each slew; with a polynomial profile the limits are then only checked", None
     )
     start_rate: keys.Number | None = key(
-        "initial rate about the slew axis; only for time_optimal; default: 0", None, unit="angle/s"
+        "initial rate about the slew axis; only for time_optimal and s_curve; default: 0", None, unit="angle/s"
     )
     end_rate: keys.Number | None = key(
-        "final rate about the slew axis; only for time_optimal; default: 0", None, unit="angle/s"
+        "final rate about the slew axis; only for time_optimal and s_curve; default: 0", None, unit="angle/s"
+    )
+
+    start_acceleration: keys.Number | None = key(
+        "initial acceleration about the slew axis; only for s_curve; default: 0", None, unit="angle/s²"
+    )
+    end_acceleration: keys.Number | None = key(
+        "final acceleration about the slew axis; only for s_curve; default: 0", None, unit="angle/s²"
     )
 
     def _faults(self) -> Iterator[str]:
@@ -54,8 +61,8 @@ class SlewLawPart(Part):
     def law(self, angles: str) -> AbstractProfile:
         """Return the motion profile; the limits of a polynomial with a duration are checked later."""
         judged = self.duration is not None and self.kind in POLYNOMIALS
-        rates = {name: radians(angles) * getattr(self, name) for name in self.given(*END_RATES)}
-        return slew_profile(self.kind, duration=self.duration, **({} if judged else self.limits(angles)), **rates)
+        states = {name: radians(angles) * getattr(self, name) for name in self.given(*END_STATES)}
+        return slew_profile(self.kind, duration=self.duration, **({} if judged else self.limits(angles)), **states)
 
 
 class BodyPart(Part):
@@ -63,8 +70,8 @@ class BodyPart(Part):
 
     inertia: keys.Inertia = key("moment of inertia of a spherical body, principal moments, or the tensor, in body axes")
     max_torque: keys.Positive | keys.PositiveVector | None = key(
-        "limit on the torque, for the norm or for each component in body axes; a slew without 'start_rate' and "
-        "'end_rate' is slowed down to satisfy the limit, or accelerated less if it has a 'duration'",
+        "limit on the torque, for the norm or for each component in body axes; a slew that starts and ends at rest "
+        "is slowed down to satisfy the limit, or accelerated less if it has a 'duration'",
         None,
         values="one or three positive finite numbers [N m]",
     )
@@ -115,8 +122,8 @@ class SlewPart(Part):
 
         Without an attitude [start], it starts with `start` (4,).
 
-        A slew with end rates is not slowed down, and may violate its limits. A slew with a duration keeps it; its
-        acceleration is reduced, unless the torque limit cannot be satisfied in this time.
+        A slew with rates or accelerations at its ends is not slowed down, and may violate its limits. A slew with a
+        duration keeps it; its acceleration is reduced, unless the torque limit cannot be satisfied in this time.
 
         **Raises:** ValueError if no such slew is possible within the duration.
         """

@@ -19,6 +19,11 @@ V, A, J, T = 0.3, 0.1, 0.2, 40.0
         ("time_optimal", {"max_acceleration": A, "start_rate": 0.1, "end_rate": 0}, qt.TimeOptimal(None, A, 0.1, 0)),
         ("s_curve", {"max_rate": V, "max_acceleration": A, "max_jerk": J}, qt.SCurve(V, A, J)),
         ("s_curve", {"max_acceleration": A, "max_jerk": J, "duration": T}, qt.SCurve(None, A, J, T)),
+        (
+            "s_curve",
+            {"max_acceleration": A, "max_jerk": J, "start_rate": 0.1, "end_acceleration": 0.05},
+            qt.SCurve(None, A, J, start_rate=0.1, end_acceleration=0.05),
+        ),
         ("cubic", {"max_acceleration": A}, qt.Cubic(max_acceleration=A)),
         ("quintic", {"duration": T, "max_rate": V, "max_jerk": J}, qt.Quintic(T, V, max_jerk=J)),
         ("septic", {"duration": T}, qt.Septic(T)),
@@ -29,7 +34,7 @@ def test_each_name_is_a_class(kind, arguments, expected):
     assert type(profile) is type(expected) is PROFILES[kind]
     for a, b in zip(jax.tree.leaves(profile), jax.tree.leaves(expected), strict=True):
         np.testing.assert_array_equal(a, b)
-    assert is_fixed(profile) == ("duration" in arguments or "end_rate" in arguments)
+    assert is_fixed(profile) == bool({"duration", "start_rate", "end_rate"} & set(arguments))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +45,16 @@ def test_each_name_is_a_class(kind, arguments, expected):
         ("s_curve", {"max_acceleration": A}, "a slew of kind 's_curve' needs 'max_jerk', which is missing"),
         ("time_optimal", {"max_acceleration": A, "max_jerk": J}, "discontinuous: use kind = 's_curve'"),
         ("cubic", {"max_jerk": J}, "discontinuous: use kind = 'quintic', 'septic' or 's_curve'"),
-        ("quintic", {"duration": T, "end_rate": 0.1}, "'end_rate' is valid only with kind = 'time_optimal'"),
+        (
+            "quintic",
+            {"duration": T, "end_rate": 0.1},
+            "'end_rate' is valid only with kind = 'time_optimal' or 's_curve': a slew of kind 'quintic' starts",
+        ),
+        (
+            "time_optimal",
+            {"max_acceleration": A, "end_acceleration": 0.1},
+            "'end_acceleration' is valid only with kind = 's_curve': .* 'time_optimal' has no acceleration at its ends",
+        ),
         ("cubic", {}, "needs a duration or a limit: max_rate, max_acceleration$"),
         ("septic", {}, "needs a duration or a limit: max_rate, max_acceleration, max_jerk$"),
         ("quintic", {"max_rate": -1.0}, "max_rate must be positive"),

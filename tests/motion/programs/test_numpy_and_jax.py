@@ -10,6 +10,7 @@ PATH = qt.SpiralHelix([20.0, 0.1], [0.0, 0.3, 0.01], [0.0, 0.5, 0.02, 0.001], 10
 LAWS = [
     qt.TimeOptimal(0.1, 0.02),
     qt.TimeOptimal(0.1, 0.02, start_rate=0.01),
+    qt.SCurve(0.1, 0.02, 0.01, start_rate=0.01, end_acceleration=0.005),
     qt.TimeOptimal(0.1, 0.02, duration=50.0),
     qt.SCurve(0.1, 0.02, 0.01),
     qt.Quintic(max_rate=0.1, max_jerk=0.01),

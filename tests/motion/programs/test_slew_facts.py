@@ -70,6 +70,12 @@ J = (5.0, 4.0, 3.0)
         (qt.SCurve(None, 0.5, 0.5, duration=5.0), None, 0.01, "Increase the duration to "),
         (qt.Quintic(duration=5.0), {"max_rate": 0.01}, 0.01, "Increase the duration to "),
         (qt.TimeOptimal(None, 0.5, start_rate=0.01), None, 0.01, "Without start_rate and end_rate, the slew takes "),
+        (
+            qt.SCurve(None, 0.5, 0.5, start_acceleration=0.01),
+            None,
+            0.01,
+            "Without rates and accelerations at its ends, the slew takes ",
+        ),
         (qt.Quintic(max_rate=0.1), {"max_rate": 0.01}, None, "With these limits in its profile, the slew takes "),
     ],
 )
@@ -104,6 +110,23 @@ def test_rates_at_the_ends_are_a_discontinuity():
     assert end_rates_text(QUARTER.law) == end_rates_text(qt.Quintic(2.0)) == ""
     text = end_rates_text(qt.TimeOptimal(0.2, 0.1, end_rate=np.radians(3.0)))
     assert text.startswith("The slew ends at 3°/s, but the program is at rest before and after the slew")
+    text = end_rates_text(qt.SCurve(0.2, 0.1, 0.1, start_acceleration=-np.radians(2.0)))
+    assert text.startswith("The slew starts at -2°/s², but")
+    assert text.endswith("so the commanded acceleration is discontinuous.")
+
+
+def test_an_overshoot_of_an_s_curve_is_said():
+    law = qt.SCurve(None, 9.0, 1.0, start_rate=0.5, end_rate=-0.5)  # from rest beyond the end back to it in 1 s
+    verdict = qt.judge_slew(slew_about_z(10.0, law))
+    np.testing.assert_allclose(verdict.overshoots, [1 / 2 - 1 / 6], rtol=1e-12)
+    assert "because its limits do not allow faster changes of the rates" in verdict.result
+
+
+def test_limits_that_forbid_an_end_rate_have_no_minimum_duration():
+    law = qt.SCurve(0.2, 0.1, 0.1, 20.0, end_rate=0.1)
+    verdict = qt.judge_slew(slew_about_z(60.0, law), {"max_rate": 0.05})
+    assert np.isnan(verdict.least_duration)
+    assert not verdict.met
 
 
 def test_the_headers_name_columns_of_the_history():

@@ -81,6 +81,20 @@ def test_a_sequence_is_continuous_with_its_rates_as_derivatives():
         np.testing.assert_allclose(slope, at.acceleration, atol=1e-7)
 
 
+def test_s_curves_join_a_spin_with_continuous_accelerations():
+    limits = {"max_acceleration": 0.01, "max_jerk": 0.005}
+    up = qt.EulerTurn.about([0, 0, 1], 1.0, START, qt.SCurve(**limits, end_rate=0.1))
+    spin = qt.Spin([0, 0, 0.1], 20.0, up.end)
+    down = qt.EulerTurn.about([0, 0, 1], 1.0, spin.end, qt.SCurve(**limits, start_rate=0.1))
+    program = qt.ProgramSequence([up, spin, down])
+    times = np.asarray(program.times)
+    np.testing.assert_allclose(times[1], times[3] - times[2], rtol=1e-14)
+    for t in times[1:-1]:
+        for x in (program(t - 1e-9), program(t + 1e-9)):
+            np.testing.assert_allclose(x.rate, [0, 0, 0.1], atol=1e-10)
+            np.testing.assert_allclose(x.acceleration, [0, 0, 0], atol=1e-10)
+
+
 def test_a_sequence_is_the_integral_of_its_rate():
     end = qt.propagate(lambda t: SEQUENCE(t).rate, SEQUENCE(0.0).quaternion, SEQUENCE.times)[-1]
     np.testing.assert_allclose(end, SEQUENCE(SEQUENCE.duration).quaternion, atol=1e-7)

@@ -24,6 +24,7 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, of_arrays, xp
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
+from qtraj.motion.profiles.stationary import stationary_points
 
 TOLERANCE = 16
 """Relative tolerance, in machine epsilons, by which a fixed duration may be below the minimum."""
@@ -38,8 +39,9 @@ class Profile(eqx.Module):
     The angle is `total` [rad] at `duration` [s]. Segment k of n starts at `starts[k]` [s], lasts `widths[k]` [s] and
     has the ascending coefficients `pieces[k]` (m,) in its variable u. The segments represent angle/total if the
     profile is `proportional` (at rest at both ends), and the angle [rad] otherwise. `end_rate` [rad/s] is the rate at
-    `duration`. Inside a trace, where errors cannot be raised, `feasible` is false if the fixed duration is not
-    possible; the profile then has the minimum duration.
+    `duration`, and `end_acceleration` [rad/s²] the acceleration there, zero for None. Inside a trace, where errors
+    cannot be raised, `feasible` is false if the fixed duration is not possible; the profile then has the minimum
+    duration.
     """
 
     total: Scalar = eqx.field(converter=as_float)
@@ -50,6 +52,7 @@ class Profile(eqx.Module):
     end_rate: Scalar = eqx.field(converter=as_float)
     feasible: Flag = eqx.field(converter=xp.asarray)
     proportional: bool = eqx.field(static=True, default=True)
+    end_acceleration: Scalar | None = None
 
     @property
     def switches(self) -> Float[Array, " n"]:
@@ -68,7 +71,7 @@ class Profile(eqx.Module):
         return self.derivatives(t, 1)[1]
 
     def acceleration(self, t: ScalarLike) -> Scalar:
-        """Return Φ̈(t) [rad/s²]; the acceleration is zero at the end and after the end."""
+        """Return Φ̈(t) [rad/s²]; the acceleration is `end_acceleration` at the end and zero after the end."""
         return self.derivatives(t, 2)[2]
 
     def jerk(self, t: ScalarLike) -> Scalar:
@@ -149,16 +152,10 @@ def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     final = [xp.ones_like(t) if profile.proportional else profile.total]
     if order > 0:
         final.append(xp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
-    return xp.stack(final + [zero] * (order - 1))
-
-
-def stationary_points(curve: Polynomial) -> list[float]:
-    """Return 0, the stationary points of a polynomial between 0 and 1 in ascending order, and 1."""
-    slope = curve.deriv()
-    # Leading coefficients below round-off would add spurious roots and make the true roots inexact.
-    slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
-    # Round-off may split a double root into a complex pair, so the real parts of complex roots are included.
-    return [0.0, *(float(u) for u in np.sort(slope.roots().real) if 0 < u < 1), 1.0]
+    if order > 1:
+        at_end = profile.end_acceleration
+        final.append(zero if at_end is None else xp.where(t == profile.duration, at_end, 0.0))
+    return xp.stack(final + [zero] * (order - 2))
 
 
 class AbstractProfile(eqx.Module):
@@ -238,6 +235,9 @@ def limit(value: ArrayInput | None) -> Scalar | None:
 PER_TIME = {"max_rate": "/s", "max_acceleration": "/s²", "max_jerk": "/s³"}
 """The units of the limits, without the unit of the angle or distance."""
 
+END_STATES = ("start_rate", "end_rate", "start_acceleration", "end_acceleration")
+"""The rates and accelerations at the ends, of profiles that need not start or end at rest."""
+
 
 def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
     """Return the limits and the duration of a motion profile by field name, without values that are None."""
@@ -251,8 +251,8 @@ def is_fixed(motion_profile: AbstractProfile) -> bool:
 
 
 def has_end_rates(motion_profile: AbstractProfile) -> bool:
-    """Return whether a start rate or an end rate of a motion profile is set."""
-    return any(getattr(motion_profile, name, None) is not None for name in ("start_rate", "end_rate"))
+    """Return whether a rate or an acceleration at an end of a motion profile is set."""
+    return any(getattr(motion_profile, name, None) is not None for name in END_STATES)
 
 
 def require_limits(motion_profile: AbstractProfile) -> None:
@@ -287,8 +287,13 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"a motion of {angle} with this {motion_profile.name} profile needs at least {minimum_text} within the "
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
+    possible = getattr(motion_profile, "possible_durations", None)
+    text = (
+        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too."
+    )
+    if possible is not None:
+        text = f"It can last {possible(profile.total)}."
     raise ValueError(
-        f"with this start_rate and end_rate, a motion of {angle} cannot last exactly {fixed:.9g} s within the limits. "
-        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too. "
-        "Change duration, start_rate or end_rate."
+        f"with the rates at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s with this "
+        f"{motion_profile.name} profile within the limits. {text} Change the duration, or the rates at the ends."
     )

@@ -1,7 +1,7 @@
-"""Compute S-curve profiles, the fastest slews from rest to rest within limits on rate, acceleration and jerk."""
+"""Compute S-curve profiles, the fastest slews within limits on rate, acceleration and jerk."""
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,7 +11,12 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import stop_gradient, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
+from qtraj.motion.profiles.jerk_limited.between import Task, segments
+from qtraj.motion.profiles.jerk_limited.durations import durations_text
+from qtraj.motion.profiles.jerk_limited.pieces import jerk_pieces
+from qtraj.motion.profiles.jerk_limited.states import require_states
 from qtraj.motion.profiles.profile import (
+    END_STATES,
     AbstractProfile,
     Profile,
     fixed_duration,
@@ -22,25 +27,52 @@ from qtraj.motion.profiles.profile import (
 )
 
 JERKS = (1, 0, -1, 0, -1, 0, 1)
-"""The jerk of the seven segments, divided by the jerk limit."""
+"""The jerk of the seven segments of a slew from rest to rest, divided by the jerk limit."""
 
 
 @storable
 class SCurve(AbstractProfile):
-    """The S-curve profile, with seven segments of constant jerk and a trapezoidal or triangular acceleration.
+    """The S-curve profile, the fastest slew with limited jerk between any rates and accelerations at its ends.
 
-    The limits are `max_rate` [rad/s], by default None for no limit, `max_acceleration` [rad/s²] and `max_jerk`
-    [rad/s³], which are required. If a fixed `duration` [s] exceeds the minimum, the slew coasts at a lower rate; the
-    jerk keeps its limit value. For a distance along a line, read m instead of rad.
+    The profile consists of segments of constant jerk, seven from rest to rest, with a trapezoidal or triangular
+    acceleration. It overshoots the angle, or starts in the opposite direction, where the rates and accelerations at the
+    ends make this unavoidable. If a start rate or acceleration exceeds its limit, or the start acceleration would carry
+    the rate beyond `max_rate`, the slew first brakes as fast as possible until it is within the limits; the rest is the
+    fastest slew from there.
 
-    **Raises:** ValueError for a missing limit, and for values that are not positive. `profile` raises a ValueError if
-    the duration is too short.
+    With a fixed `duration` that exceeds the minimum, the slew coasts at another rate, between ramps with full jerk and
+    acceleration. With rates or accelerations at the ends, some durations above the minimum may not be possible in this
+    way. For a distance along a line, read m instead of rad. The method is explained in docs/concepts/motion.md.
+
+    Args:
+        max_rate: The limit on the rate [rad/s], by default None for no limit.
+        max_acceleration: The limit on the acceleration [rad/s²], required.
+        max_jerk: The limit on the jerk [rad/s³], required.
+        duration: The duration [s], by default None for the minimum.
+        start_rate: The rate at the start [rad/s] about the axis of the slew, of either sign, by default None for zero.
+        end_rate: The rate at the end [rad/s].
+        start_acceleration: The acceleration at the start [rad/s²], by default None for zero.
+        end_acceleration: The acceleration at the end [rad/s²].
+
+    Raises:
+        ValueError: For a missing limit, for limits or a duration that are not positive, for states that are not finite,
+            and for an end rate or an end acceleration that the limits forbid. `profile` raises a ValueError if the
+            duration is too short or not possible; the message names possible durations.
+
+    Example:
+        >>> profile = SCurve(1.0, 2.0, 8.0, start_rate=0.5, end_rate=-0.5).profile(0.0)
+        >>> print(f"{profile.duration:.4f} s")
+        1.2071 s
     """
 
     max_rate: Scalar | None
     max_acceleration: Scalar
     max_jerk: Scalar
     duration: Scalar | None
+    start_rate: Scalar | None
+    end_rate: Scalar | None
+    start_acceleration: Scalar | None
+    end_acceleration: Scalar | None
     name: ClassVar[str] = "S-curve"
     supports_numpy: ClassVar[bool] = True
 
@@ -50,22 +82,77 @@ class SCurve(AbstractProfile):
         max_acceleration: ArrayInput | None = None,
         max_jerk: ArrayInput | None = None,
         duration: ArrayInput | None = None,
+        start_rate: ArrayInput | None = None,
+        end_rate: ArrayInput | None = None,
+        start_acceleration: ArrayInput | None = None,
+        end_acceleration: ArrayInput | None = None,
     ):
         self.max_rate = limit(max_rate)
         self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
         self.max_jerk = real_scalar(max_jerk, "max_jerk")
         self.duration = limit(duration)
+        self.start_rate = None if start_rate is None else real_scalar(start_rate, "start_rate")
+        self.end_rate = None if end_rate is None else real_scalar(end_rate, "end_rate")
+        self.start_acceleration = (
+            None if start_acceleration is None else real_scalar(start_acceleration, "start_acceleration")
+        )
+        self.end_acceleration = None if end_acceleration is None else real_scalar(end_acceleration, "end_acceleration")
         require_limits(self)
+        require_states(self)
 
     def __repr__(self) -> str:
         return shown(self, duration="s")  # the unit of the angle is the caller's
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """Return the profile of a slew of `total` [rad], and the minimum duration [s] within the limits."""
-        return _timed(self, total)
+        resting = all(getattr(self, name) is None for name in END_STATES)
+        return _from_rest_to_rest(self, total) if resting else _between_states(self, total)
+
+    def possible_durations(self, total: ArrayInput) -> str:
+        """Describe the durations [s] that a slew of `total` [rad] can have."""
+        angle: Any = np.asarray(total, float)
+        return durations_text(_task(self, angle))
 
 
-def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
+def _task(motion_profile: SCurve, total: Scalar) -> Task:
+    def value(x: Scalar | None) -> Scalar:
+        return xp.zeros_like(total) if x is None else x.astype(total.dtype)
+
+    return Task(
+        distance=total,
+        v0=value(motion_profile.start_rate),
+        a0=value(motion_profile.start_acceleration),
+        v1=value(motion_profile.end_rate),
+        a1=value(motion_profile.end_acceleration),
+        max_rate=None if motion_profile.max_rate is None else motion_profile.max_rate.astype(total.dtype),
+        max_acceleration=motion_profile.max_acceleration.astype(total.dtype),
+        max_jerk=motion_profile.max_jerk.astype(total.dtype),
+    )
+
+
+def _between_states(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
+    task = _task(motion_profile, total)
+    user = motion_profile.duration
+    found = segments(task, None if user is None else user.astype(total.dtype))
+    ends = xp.cumsum(found.widths)
+    duration = ends[-1]
+    if user is not None:
+        duration = xp.where(found.exists, user.astype(total.dtype), duration)
+    profile = Profile(
+        total=total,
+        duration=duration,
+        starts=ends - found.widths,
+        widths=found.widths,
+        pieces=jerk_pieces(found.widths, found.jerks, task.v0, task.a0),
+        end_rate=task.v1,
+        feasible=found.exists,
+        proportional=False,
+        end_acceleration=task.a1,
+    )
+    return profile, found.minimum
+
+
+def _from_rest_to_rest(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
     a, j = motion_profile.max_acceleration.astype(total.dtype), motion_profile.max_jerk.astype(total.dtype)
     size = nonzero_size(total)
     rate, coasting = _peak_rate(size, a, j), xp.asarray(False)
@@ -124,27 +211,19 @@ def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scal
 
 
 def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scalar, feasible: Flag) -> Profile:
-    """Return the profile.
+    """Return the profile of a slew from rest to rest.
 
     `ramp` contains the widths [s] of the first four of the seven segments; `jerk` is the jerk divided by the angle
     [1/s³].
     """
     widths = xp.concatenate([ramp, ramp[2::-1]])
     before = xp.cumsum(ramp) - ramp
-    # For acceleration, rate and angle: the change in each segment, then the value at the start of each segment.
-    acceleration_steps = jerk * np.asarray(JERKS, jerk.dtype) * widths
-    accelerations = xp.cumsum(acceleration_steps) - acceleration_steps
-    rate_steps = (accelerations + acceleration_steps / 2) * widths
-    rates = xp.cumsum(rate_steps) - rate_steps
-    powers = xp.stack([rates * widths, accelerations * widths**2 / 2, acceleration_steps * widths**2 / 6], axis=1)
-    angle_steps = xp.sum(powers, axis=1)
-    angles = xp.cumsum(angle_steps) - angle_steps
     return Profile(
         total=total,
         duration=duration,
         starts=xp.concatenate([before, duration - xp.cumsum(ramp)[2::-1]]),
         widths=widths,
-        pieces=xp.concatenate([angles[:, None], powers], axis=1),
+        pieces=jerk_pieces(widths, jerk * np.asarray(JERKS, jerk.dtype)),
         end_rate=xp.zeros_like(total),
         feasible=feasible,
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from qtraj.foundation.types import ArrayInput
-from qtraj.motion.profiles.profile import has_end_rates
+from qtraj.motion.profiles.profile import END_STATES, has_end_rates
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
@@ -66,7 +66,7 @@ def _changes(
     """Yield functions that return a changed program, each with a function that describes it."""
     law: Any = program.law
     own = {name: value for name, value in limits.items() if hasattr(law, name)}
-    rests = {name: None for name in ("start_rate", "end_rate") if hasattr(law, name)}
+    rests = {name: None for name in END_STATES if hasattr(law, name)}
 
     def changed(**fields: Any) -> Slews:
         return torque.within(dataclasses.replace(program, law=dataclasses.replace(law, **fields)))
@@ -108,7 +108,10 @@ def _longer(program: Slews, fastest: Slews, torque: Torque) -> Slews:
 
 
 def _without_end_rates(program: Slews) -> str:
-    return f"Without start_rate and end_rate, the slew takes {float(program.duration):.9g} s within the limits."
+    names = "start_rate and end_rate"
+    if hasattr(program.law, "end_acceleration"):
+        names = "rates and accelerations at its ends"
+    return f"Without {names}, the slew takes {float(program.duration):.9g} s within the limits."
 
 
 def _with_limits(program: Slews) -> str:

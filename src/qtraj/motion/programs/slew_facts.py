@@ -65,15 +65,16 @@ def end_texts(verdict: SlewVerdict) -> list[str]:
 
 
 def end_rates_text(law: AbstractProfile) -> str:
-    """Describe the discontinuity of the rate of a slew with end rates; return an empty text for zero end rates."""
-    rates = {"starts": getattr(law, "start_rate", None), "ends": getattr(law, "end_rate", None)}
-    moving = [f"{verb} at {degrees(float(rate))}°/s" for verb, rate in rates.items() if rate]
-    if not moving:
-        return ""
-    return (
-        f"The slew {' and '.join(moving)}, but the program is at rest before and after the slew, so the commanded rate "
-        "is discontinuous."
-    )
+    """Describe the discontinuity of a slew with rates or accelerations at its ends; return an empty text for none."""
+    for name, unit in (("rate", "°/s"), ("acceleration", "°/s²")):
+        values = {verb: getattr(law, f"{end}_{name}", None) for verb, end in (("starts", "start"), ("ends", "end"))}
+        moving = [f"{verb} at {degrees(float(value))}{unit}" for verb, value in values.items() if value]
+        if moving:
+            return (
+                f"The slew {' and '.join(moving)}, but the program is at rest before and after the slew, so the "
+                f"commanded {name} is discontinuous."
+            )
+    return ""
 
 
 def vector_text(values: Any) -> str:

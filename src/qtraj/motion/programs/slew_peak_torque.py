@@ -15,7 +15,8 @@ from numpy.polynomial import Polynomial
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import Profile, stationary_points
+from qtraj.motion.profiles.profile import Profile
+from qtraj.motion.profiles.stationary import stationary_points
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MARGIN = 1e-10

@@ -18,8 +18,9 @@ from qtraj.foundation.arrays import real_vector
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
-from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, stationary_points, user_limits
+from qtraj.motion.profiles.profile import AbstractProfile, is_fixed, user_limits
 from qtraj.motion.profiles.smooth_step import Cubic
+from qtraj.motion.profiles.stationary import stationary_points
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_advice import advice
@@ -110,8 +111,8 @@ class SlewVerdict(AbstractResult):
         if not beyond:
             return ""
         return (
-            f"The slew of {angle:.6g}° goes {beyond:.6g}° beyond its ends and returns, because the acceleration is too "
-            "small for its start_rate and end_rate."
+            f"The slew of {angle:.6g}° goes {beyond:.6g}° beyond its ends and returns, because its limits do not allow "
+            "faster changes of the rates and accelerations at its ends."
         )
 
     @property
@@ -286,7 +287,10 @@ def _least_duration(
     law = program.law
     if law.duration is None or not limits:
         return math.nan
-    fastest = dataclasses.replace(program, law=dataclasses.replace(law, duration=None, **limits))
+    try:
+        fastest = dataclasses.replace(program, law=dataclasses.replace(law, duration=None, **limits))
+    except ValueError:  # the limits forbid the state at an end
+        return math.nan
     if inertia is not None and max_torque is not None and not is_fixed(fastest.law):
         fastest = within_torque(fastest, inertia, max_torque)
     return float(fastest.duration)

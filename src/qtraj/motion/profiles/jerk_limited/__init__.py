@@ -1,0 +1,1 @@
+"""Compute the fastest motions between states of angle, rate and acceleration, with a limited jerk."""
