@@ -28,7 +28,8 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import LIMITED, quantity
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
+from qtraj.path.road_on_path import road_on
+from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
 
 
 @storable
@@ -241,6 +242,12 @@ class Limits(eqx.Module):
         """Whether one of the limits that are set bounds a force between the vehicle and the road."""
         return any(quantity(name).needs == VEHICLE for name in self.given())
 
+    @property
+    def along_road(self) -> list[str]:
+        """The names of the bounds on forces of a road that changes along the way."""
+        changes = self.vehicle is not None and self.vehicle.on_changing_road
+        return [name for name in self.given() if changes and quantity(name).needs == VEHICLE]
+
     def reduced(self, dtype: Any = None) -> dict[str, Any]:
         """Return the limits that are set, divided by their `divisors` or as tangents, as searches use them.
 
@@ -258,7 +265,7 @@ class Limits(eqx.Module):
 
         The number is the factor that depends on the inertia of the vehicle, or 1 for a quantity without a factor.
         """
-        return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
+        return tuple(quantity(name).scale(fixed_parameters(self.vehicle, dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:
         """Raise a ValueError if limits or vehicle have a batch shape other than `batch`, the shape of `what`.
@@ -268,13 +275,16 @@ class Limits(eqx.Module):
         require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:
-        """Return the parameters of the vehicle, or default parameters if no vehicle is set."""
-        return NO_VEHICLE if self.vehicle is None else self.vehicle.parameters(dtype)
+        """Return the parameters of the vehicle, or default ones; those that no limit needs may be NaN on a road.
+
+        **Raises:** ValueError for limits on forces of a road that changes along the way.
+        """
+        return self.vehicle.parameters(dtype) if self.along_road else fixed_parameters(self.vehicle, dtype)
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
         require_path(path)
-        return values_of(self.given(), path, t, self.road(path.duration.dtype))
+        return values_of(self.given(), path, t, self._road_at(path, t))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.
@@ -283,7 +293,11 @@ class Limits(eqx.Module):
         distance to `t` is computed by quadrature.
         """
         require_path(path)
-        return margins_of(self.on(path).given(), path, t, self.road(path.duration.dtype))
+        return margins_of(self.on(path).given(), path, t, self._road_at(path, t))
+
+    def _road_at(self, path: AbstractHodograph, t: ScalarLike) -> RoadParameters:
+        along: Any = self.vehicle if self.along_road else None
+        return self.road(path.duration.dtype) if along is None else road_on(along, path).at(np.asarray(t, float))
 
 
 def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:

@@ -48,12 +48,14 @@ def judge(
     limits: Sequence[Limit],
     vehicle: RoadParameters | None = None,
     window: Window | None = None,
+    end: RoadParameters | None = None,
 ) -> Findings:
     """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units.
 
-    With a `window`, the findings are on a part of each path.
+    With a `window`, the findings are on a part of each path, and the parameters are linear in it up to those at its
+    `end`, if these are given.
     """
-    task = _Task(source, limits, vehicle, window)
+    task = _Task(source, limits, vehicle, window, end)
     columns = [task.finding(limit) for limit in limits]
     return Findings(*(xp.stack(x, axis=1) for x in zip(*columns, strict=True)))
 
@@ -61,11 +63,11 @@ def judge(
 class _Task:
     """The shared data of the findings on one batch of paths."""
 
-    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: RoadParameters | None, window: Window | None):
+    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: Any, window: Window | None, end: Any):
         entries = [limit.entry for limit in limits]
         positioned = any(x.own is not None and x.own.position for x in entries)
         self.source = source.positioned() if positioned else source
-        self.vehicle, self.window = vehicle, window
+        self.vehicle, self.window, self.end = vehicle, window, end
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
@@ -190,7 +192,8 @@ class _Task:
             return self._formulas_of(None if found is None else units.bounded_in_si(found, self.source), self.vehicle)
 
     def _formulas_of(self, derivatives: Derivatives | None, vehicle: RoadParameters | None) -> Formulas | None:
-        known = None if vehicle is None else units.constants(vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
+        polynomial = lambda x: BoundedPolynomial.constant(x, k=6)  # noqa: E731
+        known = None if vehicle is None else units.constants(vehicle, polynomial, self.end, self._fractions)
         constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, units.as_number(x)), k=1)  # noqa: E731
         return None if derivatives is None else Formulas(derivatives, constant, known, self.window)
 
@@ -208,7 +211,8 @@ class _Task:
         if k not in self._exact:
             derivatives, vehicle = self.source.exact(k, self.order), None
             if self.vehicle is not None:
-                vehicle = units.constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
+                own, end = (None if x is None else RoadParameters(*(y[k] for y in x)) for x in (self.vehicle, self.end))
+                vehicle = units.constants(own, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 unit = units.unit_of_time(self.source, derivatives.span, k)
                 vehicle = vehicle._replace(gravity=units.times_power(vehicle.gravity, unit, 2))
             window = None if self.window is None else [float(x[k]) for x in self.window]
@@ -262,7 +266,7 @@ class _Task:
         found, vehicle = self.source.at(self._fraction(u), self.order), self._scaled_vehicle
         if si:
             found, vehicle = units.values_in_si(found, self.source), self.vehicle
-        return Invariants(found.rows, found.up, vehicle, root=_root, pace=found.pace)
+        return Invariants(found.rows, found.up, units.vehicle_at(vehicle, self.end, u), root=_root, pace=found.pace)
 
     def _fraction(self, u: np.ndarray) -> np.ndarray:
         return u if self.window is None else self.window.at(u)
