@@ -262,7 +262,7 @@ def has_principal_inertia(vehicle: Vehicle | None) -> bool:
     """Return whether the vehicle has an inertia with principal axes along τ, n and b; true for a traced inertia."""
     if vehicle is None or vehicle.inertia is None:
         return False
-    known = concrete(vehicle.parameters().inertia_tangent)
+    known = concrete(fixed_parameters(vehicle).inertia_tangent)
     return known is None or not np.any(np.isnan(known))
 
 
