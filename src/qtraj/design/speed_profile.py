@@ -26,6 +26,7 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import COMBINED, quantity
+from qtraj.path.road_on_path import road_on
 from qtraj.path.vehicle import RoadParameters
 
 if TYPE_CHECKING:
@@ -162,9 +163,9 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     require_one(timed)
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
     bounds = _bounds(timed, limits)
-    vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
+    vehicle = _vehicle(timed, parameter)
     distance = distances_at(timed.path.path, parameter)
     own = as_array(parameter, float), as_array(bounds, float)
     found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle, timed.combined))
@@ -231,7 +232,7 @@ def _sampled(
     vehicle: RoadParameters | None,
     combined: Ellipse | None,
 ) -> _Samples:
-    def sample(u: Scalar, limits: Float[Array, " k"]) -> _Samples:
+    def sample(u: Scalar, limits: Float[Array, " k"], vehicle: RoadParameters | None) -> _Samples:
         t = path.timing.time(u)
         i, own = (_invariants(x, at, vehicle) for x, at in ((path, t), (path.path, u)))
         of_unit = jnp.array([quantity(name).value(own) for name in _bounding(names)], u.dtype)
@@ -250,8 +251,17 @@ def _sampled(
             ).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
-    found = jax.vmap(sample, (0, 1))(*at)
+    found = jax.vmap(sample, (0, 1, None if vehicle is None else 0))(*at, vehicle)
     return found._replace(values=found.values.T, unit_values=found.unit_values.T)
+
+
+def _vehicle(timed: Retimed, parameter: Float[np.ndarray, " n"]) -> RoadParameters | None:
+    """Return the parameters of the vehicle at parameters of the path."""
+    vehicle, dtype = timed.vehicle, timed.duration.dtype
+    if vehicle is None:
+        return None
+    known = road_on(vehicle, timed.path.path).at(parameter) if vehicle.on_changing_road else vehicle.parameters(dtype)
+    return RoadParameters(*(jnp.broadcast_to(jnp.asarray(x, dtype), parameter.shape) for x in known))
 
 
 def _invariants(path: Any, t: Scalar, vehicle: RoadParameters | None) -> Invariants:

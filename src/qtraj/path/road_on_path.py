@@ -18,7 +18,7 @@ from qtraj.path.chords import chord_gaps
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.road import Road
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
 
 BEYOND = 8
 """An interval may extend beyond the ends of its section by less than this multiple of the uncertainty."""
@@ -72,9 +72,19 @@ class RoadOnPath:
 
     def at(self, u: Float[np.ndarray, "*n"], sections: np.ndarray | None = None) -> RoadParameters:
         """Return the parameters at parameters of the path; by default in the sections that contain them."""
-        return self._at(self.on.at(np.ravel(u)).reshape(np.shape(u)), sections)
+        return self.at_distances(self.on.at(np.ravel(u)).reshape(np.shape(u)), sections)
 
-    def _at(self, s: np.ndarray, sections: np.ndarray | None) -> RoadParameters:
+    def changes(self) -> Float[np.ndarray, " m"]:
+        """Return the distances [m] on the path at which a section ends."""
+        return self.starts[1:]
+
+    @property
+    def fixed(self) -> RoadParameters:
+        """The parameters; those that change along the way are NaN."""
+        return fixed_parameters(self.vehicle, np.float64)
+
+    def at_distances(self, s: Float[np.ndarray, "*n"], sections: np.ndarray | None = None) -> RoadParameters:
+        """Return the parameters at distances [m]; by default in the sections that contain them."""
         found = self.vehicle.parameters(np.float64, self.road.at(s, sections))
         return RoadParameters(*(np.broadcast_to(np.asarray(x, float), np.shape(s)) for x in found))
 
@@ -92,7 +102,7 @@ class RoadOnPath:
     def lines(self, low: np.ndarray, high: np.ndarray, sections: Int[np.ndarray, " n"]) -> Lines:
         """Return lines between parameters of the path, which are nowhere less strict for limits on friction."""
         first, last = self.on.at(low), self.on.at(high)
-        start, end = self._at(first, sections), self._at(last, sections)
+        start, end = self.at_distances(first, sections), self.at_distances(last, sections)
         road, error = self.road, np.zeros(low.size)
         if road.kind == "step":
             return Lines(start, start, error)

@@ -13,12 +13,14 @@ from jaxtyping import Bool, Float, Int
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.proof import prove
+from qtraj.design.timing.proof import prove, prove_on_road
 from qtraj.design.timing.retimed_cells import Cells
 from qtraj.design.timing.retimed_maxima import PLACES, Limited
+from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import Varying
+from qtraj.path.road_on_path import RoadOnPath
 
 ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
 """Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
@@ -84,7 +86,12 @@ class _Problem:
 
     def __init__(self, limited: Limited, polynomials: Source):
         self._limited, self._polynomials = limited, polynomials
-        self.changing = tuple(name for name, x in limited.bounds.items() if isinstance(x, Varying))
+        self._on_road = isinstance(limited.vehicle, RoadOnPath)
+        self.changing = tuple(
+            name
+            for name, x in limited.bounds.items()
+            if isinstance(x, Varying) or (self._on_road and name in ROAD)
+        )
         timing, columns = limited.path.timing, limited.cells.columns
         self._powers = np.asarray(timing.coefficients)[columns]
         self._rest = np.zeros((2, columns.size), bool)
@@ -101,8 +108,12 @@ class _Problem:
                 bounds[name], rest = bound.approximated(low, high)
                 rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
         timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
-        codes = prove(self._polynomials, grid, timing, bounds, self._limited.vehicle, place).codes
-        return np.array(codes), rough
+        vehicle: Any = self._limited.vehicle
+        if not self._on_road:
+            return np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes), rough
+        codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
+        rough[[NAMES.index(name) for name in ROAD if name in bounds]] |= changes
+        return codes, rough
 
     def violated(self, pieces: Pieces, name: str) -> bool:
         """Return whether a sample on one of the pieces violates a limit."""

@@ -18,18 +18,20 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
-from qtraj.design.proof.units import times_power
+from qtraj.design.proof.units import constants, times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_cells import variants
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.sources import Source
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 512
@@ -67,6 +69,7 @@ def prove(
     bounds: Mapping[str, Any],
     vehicle: RoadParameters | None = None,
     place: Float[np.ndarray, "2 cells"] | None = None,
+    end: RoadParameters | None = None,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
@@ -74,6 +77,8 @@ def prove(
     have the values at both ends of each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
     limit is PROVED if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are
     treated as if they were not in `bounds`.
+
+    The parameters of the `vehicle` may be those at the starts of the cells, and linear up to those at their `end`.
 
     The cells may be dyadic parts of the cells of a timing: `place` contains their starts and ends as fractions of the
     cells to which the coefficients belong, and the second item of `timing` has a column for each part.
@@ -88,9 +93,35 @@ def prove(
         numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
         return _judged(path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road)
 
-    given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
+    given = *path[:5], timing[0], [bounds[name] for name in names], (vehicle, end)
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
     return Proofs(on_host(judge, shape, *given))
+
+
+def prove_on_road(
+    path: Source,
+    grid: Grid,
+    timing: tuple[Float[Any, "cells 4"], Bool[Any, "2 *cells"]],
+    bounds: Mapping[str, Any],
+    on: RoadOnPath,
+    ends: tuple[Any, Any],
+    place: Float[np.ndarray, "2 cells"] | None = None,
+) -> tuple[Int[np.ndarray, "limits cells"], Bool[np.ndarray, " cells"]]:
+    """Return the status of each limit on each cell, for a road that changes along the way; and where it is not exact.
+
+    `ends` are the parameters of the path at both ends of the cells. A limit is PROVED if it is for all variants of the
+    road (see `road_cells`). Where the variants are not the road itself, limits on forces are not BROKEN, but UNDECIDED.
+    """
+    found, rows = variants(on, *ends), [NAMES.index(name) for name in ROAD]
+    (start, end), *more = found.ends
+    codes = np.array(prove(path, grid, timing, bounds, start, place, end).codes)
+    of_road = {name: x for name, x in bounds.items() if name in ROAD}
+    for start, end in more if of_road else []:
+        own = np.asarray(prove(path, grid, timing, of_road, start, place, end).codes)[rows]
+        codes[rows] = np.where(own == PROVED, codes[rows], own)
+    own = codes[rows]
+    codes[rows] = np.where(found.rough & (own == BROKEN), UNDECIDED, own)
+    return codes, found.rough
 
 
 def _judged(
@@ -101,7 +132,7 @@ def _judged(
     durations: Float[Any, "batch segments"],
     powers: Float[Any, "batch cells 4"],
     bounds: tuple[dict[str, PerCell], dict[str, OfSpeed]],
-    road: RoadParameters | None,
+    road: tuple[RoadParameters | None, RoadParameters | None],
 ) -> Int[Any, "batch limits cells"]:
     """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path.
 
@@ -126,19 +157,19 @@ def _judged(
     motions = CellMotions(columns, of_cells(durations), first, half, timing, at_rest, segment, directions, place)
     limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
-    vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
+    ways = [x and RoadParameters(*(np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1) for y in x)) for x in road]
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
         every = np.flatnonzero(group)
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
-            own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
+            own = [x and RoadParameters(*(y[block] for y in x)) for x in ways]
             codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own)
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 
 def _codes(
-    motions: CellMotions, limits: dict[str, PerCell], by_speed: dict[str, OfSpeed], road: RoadParameters | None
+    motions: CellMotions, limits: dict[str, PerCell], by_speed: dict[str, OfSpeed], road: list[RoadParameters | None]
 ) -> Int[Any, "limits n"]:
     task = _Task(motions, limits, road)
     finite = np.isfinite(motions.timing).all(axis=0)
@@ -182,8 +213,8 @@ def _within(task: "_Task", name: str, limit: Float[Any, " n"], wanted: Bool[Any,
 class _Task:
     """The claims about a block of cells, in bounded floats and, for single cells, in exact integers."""
 
-    def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None):
-        self._motions, self._limits, self._road = motions, limits, road
+    def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: list[RoadParameters | None]):
+        self._motions, self._limits, (self._road, self._end) = motions, limits, road
         self._order = 3 if set(THIRD) & {quantity(name).base or name for name in limits} else 2
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
@@ -235,7 +266,8 @@ class _Task:
             vehicle = None
             if self._road is not None:
                 road = self._road._replace(gravity=self._road.gravity * self._unit**2)
-                vehicle = _constants(road, lambda x: BoundedPolynomial.constant(x, k=3))
+                fraction = BoundedPolynomial(np.repeat([[0.0], [1.0]], len(road.mass), axis=1))
+                vehicle = constants(road, lambda x: BoundedPolynomial.constant(x, k=3), self._end, fraction)
             self._floats = CellClaims(self._motions.bounded(self._order), vehicle)
             if self._road is not None:
                 squares = self._floats.squares()
@@ -247,7 +279,8 @@ class _Task:
         if k not in self._integers:
             vehicle = None
             if self._road is not None:
-                vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
+                start, end = (x and RoadParameters(*(y[k] for y in x)) for x in (self._road, self._end))
+                vehicle = constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
             own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
             if self._roots and all(root.good[k] for root in self._roots):
@@ -267,8 +300,3 @@ class _Task:
         if end:
             limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
         return times_power(limit, self._unit[k], quantity(name).per_time)
-
-
-def _constants(road: RoadParameters, constant: Callable[[np.ndarray], Any]) -> RoadParameters:
-    """Return the parameters as constant polynomials; a parameter that is 0 for all cells is that integer."""
-    return RoadParameters(*(constant(x) if np.any(x != 0) else 0 for x in road))

@@ -56,6 +56,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
+from qtraj.path.road_on_path import RoadOnPath, road_on
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.vehicle import RoadParameters
@@ -183,10 +184,11 @@ def retime(
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
-    road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
+    road = None if vehicle is None else _road(limits, path)
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
-        road, speeds = jax.tree.map(np.asarray, (road, speeds))
+        speeds = jax.tree.map(np.asarray, speeds)
+        road = road if isinstance(road, RoadOnPath) else jax.tree.map(np.asarray, road)
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
     duration = seconds(duration)
     require_duration(duration, is_traced(path, bounds, road, speeds))
@@ -196,6 +198,12 @@ def retime(
     more["combined"] = limits.combined_acceleration
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
     return retimed.check() if throw else retimed
+
+
+def _road(limits: Limits, path: AbstractHodograph) -> RoadParameters | RoadOnPath:
+    """Return the parameters of the vehicle, also if the road changes along the path."""
+    vehicle: Any = limits.vehicle
+    return road_on(vehicle, path) if limits.along_road else RoadParameters(*limits.road(path.duration.dtype))
 
 
 def _retimed(
@@ -261,7 +269,7 @@ def _judged(
     timed: list[TimedPart],
     bounds: dict[str, Any],
     speeds: tuple[Any, Any],
-    vehicle: RoadParameters | None,
+    vehicle: RoadParameters | RoadOnPath | None,
     cells: Cells,
     names: tuple[str, ...],
     rest: tuple[bool, bool],

@@ -29,6 +29,7 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_on_path import road_on
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 from qtraj.path.vehicle_data import axes_of
@@ -48,7 +49,7 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
         limits.require_constant("certify of a batch of retimed paths", "check the paths one by one")
     if limits.varying and not (batch or is_traced(path, limits)):
         limits = limits.on(path.path)
-    elif limits.varying:
+    elif limits.varying or (limits.along_road and is_traced(path, limits)):
         require_known(path, limits)
     cells = None if path.timing.coefficients.ndim != len(batch) + 2 else _provable(path)
     if cells is None or not given:
@@ -103,9 +104,10 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         name: x if isinstance(x, OfSpeed | Varying) else xp.asarray(x, dtype)
         for name, x in on_path(limits.given(), path.path).items()
     }
-    vehicle = None
+    vehicle: Any = None
     if set(names) & set(ROAD):
-        vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
+        vehicle = road_on(limits.vehicle, path.path) if limits.along_road else limits.road(dtype)
+        vehicle = vehicle if limits.along_road else RoadParameters(*(xp.asarray(x, dtype) for x in vehicle))
     polynomials: Any = constants(source(path.path))
     limited = constants(Limited(path, cells, bounds, vehicle))
     known = not is_traced(limited)
@@ -115,7 +117,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
                 name: x if isinstance(x, OfSpeed | Varying) else np.asarray(x) for name, x in limited.bounds.items()
             }
         )
-    limited, codes = (proved_in_pieces if varies(bounds) else _proved)(limited, polynomials)
+    limited, codes = (proved_in_pieces if varies(bounds) or limits.along_road else _proved)(limited, polynomials)
     # Cells without motion are proved, and their usage is negative.
     columns = limited.cells.columns
     place = np.full(limited.path.timing.coefficients.shape[0], columns.size)
