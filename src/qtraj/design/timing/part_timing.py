@@ -15,7 +15,8 @@ from qtraj.design.timing.constraints import NAMES, POWERS, listed
 from qtraj.design.timing.grid import Grid, ends, of_segments, uniform
 from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.parts import Part, known_segments
-from qtraj.design.timing.proof import prove, prove_on_road
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.road_proof import proved_on_road
 from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import in_cells, varies
@@ -136,7 +137,7 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
     own, given, road = constants((powers, given, p.vehicle))
     timing = own, np.array(rest)
     if isinstance(road, RoadOnPath):
-        return prove_on_road(p.polynomials, grid, timing, given, road, ends(p.path, grid))[0]
+        return proved_on_road(p.polynomials, grid, timing, given, road, ends(p.path, grid))
     return prove(p.polynomials, grid, timing, given, road).codes
 
 

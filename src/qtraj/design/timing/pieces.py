@@ -13,10 +13,11 @@ from jaxtyping import Bool, Float, Int
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.proof import prove, prove_on_road
+from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import Cells
 from qtraj.design.timing.retimed_maxima import PLACES, Limited
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_proof import part_of_grid, prove_on_road
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import Varying
@@ -47,6 +48,10 @@ class Pieces(NamedTuple):
         start[second] = end[second - 1] = 0.5 * (start[second] + end[second])
         return Pieces(cell, start, end), index
 
+    def of(self, grid: Grid) -> Grid:
+        """Return the pieces of a grid."""
+        return part_of_grid(grid, *self)
+
     def part(self, chosen: Any) -> "Pieces":
         """Return some of the pieces."""
         return Pieces(*(x[chosen] for x in self))
@@ -62,7 +67,7 @@ def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Co
     pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
     codes, rough = problem.judged(pieces, tuple(limited.bounds))
     for _ in range(HALVINGS):
-        unproved = rough & (codes != PROVED) & (_grid(limited.cells.grid, pieces).half > LEAST)
+        unproved = rough & (codes != PROVED) & (pieces.of(limited.cells.grid).half > LEAST)
         for name in problem.changing:
             row = unproved[NAMES.index(name)]
             row &= not problem.violated(pieces.part(row), name)
@@ -100,7 +105,7 @@ class _Problem:
     def judged(self, pieces: Pieces, names: tuple[str, ...]) -> tuple[Codes, Bool[np.ndarray, "limits pieces"]]:
         """Return the status of the limits `names` on pieces, and where lines are not close to a limit that changes."""
         low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
-        grid, place = _grid(self._limited.cells.grid, pieces), np.stack([pieces.start, pieces.end])
+        grid, place = pieces.of(self._limited.cells.grid), np.stack([pieces.start, pieces.end])
         bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
         for name in names:
             bounds[name] = bound = self._limited.bounds[name]
@@ -130,12 +135,6 @@ def _parameters(limited: Limited, cell: Int[np.ndarray, " m"], place: Float[np.n
     return knots[at] + place * (knots[at + 1] - knots[at])
 
 
-def _grid(grid: Grid, pieces: Pieces) -> Grid:
-    half = grid.half[pieces.cell] * (pieces.end - pieces.start)
-    middle = grid.middle[pieces.cell] + grid.half[pieces.cell] * (pieces.start + pieces.end - 1)
-    return Grid(np.arange(half.size + 1.0), grid.segment[pieces.cell], middle, half)
-
-
 def _divided(limited: Limited, pieces: Pieces) -> Limited:
     """Return the path with the pieces as the cells of its timing, which is the same to within rounding errors."""
     path, cells = limited.path, limited.cells
@@ -159,4 +158,4 @@ def _divided(limited: Limited, pieces: Pieces) -> Limited:
         [cells.stops[0][pieces.cell] & (pieces.start == 0), cells.stops[1][pieces.cell] & (pieces.end == 1)]
     )
     divided = RetimedPath(path.path, Timing(np.stack(shifted, axis=1), knots, timing.rest))
-    return limited._replace(path=divided, cells=Cells(_grid(cells.grid, pieces), np.flatnonzero(own), stops))
+    return limited._replace(path=divided, cells=Cells(pieces.of(cells.grid), np.flatnonzero(own), stops))

@@ -25,13 +25,11 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
-from qtraj.design.timing.road_cells import variants
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.sources import Source
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
-from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 512
@@ -96,32 +94,6 @@ def prove(
     given = *path[:5], timing[0], [bounds[name] for name in names], (vehicle, end)
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
     return Proofs(on_host(judge, shape, *given))
-
-
-def prove_on_road(
-    path: Source,
-    grid: Grid,
-    timing: tuple[Float[Any, "cells 4"], Bool[Any, "2 *cells"]],
-    bounds: Mapping[str, Any],
-    on: RoadOnPath,
-    ends: tuple[Any, Any],
-    place: Float[np.ndarray, "2 cells"] | None = None,
-) -> tuple[Int[np.ndarray, "limits cells"], Bool[np.ndarray, " cells"]]:
-    """Return the status of each limit on each cell, for a road that changes along the way; and where it is not exact.
-
-    `ends` are the parameters of the path at both ends of the cells. A limit is PROVED if it is for all variants of the
-    road (see `road_cells`). Where the variants are not the road itself, limits on forces are not BROKEN, but UNDECIDED.
-    """
-    found, rows = variants(on, *ends), [NAMES.index(name) for name in ROAD]
-    (start, end), *more = found.ends
-    codes = np.array(prove(path, grid, timing, bounds, start, place, end).codes)
-    of_road = {name: x for name, x in bounds.items() if name in ROAD}
-    for start, end in more if of_road else []:
-        own = np.asarray(prove(path, grid, timing, of_road, start, place, end).codes)[rows]
-        codes[rows] = np.where(own == PROVED, codes[rows], own)
-    own = codes[rows]
-    codes[rows] = np.where(found.rough & (own == BROKEN), UNDECIDED, own)
-    return codes, found.rough
 
 
 def _judged(
