@@ -9,14 +9,18 @@ from jaxtyping import Bool, Float, Int
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.proof import prove
+from qtraj.design.timing.proof import MAX_WORK, prove
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.road_cells import variants
 from qtraj.design.timing.sources import Source
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.vehicle import RoadParameters
 
 HALVINGS = 6
 """How often a cell is halved in which a limit is not proved, because the variants are not close to the road."""
+
+LITTLE_WORK = MAX_WORK // 64
+"""The largest work for a claim in integers, if smaller cells make it easier."""
 
 Codes = Int[np.ndarray, "limits cells"]
 Ends = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]
@@ -37,15 +41,33 @@ def prove_on_road(
     A limit is PROVED if it is for all variants (see `road_cells`). Where these are not the road itself, limits on
     forces are UNDECIDED instead of BROKEN. The other arguments are those of `prove`.
     """
-    found, rows = variants(on, *ends), [NAMES.index(name) for name in ROAD]
-    (start, end), *more = found.ends
-    codes = np.array(prove(path, grid, timing, bounds, start, place, end).codes)
+    found, count = variants(on, *ends), grid.cells
+    powers, rest = timing
+    if np.ndim(rest) == 1:
+        rest, ends_at_rest = np.zeros((2, count), bool), rest
+        rest[0, 0], rest[1, -1] = ends_at_rest
+    place = np.stack([np.zeros(count), np.ones(count)]) if place is None else place
+    others = {name: x for name, x in bounds.items() if name not in ROAD}
+    codes = np.array(prove(path, grid, (powers, rest), others, None, place).codes)
     of_road = {name: x for name, x in bounds.items() if name in ROAD}
-    for start, end in more if of_road else []:
-        own = np.asarray(prove(path, grid, timing, of_road, start, place, end).codes)[rows]
-        codes[rows] = np.where(own == PROVED, codes[rows], own)
-    own = codes[rows]
-    codes[rows] = np.where(found.rough & (own == BROKEN), UNDECIDED, own)
+    rows = np.array([NAMES.index(name) for name in of_road], int)
+    if not rows.size:
+        return codes, found.rough
+    codes[rows] = PROVED
+    for some, work in ((found.rough, LITTLE_WORK), (~found.rough, MAX_WORK)):
+        k = np.flatnonzero(some)
+        if not k.size:
+            continue
+        part = Grid(np.arange(k.size + 1.0), *(x[k] for x in grid[1:]))
+        own = {name: np.asarray(x)[k] if np.ndim(x) else x for name, x in of_road.items()}
+        for start, end in found.ends if some is found.rough else found.ends[:1]:
+            road = [RoadParameters(*(np.asarray(y)[k] for y in x)) for x in (start, end)]
+            new = prove(path, part, (powers[k], rest[:, k]), own, road[0], place[:, k], road[1], work).codes
+            new = np.asarray(new)[rows]
+            before = codes[np.ix_(rows, k)]
+            codes[np.ix_(rows, k)] = np.where(new == PROVED, before, new)
+    own_codes = codes[rows]
+    codes[rows] = np.where(found.rough & (own_codes == BROKEN), UNDECIDED, own_codes)
     return codes, found.rough
 
 
