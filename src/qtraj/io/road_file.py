@@ -66,7 +66,8 @@ def _values(source: Source, part: str, names: tuple[str, ...]) -> np.ndarray:
     item = meant(unit_of_column(names[0], rows), kind or "none")
     if kind is not None and item is not None:
         if item[1].kind != kind:
-            raise ValueError(f"the column {names[0]!r} is in {item[0]}, but must be in a unit of {part}")
+            wanted = "a length" if kind == "length" else "an angle"
+            raise ValueError(f"the column {names[0]!r} is in {item[0]}, but the {part} of a road is {wanted}")
         factor = factor_of(item[1])
     values = factor * source.table.numbers(source.name, names)
     return values[:, 0] if len(names) == 1 else values
