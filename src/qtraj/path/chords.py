@@ -15,9 +15,7 @@ ROUNDINGS = 8
 """An end of an interval beyond the joint of a route by less than this number of roundings is at the joint."""
 
 
-def chord_gaps(
-    on: Distances, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def chord_gaps(on: Distances, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return the largest difference [m] between the distance and its chord in intervals; infinite at a joint.
 
     It is at most (high − low)²/8 times the largest derivative of |r'|, which is bounded for polynomial paths. On other

@@ -16,7 +16,7 @@ from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.proof import units
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.deciding import LITTLE_WORK, Decided, decided
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.guards import GuardFormulas, state_of
 from qtraj.design.proof.limit_claims import (
@@ -36,9 +36,7 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.vehicle import RoadParameters
 
 GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
-"""The instants at which quantities are sampled.
-
-The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
+"""The instants at which quantities are sampled. The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
 one. The last grid is for quantities that are only sampled.
 """
 
@@ -53,7 +51,7 @@ def judge(
     """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units.
 
     With a `window`, the findings are on a part of each path, and the parameters are linear in it up to those at its
-    `end`, if these are given.
+    `end`, if these are given; claims then take little work, because they are easier in smaller parts.
     """
     task = _Task(source, limits, vehicle, window, end)
     columns = [task.finding(limit) for limit in limits]
@@ -68,6 +66,7 @@ class _Task:
         positioned = any(x.own is not None and x.own.position for x in entries)
         self.source = source.positioned() if positioned else source
         self.vehicle, self.window, self.end = vehicle, window, end
+        self.work = {} if end is None else {"max_work": LITTLE_WORK}
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
@@ -149,7 +148,7 @@ class _Task:
         if not np.any(wanted):
             nothing = np.zeros(wanted.shape, bool)
             return Decided(nothing, nothing, np.zeros(wanted.shape))
-        found = decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
+        found = decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers, **self.work)
         found.proved[wanted & (entry.side * limit.bounds == np.inf)] = True  # there is no limit
         return found
 
@@ -161,7 +160,7 @@ class _Task:
                 provable,
                 lambda: self._bounded and self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest)),
                 lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
-                strict=True,
+                **{"strict": True, **self.work},
             )
             self._divisors[name] = np.full(provable.shape, PROVED), np.zeros(provable.shape)
             if not np.all(found.proved):

@@ -133,9 +133,7 @@ def _on_road(divided: Divided, segments: Segments, name: str, bound: float, way:
     return _Found((name,), (codes, times + segments.starts[:, None], values, bounds[:, None]), broken)
 
 
-def _of_varying(
-    divided: Divided, segments: Segments, name: str, along: Any, factor: float, road: Any
-) -> _Found:
+def _of_varying(divided: Divided, segments: Segments, name: str, along: Any, factor: float, road: Any) -> _Found:
     """Return the findings on a limit that changes along the way."""
     entry, count = quantity(name), len(segments.starts)
     parts = judged_parts(divided, entry, along, factor)

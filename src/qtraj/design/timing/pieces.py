@@ -93,9 +93,7 @@ class _Problem:
         self._limited, self._polynomials = limited, polynomials
         self._on_road = isinstance(limited.vehicle, RoadOnPath)
         self.changing = tuple(
-            name
-            for name, x in limited.bounds.items()
-            if isinstance(x, Varying) or (self._on_road and name in ROAD)
+            name for name, x in limited.bounds.items() if isinstance(x, Varying) or (self._on_road and name in ROAD)
         )
         timing, columns = limited.path.timing, limited.cells.columns
         self._powers = np.asarray(timing.coefficients)[columns]

@@ -92,7 +92,9 @@ def prove(
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
         numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
-        return _judged(path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road, max_work)
+        return _judged(
+            path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road, max_work
+        )
 
     given = *path[:5], timing[0], [bounds[name] for name in names], (vehicle, end)
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)

@@ -72,8 +72,7 @@ def _straddling(
     turned = np.any(inside & (_sides(on, np.arange(on.starts.size))[None] != side[:, None]), axis=1)
     error = np.where(turned, 2.0, error)  # never proved
     return [
-        start._replace(cos=side * np.cos(middle) + x * error, sin=side * np.sin(middle) + y * error)
-        for x, y in CORNERS
+        start._replace(cos=side * np.cos(middle) + x * error, sin=side * np.sin(middle) + y * error) for x, y in CORNERS
     ]
 
 
