@@ -15,6 +15,7 @@ from qtraj.design.samples_at_rest import mended, stops_of
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed, require_one
 from qtraj.design.timing.road import coefficients
+from qtraj.design.timing.road_cells import at_parameters_of
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_array, as_float
@@ -26,7 +27,6 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.road_on_path import road_on
 from qtraj.path.vehicle import RoadParameters
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     bounds = _bounds(timed, limits)
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
-    vehicle = _vehicle(timed, parameter)
+    vehicle = at_parameters_of(timed.vehicle, timed.path.path, parameter)
     distance = distances_at(timed.path.path, parameter)
     own = as_array(parameter, float), as_array(bounds, float)
     found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle, timed.combined))
@@ -253,15 +253,6 @@ def _sampled(
 
     found = jax.vmap(sample, (0, 1, None if vehicle is None else 0))(*at, vehicle)
     return found._replace(values=found.values.T, unit_values=found.unit_values.T)
-
-
-def _vehicle(timed: Retimed, parameter: Float[np.ndarray, " n"]) -> RoadParameters | None:
-    """Return the parameters of the vehicle at parameters of the path."""
-    vehicle, dtype = timed.vehicle, timed.duration.dtype
-    if vehicle is None:
-        return None
-    known = road_on(vehicle, timed.path.path).at(parameter) if vehicle.on_changing_road else vehicle.parameters(dtype)
-    return RoadParameters(*(jnp.broadcast_to(jnp.asarray(x, dtype), parameter.shape) for x in known))
 
 
 def _invariants(path: Any, t: Scalar, vehicle: RoadParameters | None) -> Invariants:

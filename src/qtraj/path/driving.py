@@ -181,9 +181,9 @@ def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> N
 
     In reverse the same road has the opposite bank angle, because this angle is relative to the direction of motion.
     """
-    bank = None if vehicle is None else concrete(vehicle.bank)
+    bank: Any = None if vehicle is None else concrete(vehicle.bank)
     if vehicle is not None and vehicle.road is not None and vehicle.road.bank is not None:
-        bank = np.array(vehicle.road.bank)
+        bank = max(vehicle.road.bank, key=abs)
     if bank is None or not np.any(bank) or path.driven() is None:
         return
     frame = Driving.along(path)
@@ -191,7 +191,7 @@ def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> N
     if reverse.size:
         raise ValueError(
             f"the route reverses at t = {float(frame.starts[reverse[0]]):.4g} s, but the bank angle of the road, "
-            f"{np.asarray(bank).ravel()[np.argmax(np.abs(bank))]:.6g} rad, is relative to the direction of motion and would change sign there. "
+            f"{np.asarray(bank).tolist()} rad, is relative to the direction of motion and would change sign there. "
             "Use route.window(t0, t1) for each direction, with the opposite bank in reverse, or a vehicle with bank=0."
         )
 

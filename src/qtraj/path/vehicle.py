@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.inertia import inertia_matrix
-from qtraj.foundation.arrays import as_float, concrete, require_positive
+from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming

@@ -36,9 +36,8 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.vehicle import RoadParameters
 
 GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
-"""The instants at which quantities are sampled. The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
-one. The last grid is for quantities that are only sampled.
-"""
+"""The instants at which quantities are sampled. The first grid is for most quantities. Quantities with the divisor
+|r' × r''| have narrow peaks, and need the second one. The last grid is for quantities that are only sampled."""
 
 
 def judge(

@@ -12,6 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -195,9 +198,13 @@ def _values(on: RoadOnPath, entry: PathQuantity, u: np.ndarray, sections: np.nda
     with np.errstate(all="ignore"):
         if path.supports_numpy:
             return np.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), vehicle)))
-        each = [RoadParameters(*(x[k] for x in vehicle)) for k in range(u.size)]
-        found = [entry.value(invariants_at(path, x, max(entry.order, 1), v)) for x, v in zip(u, each, strict=True)]
-        return np.array(found, float)
+        return np.asarray(_compiled(path, entry, u, vehicle))
+
+
+@eqx.filter_jit
+def _compiled(path: AbstractHodograph, entry: PathQuantity, u: Any, vehicle: RoadParameters) -> Any:
+    at = lambda u, v: jnp.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), v)))  # noqa: E731
+    return jax.vmap(at)(u, vehicle)
 
 
 def _rows(road: RoadParameters, rows: np.ndarray) -> RoadParameters:

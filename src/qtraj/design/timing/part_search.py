@@ -21,8 +21,8 @@ from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import Varying
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.route import Route
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
 

@@ -14,15 +14,16 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Shape
 from qtraj.design.timing.tables import Tables
-from qtraj.path.road_on_path import CORNERS, ROUNDING, RoadOnPath
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_on_path import CORNERS, ROUNDING, RoadOnPath, road_on
+from qtraj.path.vehicle import RoadParameters, Vehicle
 
 NEAR = 2
 """Linear pieces of a road may meet closer to an end of a cell than this multiple of the uncertainty."""
 
 
 class Variants(NamedTuple):
-    """Parameters at both ends of cells, linear between them, for each corner; and where they are not the road itself."""
+    """Parameters at both ends of cells, linear between them, for each corner; `rough` where they are not exact."""
 
     ends: list[tuple[RoadParameters, RoadParameters]]
     rough: Bool[np.ndarray, " cells"]
@@ -93,13 +94,33 @@ def at_parameters(vehicle: Any, u: Any) -> Any:
     return vehicle.at(np.asarray(u, float)) if isinstance(vehicle, RoadOnPath) else vehicle
 
 
+def at_parameters_of(vehicle: Vehicle | None, path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Any:
+    """Return the parameters of a vehicle at `n` parameters of a path, each (n,); None for None."""
+    if vehicle is None:
+        return None
+    known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters(u.dtype)
+    return RoadParameters(*(np.broadcast_to(np.asarray(x, u.dtype), u.shape) for x in known))
+
+
+def road_of(limits: Any, path: AbstractHodograph, traced: bool) -> RoadParameters | RoadOnPath:
+    """Return the parameters of the vehicle of limits; those of a road that changes along the path.
+
+    **Raises:** ValueError for such a road if a value is `traced`.
+    """
+    if not limits.along_road:
+        return RoadParameters(*limits.road(path.duration.dtype))
+    if traced:
+        raise ValueError("a road that changes along the way needs concrete values: call retime outside jit and grad")
+    return road_on(limits.vehicle, path)
+
+
 def fixed(vehicle: Any) -> Any:
     """Return the parameters of a vehicle; those that change along the way are NaN."""
     return vehicle.fixed if isinstance(vehicle, RoadOnPath) else vehicle
 
 
 def at_points(vehicle: Any, t: Tables, shape: Shape) -> Any:
-    """Return the parameters at the points of `t`; the strictest friction of a cell, and at a knot that of both cells."""
+    """Return the parameters at the points of `t`, with the strictest friction in a cell, at a knot in both cells."""
     if not isinstance(vehicle, RoadOnPath):
         return vehicle
     u = np.asarray(shape.start + t.grid.knots * shape.per_cell)
