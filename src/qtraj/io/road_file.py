@@ -41,7 +41,10 @@ def read_road(file: Any, kind: Kind = "linear") -> Road:
         ValueError: With the name of the file, for a table without distances, or without any other of these columns,
             for a cell that is not a finite number, a unit of another kind, and otherwise as `Road`.
     """
-    source = find_source(file, checked())
+    try:
+        source = find_source(file, checked())
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{file}: there is no such file, so no road can be read") from None
     with naming(f"{source.name}: "):
         known = {name: find(names, source.table.header) for name, names in _PARTS.items()}
         if known["distance"] is None or not any(x for name, x in known.items() if name != "distance"):
