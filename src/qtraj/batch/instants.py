@@ -112,7 +112,7 @@ class Instants:
     def _road(self) -> Any:
         """The parameters of the vehicle; those that change along the way are NaN in a batch and under JAX."""
         if self.vehicle is not None and self.vehicle.on_changing_road and self._one is not None:
-            return RoadParameters(*(x[None] for x in road_on(self.vehicle, self._one).at(self.t[0])))
+            return RoadParameters(*(x[None] for x in road_on(self.vehicle, self._one).at(np.asarray(self.t[0]))))
         parameters = fixed_parameters(self.vehicle, self.duration.dtype)
         return RoadParameters(
             *(x[:, None] if xp.ndim(x) else x for x in parameters)

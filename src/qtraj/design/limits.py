@@ -271,7 +271,7 @@ class Limits(eqx.Module):
 
     def road(self, dtype: Any = None) -> RoadParameters:
         """Return the parameters of the vehicle, or default ones; those that no limit needs may be NaN on a road."""
-        return self.vehicle.parameters(dtype) if self.along_road else fixed_parameters(self.vehicle, dtype)
+        return fixed_parameters(self.vehicle, dtype, bool(self.along_road))
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""

@@ -111,10 +111,10 @@ class Road(eqx.Module):
         row = self.sections(s) if sections is None else sections
         side = np.ones(np.shape(row)) if self.inverted is None else np.where(np.array(self.inverted)[row], -1.0, 1.0)
         bank = None if self.bank is None else self._interpolated(np.array(self.bank), s, row)
-        friction = (None, None)
-        if self.friction is not None:
-            friction = tuple(self._interpolated(x, s, row) for x in np.array(self.friction).T)
-        return Surface(bank, *friction, side)
+        if self.friction is None:
+            return Surface(bank, None, None, side)
+        along, across = (self._interpolated(x, s, row) for x in np.array(self.friction).T)
+        return Surface(bank, along, across, side)
 
     def steepest(self, values: Float[np.ndarray, " n"], sections: np.ndarray) -> np.ndarray:
         """Return the largest slope of the `values` at the distances, in sections and next to them."""

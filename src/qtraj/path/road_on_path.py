@@ -8,7 +8,7 @@ the sine differ from their lines by at most `Lines.error`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -110,7 +110,8 @@ class RoadOnPath:
         if road.bank is not None:
             bank = np.array(road.bank)
             slope = road.steepest(bank, sections)
-            difference = np.abs(road.at(last, sections).bank - road.at(first, sections).bank)
+            banks: Any = [road.at(x, sections).bank for x in (first, last)]
+            difference = np.abs(banks[1] - banks[0])
             bent = np.where(slope > 0, slope * np.where(slope > 0, away, 0.0) + ROUNDING, 0.0)
             error = np.minimum(bent + difference**2 / 8, 2.0)
         if road.friction is None:

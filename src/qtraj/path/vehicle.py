@@ -167,14 +167,15 @@ class Vehicle(eqx.Module):
         if self.inertia is not None and not bank.ndim > mass.ndim:
             inertia = inertia_in_frame(module.asarray(self.inertia, dtype), cos, sin, module)
             about_tangent, about_binormal = principal_moments(inertia, module)
-        grip, inertia = (inverse[..., 0], inverse[..., 1]), (about_tangent, about_binormal)
+        along, across = inverse[..., 0], inverse[..., 1]
         if surface is not None:
             side = module.asarray(side, dtype)
             cos, sin = side * cos, side * sin
             if surface.along is not None:
-                grip = tuple(1 / module.asarray(x, dtype) for x in (surface.along, surface.across))
+                along, across = (1 / module.asarray(x, dtype) for x in (surface.along, surface.across))
         wheelbase = module.zeros_like(mass) if self.wheelbase is None else module.asarray(self.wheelbase, dtype)
-        return RoadParameters(mass, gravity, drag, rolling, cos, sin, *grip, *inertia, wheelbase)
+        moments = about_tangent, about_binormal
+        return RoadParameters(mass, gravity, drag, rolling, cos, sin, along, across, *moments, wheelbase)
 
     def inertia_in_frame(self) -> Float[Array, "*batch 3 3"]:
         """Return the inertia tensor in the axes of the frame, in which the bank rolls the vehicle about the first axis.
@@ -198,9 +199,12 @@ class Vehicle(eqx.Module):
         return self.road.at(np.zeros(()))
 
 
-def fixed_parameters(vehicle: Vehicle | None, dtype: Any = None) -> RoadParameters:
-    """Return the parameters of the vehicle, or default ones for None; those that change along the way are NaN."""
-    if vehicle is None or not vehicle.on_changing_road:
+def fixed_parameters(vehicle: Vehicle | None, dtype: Any = None, strict: bool = False) -> RoadParameters:
+    """Return the parameters of the vehicle, or default ones for None; those that change along the way are NaN.
+
+    **Raises:** ValueError for a road that changes along the way, if `strict`.
+    """
+    if vehicle is None or strict or not vehicle.on_changing_road:
         return NO_VEHICLE if vehicle is None else vehicle.parameters(dtype)
     road: Any = vehicle.road
     start, nan = road.at(np.zeros(())), np.full((), np.nan)

@@ -49,7 +49,8 @@ class RoadPart(Part):
 
     def table(self) -> Road:
         """Return the road that is in the scenario."""
-        return Road(**self.model_dump(exclude={"file"}))
+        pairs = self.friction and [x if isinstance(x, list) else [x, x] for x in self.friction]
+        return Road(self.distance or [], self.bank, pairs, self.kind, self.inverted)
 
     def _faults(self) -> Iterator[str]:
         named = self.given("distance", "bank", "friction", "inverted")

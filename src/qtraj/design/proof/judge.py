@@ -14,6 +14,7 @@ import numpy as np
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.subdivision import MAX_WORK
 from qtraj.design.proof import units
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.deciding import LITTLE_WORK, Decided, decided
@@ -65,7 +66,7 @@ class _Task:
         positioned = any(x.own is not None and x.own.position for x in entries)
         self.source = source.positioned() if positioned else source
         self.vehicle, self.window, self.end = vehicle, window, end
-        self.work = {} if end is None else {"max_work": LITTLE_WORK}
+        self.work = MAX_WORK if end is None else LITTLE_WORK
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
@@ -147,7 +148,9 @@ class _Task:
         if not np.any(wanted):
             nothing = np.zeros(wanted.shape, bool)
             return Decided(nothing, nothing, np.zeros(wanted.shape))
-        found = decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers, **self.work)
+        found = decided(
+            wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers, max_work=self.work
+        )
         found.proved[wanted & (entry.side * limit.bounds == np.inf)] = True  # there is no limit
         return found
 
@@ -155,12 +158,10 @@ class _Task:
         """Return the state of a divisor (PROVED positive, UNDECIDED or UNDEFINED), and the instant of its minimum."""
         if name not in self._divisors:
             provable = self.source.provable(name in UPRIGHT_DIVISORS)
-            found = decided(
-                provable,
-                lambda: self._bounded and self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest)),
-                lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
-                **{"strict": True, **self.work},
-            )
+            fastest = lambda: BoundedPolynomial.constant(self._fastest)  # noqa: E731
+            floats = lambda: self._bounded and self._bounded.divisor(name, fastest())  # noqa: E731
+            integers = lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k))  # noqa: E731
+            found = decided(provable, floats, integers, True, self.work)
             self._divisors[name] = np.full(provable.shape, PROVED), np.zeros(provable.shape)
             if not np.all(found.proved):
                 self._divisors[name] = self._zero(name, provable, found)
@@ -209,8 +210,9 @@ class _Task:
         if k not in self._exact:
             derivatives, vehicle = self.source.exact(k, self.order), None
             if self.vehicle is not None:
-                own, end = (None if x is None else RoadParameters(*(y[k] for y in x)) for x in (self.vehicle, self.end))
-                vehicle = units.constants(own, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
+                start: Any = RoadParameters(*(x[k] for x in self.vehicle))
+                end = self.end and RoadParameters(*(x[k] for x in self.end))
+                vehicle = units.constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 unit = units.unit_of_time(self.source, derivatives.span, k)
                 vehicle = vehicle._replace(gravity=units.times_power(vehicle.gravity, unit, 2))
             window = None if self.window is None else [float(x[k]) for x in self.window]

@@ -33,6 +33,9 @@ HALVINGS, MOST = 12, 2**13
 PLACES, ZOOMS = 33, 6
 """Number of points in each interval of the search for a largest value, and number of intervals, each in the last."""
 
+ROUNDING = 1e-12
+"""Relative violation of a limit that exceeds the rounding errors of a value on the road."""
+
 TIGHTER = 2.0**-50
 """Fraction of a linear limit that exceeds the rounding errors of its values at the ends of a piece."""
 
@@ -128,7 +131,7 @@ class OnRoad:
         bounds = task.at(pieces.owner, at)
         with np.errstate(invalid="ignore"):
             excess = entry.side * (values - bounds)
-        undefined, broken = ~np.isfinite(values), excess > 0
+        undefined, broken = ~np.isfinite(values), excess > ROUNDING * np.abs(bounds)
         codes = np.where(undefined, UNDEFINED, np.where(broken, BROKEN, PROVED))
         origin = np.flatnonzero(codes == PROVED)
         todo = pieces.part(origin)

@@ -55,7 +55,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     found += [_by_speed(segments, name, x) for name, x in by_speed.items()]
     if along := [name for name in dict.fromkeys([*limits.varying, *on_road]) if name not in by_speed]:
         on = distances(route)
-        way = RoadOnPath(limits.vehicle, on) if on_road else None
+        vehicle: Any = limits.vehicle
+        way = RoadOnPath(vehicle, on) if on_road else None
         divided = _divided(on, segments, road, way)
         for name in along:
             own = way if way is not None and name in on_road else road

@@ -71,7 +71,8 @@ def _on_road(whole: Divided, name: str, bound: float, factor: float) -> Certific
     """Return the certificate of a constant limit on a road that changes along the way."""
     limit = Limit(quantity(name), np.full(1, bound), np.full(1, factor))
     found = whole.findings(np.zeros(1, int), limit, Window(np.zeros(1), np.ones(1)))
-    return Certificate((name,), *(x[0] for x in found), np.full(1, bound))
+    codes, times, values = (x[0] for x in found)
+    return Certificate((name,), codes, times, values, np.full(1, bound))
 
 
 def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate:
@@ -134,7 +135,8 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
         return judge(source, [limit._replace(factors=factors)], _each(start, count), window, _each(end, count))
 
     on, length = distances(path), np.full(1, float(path.duration))
-    on_road = OnRoad(RoadOnPath(limits.vehicle, on), np.zeros(1), length, judged) if limits.along_road else None
+    vehicle: Any = limits.vehicle
+    on_road = OnRoad(RoadOnPath(vehicle, on), np.zeros(1), length, judged) if limits.along_road else None
 
     def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
         if on_road is not None and limit.entry.needs == VEHICLE:

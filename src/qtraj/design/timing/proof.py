@@ -255,7 +255,8 @@ class _Task:
         if k not in self._integers:
             vehicle = None
             if self._road is not None:
-                start, end = (x and RoadParameters(*(y[k] for y in x)) for x in (self._road, self._end))
+                start: Any = RoadParameters(*(x[k] for x in self._road))
+                end = self._end and RoadParameters(*(x[k] for x in self._end))
                 vehicle = constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
             own = self._integers[k] = CellClaims(self.motions.exact(k, self._order), vehicle)

@@ -24,12 +24,12 @@ from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.road_on_path import road_on
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 from qtraj.path.vehicle_data import axes_of
@@ -106,8 +106,9 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     }
     vehicle: Any = None
     if set(names) & set(ROAD):
-        vehicle = road_on(limits.vehicle, path.path) if limits.along_road else limits.road(dtype)
-        vehicle = vehicle if limits.along_road else RoadParameters(*(xp.asarray(x, dtype) for x in vehicle))
+        vehicle = road_of(limits, path.path, False)
+        if isinstance(vehicle, RoadParameters):
+            vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in vehicle))
     polynomials: Any = constants(source(path.path))
     limited = constants(Limited(path, cells, bounds, vehicle))
     known = not is_traced(limited)
@@ -135,7 +136,8 @@ def _proved(limited: Limited, polynomials: Any) -> tuple[Limited, Int[Any, "limi
     timing, cells = limited.path.timing, limited.cells
     coefficients = timing.coefficients if is_traced(limited) else np.asarray(timing.coefficients)
     powers = coefficients[cells.columns], np.array(timing.rest)
-    return limited, prove(polynomials, cells.grid, powers, limited.bounds, limited.vehicle).codes
+    vehicle: Any = limited.vehicle
+    return limited, prove(polynomials, cells.grid, powers, limited.bounds, vehicle).codes
 
 
 def _certificate(

@@ -90,13 +90,11 @@ def proved_on_road(
         for _ in range(HALVINGS):
             if not cell.size:
                 break
-            cell, start, end = (np.repeat(x, 2) for x in (cell, start, end))
+            cell, start, end = np.repeat(cell, 2), np.repeat(start, 2), np.repeat(end, 2)
             end[::2] = start[1::2] = 0.5 * (start[::2] + end[::2])
             at_rest = np.zeros((2, cell.size), bool)
-            at_rest[0], at_rest[1] = (
-                rest[0] & (cell == 0) & (start == 0),
-                rest[1] & (cell == grid.cells - 1) & (end == 1),
-            )
+            at_rest[0] = rest[0] & (cell == 0) & (start == 0)
+            at_rest[1] = rest[1] & (cell == grid.cells - 1) & (end == 1)
             low, high = (ends[0][cell] + x * (ends[1] - ends[0])[cell] for x in (start, end))
             own = {name: _strictest(bounds[name], cell)}
             parts, place = part_of_grid(grid, cell, start, end), np.stack([start, end])
