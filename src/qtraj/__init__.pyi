@@ -41,6 +41,7 @@ from .foundation.progress import Progress as Progress
 from .io import exchange as exchange
 from .io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
 from .io.label import label as label
+from .io.road_file import read_road as read_road
 from .io.shape.shape_file import read_shape as read_shape
 from .io.stored import load as load
 from .io.track.attitude_angles import AttitudeAngles as AttitudeAngles
@@ -133,6 +134,7 @@ from .path.own_motion import sqrt as sqrt
 from .path.own_quantity import Quantity as Quantity
 from .path.placement import Placement as Placement
 from .path.residual import Residual as Residual
+from .path.road import Road as Road
 from .path.route import Route as Route
 from .path.sample_times import sample_times as sample_times
 from .path.shape import Shape as Shape

@@ -89,6 +89,7 @@ EXAMPLES = [
     qt.trihedral(PATH, 1.0),
     qt.Tuned(PATH, STATE, STATE, 1.0, CERTIFICATE, 0, 7),
     qt.Vehicle(12e3, (1e4, 5e4, 6e4), 6.0, 0.007, (0.6, 0.5), 0.1),
+    qt.Road([0, 40], bank=[0.0, 0.1]),
     qt.Upright(),
     JOINT,
     qt.Arm([JOINT, qt.Joint([0.0, 1.0, 0.0], [0.0, 0.0, 0.5])], [0.0, 0.0, 1.0]),

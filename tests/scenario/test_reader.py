@@ -143,7 +143,7 @@ STEERING = "[limits]\nsteering_angle = [-0.3, 0.4]\nload_factor = 1.4\n"
 
 
 def test_limits_on_steering_need_a_wheelbase(read):
-    limits = read(f"{STATES}{STEERING}[vehicle]\nmass = 1.0\nwheelbase = 2.7\n").scenario.all_limits()
+    limits = read(f"{STATES}{STEERING}[vehicle]\nmass = 1.0\nwheelbase = 2.7\n").scenario.all_limits(Path)
     assert set(limits.given()) == {"steering_angle_min", "steering_angle_max", "load_factor"}
     assert float(limits.vehicle.wheelbase) == 2.7
     for vehicle, message in (

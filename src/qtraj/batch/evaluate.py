@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.batch.at_once import evaluated, is_small
+from qtraj.batch.at_once import FEW_OF_ONE, evaluated, is_small
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.of_program import OUTPUTS as PROGRAM_OUTPUTS, program_table
@@ -89,8 +89,9 @@ def evaluate(
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
     are neither (n,) nor (b, n) or are outside the path, a missing vehicle, a number of vehicles that differs from the
-    number of paths, forces on a banked road along a route that reverses, a `reuse` table that does not match, or a
-    rotation-minimizing frame with `reduce` or `reuse`.
+    number of paths, forces on a banked road along a route that reverses, a `reuse` table that does not match, a
+    rotation-minimizing frame with `reduce` or `reuse`, or forces on a road that changes along the way in a batch, with
+    `reduce`, or inside a trace.
     """
     require_axes(axes)
     if isinstance(paths, AbstractProgram):
@@ -124,6 +125,8 @@ def evaluate(
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
     work = (paths, frame, vehicle)
+    if vehicle is not None and vehicle.on_changing_road:
+        _require_host(task, work, instants, devices)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
     if devices is None and is_host(*(reused or {}).values()) and is_small(task, work, instants):
         values: Any = evaluated(task, work, instants)
@@ -210,6 +213,17 @@ def _vehicle(names: Sequence[str], vehicle: Vehicle | None, rows: tuple[int, ...
             + ("" if rows else ": pass one vehicle, or map evaluate over the vehicles with jax.vmap")
         )
     return with_batch(used, rows[0])
+
+
+def _require_host(task: Task, work: Any, instants: Any, devices: Any) -> None:
+    """Raise a ValueError if outputs depend on a road that changes along the way, but are not evaluated in NumPy."""
+    needing = [name for name in task.names if CHANNELS[name].needs == VEHICLE]
+    if needing and (task.batched or devices is not None or not is_small(task, work, instants)):
+        raise ValueError(
+            f"the output {needing[0]!r} on a road that changes along the way needs one path with concrete values, of a "
+            f"kind that is evaluated in NumPy, and at most {FEW_OF_ONE} instants: evaluate the paths one by one, "
+            "without reduce and devices, outside jit, grad and vmap"
+        )
 
 
 def _batched(paths: AbstractHodograph) -> bool:

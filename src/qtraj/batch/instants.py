@@ -30,9 +30,10 @@ from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import rotating_span
+from qtraj.path.road_on_path import road_on
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
+from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
 
 Times = Float[Array, "rows instants"]
 
@@ -56,6 +57,8 @@ class Instants:
     ):
         self.frame, self.t, self.axes = frame, t, axes
         self.vehicle: Any = vehicle  # None only if no output needs a vehicle
+        alone = is_host(t) and paths.supports_numpy and paths.duration.shape[0] == 1
+        self._one = jax.tree.map(lambda x: x[0], paths) if alone else None
         single = lambda path: path.polynomials()  # noqa: E731
         polynomials = single(paths) if paths.supports_numpy else eqx.filter_vmap(single)(paths)
         if polynomials is None:
@@ -105,11 +108,12 @@ class Instants:
         up = self.basis.local(UP) if self.basis.placed else None
         return driven_invariants(self.rows, up, self._road, self.t, self.duration, self.span, root)
 
-    @property
+    @cached_property
     def _road(self) -> Any:
-        if self.vehicle is None:
-            return NO_VEHICLE
-        parameters = self.vehicle.parameters(self.duration.dtype)
+        """The parameters of the vehicle; those that change along the way are NaN in a batch and under JAX."""
+        if self.vehicle is not None and self.vehicle.on_changing_road and self._one is not None:
+            return RoadParameters(*(x[None] for x in road_on(self.vehicle, self._one).at(np.asarray(self.t[0]))))
+        parameters = fixed_parameters(self.vehicle, self.duration.dtype)
         return RoadParameters(
             *(x[:, None] if xp.ndim(x) else x for x in parameters)
         )  # shared by all instants of a path

@@ -63,7 +63,7 @@ def evaluate(
     from qtraj.io.track.reading import recorded
     from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.path.channel import CHANNELS, vehicle_outputs
-    from qtraj.scenario.path import require_vehicle
+    from qtraj.scenario.vehicle import require_vehicle
     from qtraj.viz import result_files
 
     loaded, path, recording, fitted, vehicle = _path(scenario, track or {})

@@ -8,6 +8,7 @@ import numpy as np
 from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
+from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
 from qtraj.path.vehicle import Vehicle, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
@@ -44,6 +45,12 @@ def refuse_changing(limits: Mapping[str, Any], what: str, instead: str) -> None:
     for name, limit in limits.items():
         do = "depend on the speed" if isinstance(limit, OfSpeed) else "change along the way"
         raise ValueError(f"{what} supports only limits that do not {do}, but the limit {name} is {limit!r}: {instead}")
+
+
+def forces_along(vehicle: Vehicle | None, names: Collection[str]) -> list[str]:
+    """Return the names of limits on forces of a road that changes along the way."""
+    changes = vehicle is not None and vehicle.on_changing_road
+    return [name for name in names if changes and quantity(name).needs == VEHICLE]
 
 
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:

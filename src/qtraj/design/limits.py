@@ -14,8 +14,8 @@ from qtraj.design.along import Variable
 from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, joined_sides, part_of
 from qtraj.design.divisors import divisors
 from qtraj.design.ellipse import Ellipse
-from qtraj.design.limit_checks import refuse_changing, refuse_unknown, require_needs, require_shapes
-from qtraj.design.margins import margins_of, values_of
+from qtraj.design.limit_checks import forces_along, refuse_changing, refuse_unknown, require_needs, require_shapes
+from qtraj.design.margins import margins_of, road_at, values_of
 from qtraj.design.own_limits import OwnInput, OwnLimits, own_limits
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
@@ -28,7 +28,7 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import LIMITED, quantity
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle
+from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
 
 
 @storable
@@ -82,8 +82,8 @@ class Limits(eqx.Module):
 
     **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
     number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
-    quantity that is never negative, for an angle that is too large, and for a limit without the
-    vehicle, the inertia with these principal axes or the wheelbase that it needs.
+    quantity that is never negative, for an angle that is too large, and for a limit without the vehicle, the inertia
+    with these principal axes or the wheelbase that it needs.
     """
 
     curvature: Bound | None
@@ -241,6 +241,11 @@ class Limits(eqx.Module):
         """Whether one of the limits that are set bounds a force between the vehicle and the road."""
         return any(quantity(name).needs == VEHICLE for name in self.given())
 
+    @property
+    def along_road(self) -> list[str]:
+        """The names of the bounds on forces of a road that changes along the way."""
+        return forces_along(self.vehicle, self.given())
+
     def reduced(self, dtype: Any = None) -> dict[str, Any]:
         """Return the limits that are set, divided by their `divisors` or as tangents, as searches use them.
 
@@ -256,25 +261,22 @@ class Limits(eqx.Module):
     def factors(self, dtype: Any = None) -> tuple[Any, ...]:
         """Return `PathQuantity.scale` of each quantity whose limit is set, in the order of `given`.
 
-        The number is the factor that depends on the inertia of the vehicle, or 1 for a quantity without a factor.
+        It depends on the inertia of the vehicle, and is 1 for a quantity without a factor.
         """
-        return tuple(quantity(name).scale(self.road(dtype)) for name in self.given())
+        return tuple(quantity(name).scale(fixed_parameters(self.vehicle, dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:
-        """Raise a ValueError if limits or vehicle have a batch shape other than `batch`, the shape of `what`.
-
-        Limits and vehicles without a batch dimension are shared.
-        """
+        """Raise a ValueError if limits or vehicle have another batch shape than () and `batch`, that of `what`."""
         require_shapes(self.constant(), self.vehicle, batch, what)
 
     def road(self, dtype: Any = None) -> RoadParameters:
-        """Return the parameters of the vehicle, or default parameters if no vehicle is set."""
-        return NO_VEHICLE if self.vehicle is None else self.vehicle.parameters(dtype)
+        """Return the parameters of the vehicle, or default ones; those that no limit needs may be NaN on a road."""
+        return fixed_parameters(self.vehicle, dtype, bool(self.along_road))
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the limited quantities of `path` at one instant `t` [s], by name, each in the unit of its limit."""
         require_path(path)
-        return values_of(self.given(), path, t, self.road(path.duration.dtype))
+        return values_of(self.given(), path, t, road_at(self, path, t))
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Return the distance of the value at one instant `t` [s] from each limit, by name; negative if violated.
@@ -283,7 +285,7 @@ class Limits(eqx.Module):
         distance to `t` is computed by quadrature.
         """
         require_path(path)
-        return margins_of(self.on(path).given(), path, t, self.road(path.duration.dtype))
+        return margins_of(self.on(path).given(), path, t, road_at(self, path, t))
 
 
 def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:

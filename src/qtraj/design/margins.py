@@ -5,17 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from qtraj.design.along import Along
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import COMBINED, quantity
+from qtraj.path.road_on_path import road_on
 from qtraj.path.values import values
 from qtraj.path.vehicle import RoadParameters
 
 PARTS = ("longitudinal_acceleration_max", "lateral_acceleration", "speed")
 """The quantities of which the combined acceleration consists."""
+
+
+def road_at(limits: Any, path: AbstractHodograph, t: ScalarLike) -> RoadParameters:
+    """Return the parameters of the vehicle of `limits` at one instant `t` [s] of a path."""
+    if not limits.along_road:
+        return limits.road(path.duration.dtype)
+    return road_on(limits.vehicle, path).at(np.asarray(t, float))
 
 
 def values_of(

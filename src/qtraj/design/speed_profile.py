@@ -15,6 +15,7 @@ from qtraj.design.samples_at_rest import mended, stops_of
 from qtraj.design.timing.constraints import UPPER
 from qtraj.design.timing.outcome import Retimed, require_one
 from qtraj.design.timing.road import coefficients
+from qtraj.design.timing.road_cells import at_parameters_of
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_array, as_float
@@ -162,9 +163,9 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     require_one(timed)
     names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
     bounds = _bounds(timed, limits)
-    vehicle = None if timed.vehicle is None else timed.vehicle.parameters(timed.duration.dtype)
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
+    vehicle = at_parameters_of(timed.vehicle, timed.path.path, parameter)
     distance = distances_at(timed.path.path, parameter)
     own = as_array(parameter, float), as_array(bounds, float)
     found = jax.tree.map(np.array, _sampled(timed.path, own, names, vehicle, timed.combined))
@@ -231,7 +232,7 @@ def _sampled(
     vehicle: RoadParameters | None,
     combined: Ellipse | None,
 ) -> _Samples:
-    def sample(u: Scalar, limits: Float[Array, " k"]) -> _Samples:
+    def sample(u: Scalar, limits: Float[Array, " k"], vehicle: RoadParameters | None) -> _Samples:
         t = path.timing.time(u)
         i, own = (_invariants(x, at, vehicle) for x, at in ((path, t), (path.path, u)))
         of_unit = jnp.array([quantity(name).value(own) for name in _bounding(names)], u.dtype)
@@ -250,7 +251,7 @@ def _sampled(
             ).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
-    found = jax.vmap(sample, (0, 1))(*at)
+    found = jax.vmap(sample, (0, 1, None if vehicle is None else 0))(*at, vehicle)
     return found._replace(values=found.values.T, unit_values=found.unit_values.T)
 
 

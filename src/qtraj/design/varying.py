@@ -16,14 +16,10 @@ from jaxtyping import Float
 from qtraj.design.along import Along, Variable
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.margins import at_speed
+from qtraj.path.chords import chord_gaps
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.pace_bounds import pace_bounds
 from qtraj.path.quantity import quantity
-
-SAMPLES, RESERVE = 9, 1.25
-"""On a path that is not polynomial, the number of points in a cell at which the distance is compared with its chord,
-and the factor on the largest difference. Limits on such paths are not proved, but sampled."""
 
 ROUNDING = 2.0**-50
 """Fraction of linear values that exceeds the rounding errors of their interpolation."""
@@ -80,7 +76,7 @@ class Varying:
         inside = AT_ENDS * error
         ends = self.side * np.stack([self.along.at(first), self.along.at(last)], axis=1)
         slope = self._steepest(first, last, inside)
-        gap = np.where(slope > 0, self._largest_gap(first, last, low, high), 0.0) * slope
+        gap = np.where(slope > 0, chord_gaps(self.on, low, high), 0.0) * slope
         above = gap + 2 * inside * slope + np.where(slope > 0, ROUNDING * np.abs(ends).max(axis=1), 0.0)
         shifted = ends - above[:, None]
         bends = np.searchsorted(d, first + inside) < np.searchsorted(d, last - inside)
@@ -90,21 +86,6 @@ class Varying:
         found = np.where(chosen[:, None], self.side * constant, shifted)
         rest = np.where(chosen, span, above + gap)
         return self.side * found, rest
-
-    def _largest_gap(
-        self, first: np.ndarray, last: np.ndarray, low: Parameters, high: Parameters
-    ) -> Float[np.ndarray, " n"]:
-        """Return the largest difference between the distance and its chord in intervals; infinite at a joint.
-
-        It is at most (high − low)²/8 times the largest derivative of |r'|, which is bounded for polynomial paths.
-        """
-        bounds = pace_bounds(self.on.path, low, high)
-        if bounds is not None:
-            return np.where(high > low, bounds.change * (high - low) ** 2 / 8, 0.0)
-        z = np.linspace(0.0, 1.0, SAMPLES)
-        u = low[:, None] + (high - low)[:, None] * z
-        chord = first[:, None] + (last - first)[:, None] * z
-        return RESERVE * np.max(np.abs(self.on.at(u.ravel()).reshape(u.shape) - chord), axis=1)
 
     def _steepest(self, first: np.ndarray, last: np.ndarray, inside: float) -> Float[np.ndarray, " n"]:
         """Return the largest slope of the linear pieces at both ends and in the middle of intervals of the distance."""

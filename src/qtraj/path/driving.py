@@ -181,7 +181,9 @@ def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> N
 
     In reverse the same road has the opposite bank angle, because this angle is relative to the direction of motion.
     """
-    bank = None if vehicle is None else concrete(vehicle.bank)
+    bank: Any = None if vehicle is None else concrete(vehicle.bank)
+    if vehicle is not None and vehicle.road is not None and vehicle.road.bank is not None:
+        bank = max(vehicle.road.bank, key=abs)
     if bank is None or not np.any(bank) or path.driven() is None:
         return
     frame = Driving.along(path)

@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.inertia import inertia_matrix
-from qtraj.foundation.arrays import as_float, concrete, require_positive
+from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.naming import naming
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.path_quantity import INERTIA, PARAMETERS, PRINCIPAL, VEHICLE, WHEELBASE
+from qtraj.path.road import MAX_BANK, Road, Surface
+from qtraj.path.vehicle_fields import friction_field, not_negative_field, require_road, scalar_field
 from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
 
 GRAVITY, AIR_DENSITY = 9.80665, 1.225
 """Standard gravity [m/s²], and the density of air at sea level in the International Standard Atmosphere [kg/m³]."""
-
-MAX_BANK = np.pi / 2
 
 Number = Float[Array, "*batch"]
 
@@ -76,12 +76,14 @@ class Vehicle(eqx.Module):
     - `air_density` ρ [kg/m³].
     - `gravity` g [m/s²], along −z of the world.
     - `wheelbase` [m]: the distance of the axles, for the steering angle and its rate; None if it is not known.
+    - `road`: a `Road`, whose bank and friction change along the way, instead of `bank` and `friction`.
 
     All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
     by `jax.vmap`, represent one vehicle for each path of a batch.
 
     **Raises:** ValueError for a mass or friction that is not positive, a negative resistance, density or gravity, a
-    bank of a right angle or more, a wheelbase that is not positive, or an invalid inertia.
+    bank of a right angle or more, a wheelbase that is not positive, an invalid inertia, or a bank or friction that the
+    road defines, too.
     """
 
     mass: Number
@@ -93,6 +95,7 @@ class Vehicle(eqx.Module):
     air_density: Number
     gravity: Number
     wheelbase: Number | None
+    road: Road | None
 
     def __init__(
         self,
@@ -105,26 +108,30 @@ class Vehicle(eqx.Module):
         air_density: ArrayInput = AIR_DENSITY,
         gravity: ArrayInput = GRAVITY,
         wheelbase: ArrayInput | None = None,
+        road: Road | None = None,
     ):
-        self.mass = _scalar(mass, "mass", "kg")
+        self.mass = scalar_field(mass, "mass", "kg")
         require_positive(self.mass, "the mass of a vehicle", "kg")
         with naming("vehicle: "):
             self.inertia = None if inertia is None else inertia_matrix(inertia)
-        self.drag_area = _not_negative(drag_area, "drag area", "m²")
-        self.rolling_resistance = _not_negative(rolling_resistance, "rolling resistance", "-")
-        self.friction = _friction(friction)
-        self.bank = _scalar(bank, "bank", "rad")
+        self.drag_area = not_negative_field(drag_area, "drag area", "m²")
+        self.rolling_resistance = not_negative_field(rolling_resistance, "rolling resistance", "-")
+        self.friction = friction_field(friction)
+        self.bank = scalar_field(bank, "bank", "rad")
         value = concrete(self.bank)
         if value is not None and not np.all(np.abs(value) < MAX_BANK):
             raise ValueError(
                 "the bank of a road must be between -pi/2 and pi/2 rad (3 degrees are 0.0524 rad), but "
                 f"{value.tolist()} rad was given"
             )
-        self.air_density = _not_negative(air_density, "air density", "kg/m³")
-        self.gravity = _not_negative(gravity, "gravity", "m/s²")
-        self.wheelbase = None if wheelbase is None else _scalar(wheelbase, "wheelbase", "m")
+        self.air_density = not_negative_field(air_density, "air density", "kg/m³")
+        self.gravity = not_negative_field(gravity, "gravity", "m/s²")
+        self.wheelbase = None if wheelbase is None else scalar_field(wheelbase, "wheelbase", "m")
         if self.wheelbase is not None:
             require_positive(self.wheelbase, "the wheelbase of a vehicle", "m")
+        self.road = road
+        if road is not None:
+            require_road(road, self.bank, self.friction)
 
     def __repr__(self) -> str:
         units = {"mass": "kg", "inertia": "kg m²", "drag_area": "m²", "bank": "rad", "air_density": "kg/m³"}
@@ -132,33 +139,77 @@ class Vehicle(eqx.Module):
 
     _repr_html_ = shown_html
 
-    def parameters(self, dtype: Any = None) -> RoadParameters:
-        """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays."""
-        fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
-        known = (*fields, self.friction, self.inertia, self.wheelbase)
+    @property
+    def on_changing_road(self) -> bool:
+        """Whether bank, friction or side of the road change along the way."""
+        return self.road is not None and not self.road.is_constant
+
+    def parameters(self, dtype: Any = None, surface: Surface | None = None) -> RoadParameters:
+        """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays.
+
+        With the `surface` of the road at some distances, the parameters that depend on it have the shape of these.
+
+        **Raises:** ValueError for a road that changes along the way, unless its `surface` is given.
+        """
+        surface = self._surface("this function") if surface is None else surface
+        bank = self.bank if surface is None or surface.bank is None else surface.bank
+        friction, side = self.friction, 1.0 if surface is None else surface.side
+        fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, bank)
+        known = (*fields, friction, self.inertia, self.wheelbase)
         is_concrete = all(concrete(x) is not None for x in known if x is not None)
         module: Any = np if is_concrete else jnp
         dtype = self.mass.dtype if dtype is None else dtype
         mass, gravity, area, density, rolling, bank = (module.asarray(x, dtype) for x in fields)
-        inverse = 1 / module.asarray(self.friction, dtype)
+        inverse = 1 / module.asarray(friction, dtype)
         drag = 0.5 * density * area / mass
         cos, sin = module.cos(bank), module.sin(bank)
         about_tangent = about_binormal = module.zeros_like(mass)
-        if self.inertia is not None:
+        if self.inertia is not None and not bank.ndim > mass.ndim:
             inertia = inertia_in_frame(module.asarray(self.inertia, dtype), cos, sin, module)
             about_tangent, about_binormal = principal_moments(inertia, module)
-        grip, inertia = (inverse[..., 0], inverse[..., 1]), (about_tangent, about_binormal)
+        along, across = inverse[..., 0], inverse[..., 1]
+        if surface is not None:
+            side = module.asarray(side, dtype)
+            cos, sin = side * cos, side * sin
+            if surface.along is not None:
+                along, across = (1 / module.asarray(x, dtype) for x in (surface.along, surface.across))
         wheelbase = module.zeros_like(mass) if self.wheelbase is None else module.asarray(self.wheelbase, dtype)
-        return RoadParameters(mass, gravity, drag, rolling, cos, sin, *grip, *inertia, wheelbase)
+        moments = about_tangent, about_binormal
+        return RoadParameters(mass, gravity, drag, rolling, cos, sin, along, across, *moments, wheelbase)
 
     def inertia_in_frame(self) -> Float[Array, "*batch 3 3"]:
         """Return the inertia tensor in the axes of the frame, in which the bank rolls the vehicle about the first axis.
 
-        **Raises:** ValueError for a vehicle without inertia.
+        **Raises:** ValueError for a vehicle without inertia, and for a bank that changes along the way.
         """
         inertia: Any = require_inertia(self, "the inertia in the axes of the frame").inertia
-        bank = self.bank.astype(inertia.dtype)
+        surface = self._surface("a moment")
+        bank = self.bank.astype(inertia.dtype) if surface is None or surface.bank is None else surface.bank
         return inertia_in_frame(inertia, xp.cos(bank), xp.sin(bank), xp)
+
+    def _surface(self, what: str) -> Surface | None:
+        """Return the surface of a road that is the same everywhere, or None without a road."""
+        if self.road is None:
+            return None
+        if not self.road.is_constant:
+            raise ValueError(
+                f"the road of the vehicle changes along the way, which {what} does not support: pass a vehicle with a "
+                "constant bank and friction, or use certify, retime or evaluate with outputs other than moments"
+            )
+        return self.road.at(np.zeros(()))
+
+
+def fixed_parameters(vehicle: Vehicle | None, dtype: Any = None, strict: bool = False) -> RoadParameters:
+    """Return the parameters of the vehicle, or default ones for None; those that change along the way are NaN.
+
+    **Raises:** ValueError for a road that changes along the way, if `strict`.
+    """
+    if vehicle is None or strict or not vehicle.on_changing_road:
+        return NO_VEHICLE if vehicle is None else vehicle.parameters(dtype)
+    road: Any = vehicle.road
+    start, nan = road.at(np.zeros(())), np.full((), np.nan)
+    same = [x is None or len(set(x)) == 1 for x in (road.bank, road.friction, road.friction, road.inverted)]
+    return vehicle.parameters(dtype, Surface(*(x if keeps else nan for x, keeps in zip(start, same, strict=True))))
 
 
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:
@@ -215,7 +266,7 @@ def has_principal_inertia(vehicle: Vehicle | None) -> bool:
     """Return whether the vehicle has an inertia with principal axes along τ, n and b; true for a traced inertia."""
     if vehicle is None or vehicle.inertia is None:
         return False
-    known = concrete(vehicle.parameters().inertia_tangent)
+    known = concrete(fixed_parameters(vehicle).inertia_tangent)
     return known is None or not np.any(np.isnan(known))
 
 
@@ -234,42 +285,3 @@ def require(vehicle: Vehicle | None, needs: str, what: str) -> Vehicle | None:
     **Raises:** ValueError, see the functions in `REQUIREMENTS`.
     """
     return REQUIREMENTS[needs](vehicle, what) if needs else vehicle
-
-
-def _scalar(value: ArrayInput, name: str, unit: str) -> Array:
-    try:
-        number = as_float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the {name} of a vehicle must be a number [{unit}], but {value!r} was given") from error
-    if isinstance(value, bool | np.bool_):
-        raise ValueError(f"the {name} of a vehicle must be a number [{unit}], but {value!r} was given")
-    if number.ndim != 0:
-        raise ValueError(
-            f"the {name} of a vehicle must be one number, but an array of shape {number.shape} was given; "
-            "create many vehicles with jax.vmap"
-        )
-    if not np.all(np.isfinite(0.0 if (known := concrete(number)) is None else known)):
-        raise ValueError(f"the {name} of a vehicle must be finite [{unit}], but {value!r} was given")
-    return number
-
-
-def _not_negative(value: ArrayInput, name: str, unit: str) -> Array:
-    number = _scalar(value, name, unit)
-    known = concrete(number)
-    if known is not None and np.any(known < 0):
-        raise ValueError(f"the {name} of a vehicle must not be negative [{unit}], but {known.tolist()} was given")
-    return number
-
-
-def _friction(value: ArrayInput) -> Array:
-    try:
-        friction = as_float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the friction of a vehicle must be one or two numbers, but {value!r} was given") from error
-    if friction.shape not in ((), (2,)):
-        raise ValueError(
-            "the friction of a vehicle must be one number, or two (along and across the vehicle), but an array of "
-            f"shape {friction.shape} was given"
-        )
-    require_positive(friction, "the friction of a vehicle", "-")
-    return xp.broadcast_to(friction, (2,)) if friction.ndim == 0 else friction

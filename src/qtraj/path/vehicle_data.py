@@ -8,6 +8,7 @@ import numpy as np
 
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.record import Quantity
+from qtraj.path.road import Road
 from qtraj.path.vehicle import Vehicle
 
 PREFIX = "vehicle_"
@@ -25,17 +26,42 @@ _FIELDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }
 """Unit, meaning and axes of each parameter of a vehicle."""
 
+_ROAD: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "distance": ("m", "distances along the path at which the road is defined", ("road_point",)),
+    "bank": ("rad", "bank angle of the road, positive if the left side is lower", ("road_point",)),
+    "friction": ("1", "coefficients of friction, along and across the vehicle", ("road_point", "friction_axis")),
+    "inverted": ("1", "whether the road is above the vehicle", ("road_point",)),
+}
+"""The same for a road that changes along the way."""
+
+_OF_ROAD = PREFIX + "road_"
+
 
 def vehicle_quantities(vehicle: Vehicle | None) -> dict[str, Quantity]:
     """Return the parameters of a vehicle as labelled quantities, whose names begin with `PREFIX`; empty for None."""
     values = {name: getattr(vehicle, name, None) for name in _FIELDS}
-    return {PREFIX + name: Quantity(x, *_FIELDS[name]) for name, x in values.items() if x is not None}
+    found = {PREFIX + name: Quantity(x, *_FIELDS[name]) for name, x in values.items() if x is not None}
+    if vehicle is None or vehicle.road is None:
+        return found
+    of_road = {name: getattr(vehicle.road, name) for name in _ROAD}
+    found |= {_OF_ROAD + name: Quantity(np.array(x), *_ROAD[name]) for name, x in of_road.items() if x is not None}
+    steps = Quantity(np.array(vehicle.road.kind == "step"), "1", "whether the road changes in steps, not linearly")
+    return found | {_OF_ROAD + "steps": steps}
 
 
 def vehicle_from(variables: Mapping[Any, Any]) -> Vehicle | None:
     """Create the vehicle from the quantities in a dataset; None if the dataset contains no mass of a vehicle."""
     values = {name: np.asarray(variables[PREFIX + name]) for name in _FIELDS if PREFIX + name in variables}
-    return Vehicle(**values) if "mass" in values else None
+    return Vehicle(**values, road=_road_from(variables)) if "mass" in values else None
+
+
+def _road_from(variables: Mapping[Any, Any]) -> Road | None:
+    values: dict[str, Any] = {x: np.asarray(variables[_OF_ROAD + x]) for x in _ROAD if _OF_ROAD + x in variables}
+    if "distance" not in values:
+        return None
+    if "inverted" in values:
+        values["inverted"] = values["inverted"].astype(bool)
+    return Road(**values, kind="step" if np.asarray(variables[_OF_ROAD + "steps"]) else "linear")
 
 
 def axes_of(parameter: str) -> int:

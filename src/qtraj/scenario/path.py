@@ -3,9 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -18,18 +16,17 @@ from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
-from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
 from qtraj.scenario import keys
 from qtraj.scenario.keys import NamedPart, Part, key
 from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 from qtraj.scenario.recorded_limits import along_path, with_odd_limits
+from qtraj.scenario.vehicle import Beside, VehiclePart, require_vehicle
 
 
 class StatePart(Part):
@@ -56,54 +53,6 @@ class PlacementPart(Part):
     )
 
 
-class VehiclePart(Part):
-    """The vehicle, for limits on friction, power, forces and moments: a point mass with tyres, on a banked road."""
-
-    mass: keys.Positive = key("mass", unit="kg")
-    inertia: keys.Inertia | None = key(
-        "moments of inertia about the vehicle's axes (one number if they are equal), or the tensor; used only for "
-        "moments",
-        None,
-    )
-    drag_area: keys.NotNegative = key("drag coefficient times frontal area", 0.0, unit="m²")
-    rolling_resistance: keys.NotNegative = key("coefficient of rolling resistance", 0.0, unit="-")
-    friction: keys.Positive | keys.PositivePair = key(
-        "coefficients of friction along and across the vehicle, or one coefficient for both; with 1, the "
-        "quantity `friction` is the coefficient of friction that the path requires of the road",
-        1.0,
-        values="one or two positive finite numbers [-]",
-    )
-    bank: Annotated[float, Field(gt=-MAX_BANK, lt=MAX_BANK, allow_inf_nan=False)] = key(
-        "bank angle of the road, positive if the left side is lower, as in a banked left turn",
-        0.0,
-        values="a number between -pi/2 and pi/2 [rad]; 3 degrees are 0.0524",
-    )
-    air_density: keys.NotNegative = key("density of the air", AIR_DENSITY, unit="kg/m³")
-    gravity: keys.NotNegative = key("gravitational acceleration, downwards", GRAVITY, unit="m/s²")
-    wheelbase: keys.Positive | None = key(
-        "distance of the axles, for limits on the steering angle and its rate", None, unit="m"
-    )
-
-    def vehicle(self) -> Vehicle:
-        """Return the vehicle of this table."""
-        return Vehicle(**self.model_dump())
-
-
-def require_vehicle(vehicle: Vehicle | None, needs: str, what: str) -> None:
-    """Raise a ValueError if the vehicle, or the property of it named by `needs`, is missing.
-
-    The message says that `what`, such as a limit, needs it.
-    """
-    if needs and vehicle is None:
-        contents = "the mass and the wheelbase" if needs == WHEELBASE else "the mass"
-        raise ValueError(f"{what} needs a vehicle: add a table [vehicle] with {contents}")
-    if needs in (INERTIA, PRINCIPAL) and vehicle is not None and vehicle.inertia is None:
-        raise ValueError(f"{what} needs the vehicle's inertia: set the key 'vehicle.inertia' [kg m²]")
-    if needs == WHEELBASE and vehicle is not None and vehicle.wheelbase is None:
-        raise ValueError(f"{what} needs the vehicle's wheelbase: set the key 'vehicle.wheelbase' [m]")
-    require(vehicle, needs, what)
-
-
 class LimitedScenario(NamedPart):
     """The limits of a path, the reason for each limit, and the settings of the retiming."""
 
@@ -117,7 +66,7 @@ class LimitedScenario(NamedPart):
     retime: RetimePart = key("settings of the retiming", RetimePart())
 
     def _faults(self) -> Iterator[str]:
-        limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.vehicle()
+        limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.without_file()
         for name in limits:
             if quantity(name).needs_vehicle:
                 require_vehicle(vehicle, quantity(name).needs, f"limits.{name}")
@@ -129,13 +78,15 @@ class LimitedScenario(NamedPart):
                 "purpose"
             )
 
-    def all_limits(self, recording: Recording | None = None, path: AbstractHodograph | None = None) -> Limits:
-        """Return the limits, combined with the vehicle.
+    def all_limits(
+        self, beside: Beside, recording: Recording | None = None, path: AbstractHodograph | None = None
+    ) -> Limits:
+        """Return the limits, combined with the vehicle; `beside` maps the name of a file to its path.
 
         Limits in columns are those of the `recording`, along the `path` fitted to it; without them, they are left out.
         """
         bounds = {name: along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
-        return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle())
+        return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle(beside))
 
 
 class PathScenario(LimitedScenario):
@@ -241,13 +192,13 @@ def lay(
         "part": scenario.tune,
     }
     with naming(f"{loaded.file}: "):
-        chosen["limits"] = scenario.all_limits()
+        chosen["limits"] = scenario.all_limits(loaded.beside)
         if scenario.track is not None:
             recording = scenario.track.read(loaded.beside, scenario.limits.columns())
             recording = with_odd_limits(recording, scenario.limits.limits())
             with with_notes(recording):
                 fitted = (scenario.fit or FitPart()).fit(recording.track, chosen["motion"])
-            chosen["limits"] = scenario.all_limits(recording, fitted.path)
+            chosen["limits"] = scenario.all_limits(loaded.beside, recording, fitted.path)
             return _along(fitted.path, recording=recording, fitted=fitted, **chosen)
         if scenario.path is not None:
             return _along(saved_path(loaded.beside(scenario.path)), **chosen)

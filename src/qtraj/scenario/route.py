@@ -144,7 +144,7 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     """
     scenario = loaded.scenario
     with naming(f"{loaded.file}: "):
-        scenario.all_limits()  # checked first, because the fit takes longer
+        scenario.all_limits(loaded.beside)  # checked first, because the fit takes longer
         window = scenario.track.window
         recording = scenario.track.read_whole(loaded.beside, scenario.limits.columns())
         recording = with_odd_limits(recording, scenario.limits.limits())
@@ -153,7 +153,7 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
             fitted = fit_route(recording.track, scenario.fit.spacing, window=window, **settings)
         if window is not None:
             recording = recording._replace(track=recording.track.window(*window))
-        limits = scenario.all_limits(recording, fitted.path)
+        limits = scenario.all_limits(loaded.beside, recording, fitted.path)
         tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
         return RouteTask(fitted.path, limits, recording, fitted, tuning)
 

@@ -41,8 +41,9 @@ def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None
     zero: Any = np.zeros(())
     if road is not None and entry.on_road:
         one: Any = np.ones(())
-        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, road, zero, one, one)
-        return np.full(rows.size, float(entry.value(forces)))
+        own_road = RoadParameters(*(np.broadcast_to(np.asarray(x), len(segments.durations))[rows] for x in road))
+        forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, own_road, zero, one, one)
+        return np.zeros(rows.size) + np.asarray(entry.value(forces))
     own = entry.own
     if own is not None and _undefined(entry, own):
         return np.full(rows.size, np.nan)

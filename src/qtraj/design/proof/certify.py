@@ -130,7 +130,7 @@ def certify(
 
 
 def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
-    if limits.varying:
+    if limits.varying or limits.along_road:
         return certify_varying(path, limits, _certify)
     names, batch, dtype = tuple(limits.given()), path.duration.shape, path.duration.dtype
     if not names:

@@ -18,6 +18,9 @@ FEWEST_FOR_FLOATS = 3
 IMPATIENT = 64
 """Divisor of the largest work after many claims stayed undecided."""
 
+LITTLE_WORK = subdivision.MAX_WORK // IMPATIENT
+"""Largest work for claims that smaller parts of a path make easier."""
+
 
 class Decided(NamedTuple):
     """Which claims are proved and refuted, and the fractions of the durations `at` which they are refuted."""

@@ -14,9 +14,10 @@ import numpy as np
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.subdivision import MAX_WORK
 from qtraj.design.proof import units
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.deciding import Decided, decided
+from qtraj.design.proof.deciding import LITTLE_WORK, Decided, decided
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.guards import GuardFormulas, state_of
 from qtraj.design.proof.limit_claims import (
@@ -36,11 +37,8 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.vehicle import RoadParameters
 
 GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
-"""The instants at which quantities are sampled.
-
-The first grid is for most quantities. Quantities with the divisor |r' × r''| have narrow peaks, and need the second
-one. The last grid is for quantities that are only sampled.
-"""
+"""The instants at which quantities are sampled. The first grid is for most quantities. Quantities with the divisor
+|r' × r''| have narrow peaks, and need the second one. The last grid is for quantities that are only sampled."""
 
 
 def judge(
@@ -48,12 +46,14 @@ def judge(
     limits: Sequence[Limit],
     vehicle: RoadParameters | None = None,
     window: Window | None = None,
+    end: RoadParameters | None = None,
 ) -> Findings:
     """Return the findings on all `limits`; the parameters in `vehicle` are (n,), in SI units.
 
-    With a `window`, the findings are on a part of each path.
+    With a `window`, the findings are on a part of each path, and the parameters are linear in it up to those at its
+    `end`, if these are given; claims then take little work, because they are easier in smaller parts.
     """
-    task = _Task(source, limits, vehicle, window)
+    task = _Task(source, limits, vehicle, window, end)
     columns = [task.finding(limit) for limit in limits]
     return Findings(*(xp.stack(x, axis=1) for x in zip(*columns, strict=True)))
 
@@ -61,11 +61,12 @@ def judge(
 class _Task:
     """The shared data of the findings on one batch of paths."""
 
-    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: RoadParameters | None, window: Window | None):
+    def __init__(self, source: Source, limits: Sequence[Limit], vehicle: Any, window: Window | None, end: Any):
         entries = [limit.entry for limit in limits]
         positioned = any(x.own is not None and x.own.position for x in entries)
         self.source = source.positioned() if positioned else source
-        self.vehicle, self.window = vehicle, window
+        self.vehicle, self.window, self.end = vehicle, window, end
+        self.work = MAX_WORK if end is None else LITTLE_WORK
         self.order = max([1, *(x.order for x in entries), *(DIVISOR_ORDER[x.divisor] for x in entries if x.divisor)])
         self.grid = FINE_GRID if any(x.divisor == "cross_norm" for x in entries) else GRID
         self._exact: dict[int, Formulas] = {}
@@ -147,7 +148,9 @@ class _Task:
         if not np.any(wanted):
             nothing = np.zeros(wanted.shape, bool)
             return Decided(nothing, nothing, np.zeros(wanted.shape))
-        found = decided(wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers)
+        found = decided(
+            wanted & np.isfinite(limit.bounds) & np.isfinite(factors), in_floats, in_integers, max_work=self.work
+        )
         found.proved[wanted & (entry.side * limit.bounds == np.inf)] = True  # there is no limit
         return found
 
@@ -155,12 +158,10 @@ class _Task:
         """Return the state of a divisor (PROVED positive, UNDECIDED or UNDEFINED), and the instant of its minimum."""
         if name not in self._divisors:
             provable = self.source.provable(name in UPRIGHT_DIVISORS)
-            found = decided(
-                provable,
-                lambda: self._bounded and self._bounded.divisor(name, BoundedPolynomial.constant(self._fastest)),
-                lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k)),
-                strict=True,
-            )
+            fastest = lambda: BoundedPolynomial.constant(self._fastest)  # noqa: E731
+            floats = lambda: self._bounded and self._bounded.divisor(name, fastest())  # noqa: E731
+            integers = lambda k: self._exact_formulas(k).divisor(name, self._fastest_in_integers(k))  # noqa: E731
+            found = decided(provable, floats, integers, True, self.work)
             self._divisors[name] = np.full(provable.shape, PROVED), np.zeros(provable.shape)
             if not np.all(found.proved):
                 self._divisors[name] = self._zero(name, provable, found)
@@ -190,7 +191,8 @@ class _Task:
             return self._formulas_of(None if found is None else units.bounded_in_si(found, self.source), self.vehicle)
 
     def _formulas_of(self, derivatives: Derivatives | None, vehicle: RoadParameters | None) -> Formulas | None:
-        known = None if vehicle is None else units.constants(vehicle, lambda x: BoundedPolynomial.constant(x, k=6))
+        polynomial = lambda x: BoundedPolynomial.constant(x, k=6)  # noqa: E731
+        known = None if vehicle is None else units.constants(vehicle, polynomial, self.end, self._fractions)
         constant = lambda x: BoundedPolynomial.constant(np.full(self.source.count, units.as_number(x)), k=1)  # noqa: E731
         return None if derivatives is None else Formulas(derivatives, constant, known, self.window)
 
@@ -208,7 +210,9 @@ class _Task:
         if k not in self._exact:
             derivatives, vehicle = self.source.exact(k, self.order), None
             if self.vehicle is not None:
-                vehicle = units.constants(RoadParameters(*(x[k] for x in self.vehicle)), ExactPolynomial.of)
+                start: Any = RoadParameters(*(x[k] for x in self.vehicle))
+                end = self.end and RoadParameters(*(x[k] for x in self.end))
+                vehicle = units.constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 unit = units.unit_of_time(self.source, derivatives.span, k)
                 vehicle = vehicle._replace(gravity=units.times_power(vehicle.gravity, unit, 2))
             window = None if self.window is None else [float(x[k]) for x in self.window]
@@ -262,7 +266,7 @@ class _Task:
         found, vehicle = self.source.at(self._fraction(u), self.order), self._scaled_vehicle
         if si:
             found, vehicle = units.values_in_si(found, self.source), self.vehicle
-        return Invariants(found.rows, found.up, vehicle, root=_root, pace=found.pace)
+        return Invariants(found.rows, found.up, units.vehicle_at(vehicle, self.end, u), root=_root, pace=found.pace)
 
     def _fraction(self, u: np.ndarray) -> np.ndarray:
         return u if self.window is None else self.window.at(u)

@@ -9,18 +9,21 @@ from qtraj.design.limits import Limits
 from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import BROKEN, PROVED, Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
+from qtraj.design.proof.on_road import OnRoad
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_intervals import Intervals, intervals
 from qtraj.design.proof.route_segments import findings, worst
 from qtraj.design.proof.varying import limit_by_speed
 from qtraj.design.proof.varying_parts import Divided, excess, judged_parts
 from qtraj.foundation.arrays import is_traced
-from qtraj.path.distances import distances
+from qtraj.path.distances import Distances, distances
 from qtraj.path.driving import require_one_direction, segments_of
+from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import quantity
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle import RoadParameters, fixed_parameters
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
@@ -43,15 +46,24 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road = limits.road(float) if limits.parametric else None
+    road, on_road = fixed_parameters(limits.vehicle, float) if limits.parametric else None, limits.along_road
     factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
-    constant = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
+    numbers = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
+    constant = {name: x for name, x in numbers.items() if name not in on_road}
     found = [_of_constant(segments, constant, factors, road)] if constant else []
     by_speed = {name: x for name, x in given.items() if isinstance(x, OfSpeed)}
     found += [_by_speed(segments, name, x) for name, x in by_speed.items()]
-    if along := [name for name in limits.varying if name not in by_speed]:
-        divided = _divided(route, segments, road)
-        found += [_of_varying(divided, segments, name, given[name], factors[name], road) for name in along]
+    if along := [name for name in dict.fromkeys([*limits.varying, *on_road]) if name not in by_speed]:
+        on = distances(route)
+        vehicle: Any = limits.vehicle
+        way = RoadOnPath(vehicle, on) if on_road else None
+        divided = _divided(on, segments, road, way)
+        for name in along:
+            own = way if way is not None and name in on_road else road
+            if name in limits.varying:
+                found.append(_of_varying(divided, segments, name, given[name], factors[name], own))
+            else:
+                found.append(_on_road(divided, segments, name, numbers[name], own))
     return _certificate(starts, names, found)
 
 
@@ -93,16 +105,36 @@ def _by_speed(segments: Segments, name: str, bound: OfSpeed) -> _Found:
     return _Found((name,), (codes, times + segments.starts[:, None], values, bounds[:, None]), broken)
 
 
-def _divided(route: Route, segments: Segments, road: RoadParameters | None) -> Divided:
+def _divided(on: Distances, segments: Segments, road: RoadParameters | None, way: RoadOnPath | None) -> Divided:
+    """Return the segments; `way` is the road of limits on forces, if it changes along the way."""
+
+    def judged(segment: np.ndarray, limit: Limit, window: Window, start: Any, end: Any = None) -> Findings:
+        return findings(segments.part(segment), [limit], start, window, end)
+
+    ends = np.minimum(segments.starts + segments.durations, np.append(segments.starts[1:], np.inf))
+    on_road = None if way is None else OnRoad(way, segments.starts, ends, judged)
+
     def of_parts(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
-        return findings(segments.part(segment), [limit], road, window)
+        if on_road is not None and limit.entry.needs == VEHICLE:
+            return on_road.findings(segment, limit, window)
+        return judged(segment, limit, window, road)
 
-    return Divided(segments.starts, segments.durations, distances(route), of_parts)
+    return Divided(segments.starts, segments.durations, on, of_parts)
 
 
-def _of_varying(
-    divided: Divided, segments: Segments, name: str, along: Any, factor: float, road: RoadParameters | None
-) -> _Found:
+def _on_road(divided: Divided, segments: Segments, name: str, bound: float, way: Any) -> _Found:
+    """Return the findings on a constant limit on a road that changes along the way."""
+    count, ends = len(segments.starts), segments.durations
+    bounds = np.full(count, bound)
+    window = Window(np.zeros(count), np.ones(count))
+    codes, times, values = divided.findings(np.arange(count), Limit(quantity(name), bounds, np.ones(count)), window)
+    rows = np.flatnonzero(codes[:, 0] == BROKEN)
+    parts = Intervals(rows, 0.0 * ends[rows], ends[rows], np.full((rows.size, 2), bound), times[rows, 0])
+    broken = [(name, x) for x in intervals(segments, name, parts, way)]
+    return _Found((name,), (codes, times + segments.starts[:, None], values, bounds[:, None]), broken)
+
+
+def _of_varying(divided: Divided, segments: Segments, name: str, along: Any, factor: float, road: Any) -> _Found:
     """Return the findings on a limit that changes along the way."""
     entry, count = quantity(name), len(segments.starts)
     parts = judged_parts(divided, entry, along, factor)

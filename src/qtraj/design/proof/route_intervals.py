@@ -11,6 +11,7 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.speed_claims import compared
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
@@ -47,7 +48,7 @@ class Intervals(NamedTuple):
 
 
 def intervals(
-    segments: Segments, name: str, parts: Intervals, road: RoadParameters | None
+    segments: Segments, name: str, parts: Intervals, road: RoadParameters | RoadOnPath | None
 ) -> list[tuple[float, float]]:
     """Return the intervals (start, end) [s] of a route in which a quantity violates its bound."""
     if not parts.segment.size:
@@ -90,7 +91,7 @@ def intervals(
 
 
 def _exceeds(
-    segments: Segments, rows: np.ndarray, s: np.ndarray, name: str, bound: np.ndarray, road: RoadParameters | None
+    segments: Segments, rows: np.ndarray, s: np.ndarray, name: str, bound: np.ndarray, road: Any
 ) -> np.ndarray:
     """Check whether a quantity violates its bound in the segments `rows` (n, 1) at the times `s` (n, instants).
 
@@ -101,6 +102,8 @@ def _exceeds(
     if segments.origin is not None:
         derivatives[0] = derivatives[0] + segments.origin
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
+    if isinstance(road, RoadOnPath):
+        road = road.at(segments.starts[rows] + s)
     return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))
 
 

@@ -45,12 +45,17 @@ RANK = np.array([0, 1, 4, 2, 3])
 
 
 def findings(
-    segments: Segments, limits: Sequence[Limit], road: RoadParameters | None, window: Window | None = None
+    segments: Segments,
+    limits: Sequence[Limit],
+    road: RoadParameters | None,
+    window: Window | None = None,
+    end: RoadParameters | None = None,
 ) -> Findings:
     """Compute the findings on every segment; the times are measured from the start of the segment.
 
     Each of `limits` has one bound and one factor, or one for each segment, and `road` contains the parameters of the
-    vehicle, or is None. With a `window`, the findings are on a part of each segment.
+    vehicle, or those for each segment, or is None. With a `window`, the findings are on a part of each segment; the
+    parameters are linear in it up to those at its `end`, if these are given.
     """
     count, moving = len(segments.durations), segments.coefficients[:, 1:].any(axis=(1, 2))
     stops, composed = standing(segments), segments.composed & moving
@@ -58,7 +63,7 @@ def findings(
     stopping = stops.any(axis=1) & ~composed
     regular, stopping = moving & ~stopping & ~composed, np.flatnonzero(stopping)
     every = np.arange(len(limits))
-    task = _Task(segments, limits, road, window)
+    task = _Task(segments, limits, road, window, end)
     _judge(result, task, np.flatnonzero(regular), every, _regular)
     kinds = np.array([_kind(limit) for limit in limits])
     _judge(result, task, stopping, every[kinds == "path"], _regular)
@@ -110,22 +115,27 @@ class _Task(NamedTuple):
     limits: Sequence[Limit]
     road: RoadParameters | None
     window: Window | None
+    end: RoadParameters | None
 
 
 def _judge(result: Findings, task: _Task, rows: np.ndarray, columns: np.ndarray, source: Any) -> None:
     """Store the findings on the given rows and columns in `result`."""
     if not columns.size:
         return
-    count, road = len(result.codes), task.road
+    count = len(result.codes)
     for start in range(0, len(rows), BLOCK_SIZE):
         block = rows[start : start + BLOCK_SIZE]
-        ones = np.ones(len(block))
         own = [_of_rows(task.limits[k], count, block) for k in columns]
-        vehicle = None if road is None else RoadParameters(*(np.asarray(x, float) * ones for x in road))
+        vehicle, end = (_parameters(x, count, block) for x in (task.road, task.end))
         window = None if task.window is None else Window(*(x[block] for x in task.window))
-        found = judge(source(task.segments, block), own, vehicle, window)
+        found = judge(source(task.segments, block), own, vehicle, window, end)
         for array, new in zip(result, found, strict=True):
             array[np.ix_(block, columns)] = new
+
+
+def _parameters(road: RoadParameters | None, count: int, rows: np.ndarray) -> RoadParameters | None:
+    """Return the parameters in some of `count` rows."""
+    return None if road is None else RoadParameters(*(np.broadcast_to(np.asarray(x, float), count)[rows] for x in road))
 
 
 def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:

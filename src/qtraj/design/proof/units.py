@@ -11,6 +11,7 @@ from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.sparse import is_one, mul
 from qtraj.design.proof.sources import Derivatives, Source
+from qtraj.path.road_on_path import LINEAR
 from qtraj.path.vehicle import RoadParameters
 
 
@@ -27,13 +28,36 @@ def unit_of_time(source: Source, span: Any, k: int) -> float:
     return float(source.duration[k]) if is_one(span) else 1.0
 
 
-def constants(vehicle: RoadParameters, constant: Callable[[Any], Any]) -> RoadParameters:
-    """Return the parameters as constant polynomials; a parameter that is 0 or 1 for all paths is that integer."""
+def constants(
+    vehicle: RoadParameters,
+    constant: Callable[[Any], Any],
+    end: RoadParameters | None = None,
+    fraction: Any = None,
+) -> RoadParameters:
+    """Return the parameters as constant polynomials; a parameter that is 0 or 1 for all paths is that integer.
 
-    def of(x: np.ndarray) -> Any:
+    With the parameters at the `end`, those that change are linear in the polynomial `fraction`.
+    """
+
+    def of(x: np.ndarray, y: np.ndarray) -> Any:
+        if (x != y).any():
+            return constant(x) + (constant(y) - constant(x)) * fraction
         return int(np.ravel(x)[0]) if np.all(x == 0) or np.all(x == 1) else constant(x)
 
-    return RoadParameters(*(of(np.asarray(x, float)) for x in vehicle))
+    pairs = zip(vehicle, _other_end(vehicle, end), strict=True)
+    return RoadParameters(*(of(np.asarray(x, float), np.asarray(y, float)) for x, y in pairs))
+
+
+def vehicle_at(vehicle: RoadParameters | None, end: RoadParameters | None, u: np.ndarray) -> RoadParameters | None:
+    """Return the parameters at fractions `u` (k, n) of the way to the `end`."""
+    if vehicle is None or end is None:
+        return vehicle
+    changed = {name: x + u * (getattr(end, name) - x) for name in LINEAR for x in [getattr(vehicle, name)]}
+    return vehicle._replace(**changed)
+
+
+def _other_end(vehicle: RoadParameters, end: RoadParameters | None) -> RoadParameters:
+    return vehicle if end is None else vehicle._replace(**{name: getattr(end, name) for name in LINEAR})
 
 
 def bounded_in_si(d: Derivatives, source: Source) -> Derivatives:

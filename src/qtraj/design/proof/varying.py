@@ -16,6 +16,7 @@ from qtraj.design.margins import at_speed
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
+from qtraj.design.proof.on_road import OnRoad
 from qtraj.design.proof.paths import curve_source, polynomial_arrays, source_of, world_source
 from qtraj.design.proof.varying_parts import Divided, judged_parts
 from qtraj.design.regions import Regions
@@ -23,8 +24,10 @@ from qtraj.design.timing.findings import joined
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.vehicle import RoadParameters, fixed_parameters
 from qtraj.path.vehicle_data import batch_of
 
 
@@ -45,20 +48,31 @@ def certify_varying(
         names = tuple(limits.given())
         return Certificate(names, *(np.reshape(x, (*batch, len(names))) for x in fields))
     limits = limits.on(path)
-    given = limits.given()
-    whole = _divided(path, limits)
+    given, on_road = limits.given(), limits.along_road
+    whole, rest = _divided(path, limits), [name for name in limits.constant() if name not in on_road]
     factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
-    found = [certify(path, limits.only(list(limits.constant())))] if limits.constant() else []
-    for name in limits.varying:
+    found = [certify(path, limits.only(rest))] if rest else []
+    for name in dict.fromkeys([*limits.varying, *on_road]):
         along: Any = given[name]
         if isinstance(along, OfSpeed):
             found.append(_by_speed(path, name, along))
+            continue
+        if not isinstance(along, Along):
+            found.append(_on_road(whole, name, float(np.asarray(along)), factors[name]))
             continue
         parts = judged_parts(whole, quantity(name), along, factors[name])
         row = parts.worst(quantity(name), 1)
         columns = (parts.codes, parts.times, parts.values, parts.bounds)
         found.append(Certificate((name,), *(x[row] for x in columns)))
     return joined(found, tuple(given))
+
+
+def _on_road(whole: Divided, name: str, bound: float, factor: float) -> Certificate:
+    """Return the certificate of a constant limit on a road that changes along the way."""
+    limit = Limit(quantity(name), np.full(1, bound), np.full(1, factor))
+    found = whole.findings(np.zeros(1, int), limit, Window(np.zeros(1), np.ones(1)))
+    codes, times, values = (x[0] for x in found)
+    return Certificate((name,), codes, times, values, np.full(1, bound))
 
 
 def _by_speed(path: AbstractHodograph, name: str, bound: OfSpeed) -> Certificate:
@@ -81,8 +95,9 @@ def limit_by_speed(name: str, bound: OfSpeed) -> Limit:
 def require_known(path: AbstractHodograph, limits: Limits) -> None:
     """Raise a ValueError for traced values with limits that are not constant."""
     if is_traced(path, limits):
+        name = [*limits.varying, *limits.along_road][0]
         raise ValueError(
-            f"the limit {limits.varying[0]} is not constant, which certify supports for paths with concrete values: "
+            f"the limit {name}, or the road, is not constant, which certify supports for paths with concrete values: "
             "call it outside jit, grad and vmap"
         )
 
@@ -106,28 +121,43 @@ def _element(path: AbstractHodograph, limits: Limits, index: tuple[int, ...]) ->
 def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
     """Return the path as one segment."""
     arrays = polynomial_arrays(path)
-    road = limits.road(float) if limits.uses_vehicle else None
+    road = fixed_parameters(limits.vehicle, float) if limits.uses_vehicle else None
 
-    def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
+    def judged(segment: np.ndarray, limit: Limit, window: Window, start: Any, end: Any = None) -> Findings:
         count = len(segment)
         in_world = limit.entry.own is not None and limit.entry.own.world
         if arrays is None or in_world:  # the derivatives may be compiled, for one path
             source = curve_source if arrays is None else world_source
-            each = [_on_curve(path, source, limit, road, window, k) for k in range(count)]
+            each = [_on_curve(path, source, limit, (start, end), window, k) for k in range(count)]
             return Findings(*(np.concatenate(x) for x in zip(*each, strict=True)))
         source = source_of([np.repeat(np.asarray(x)[None], count, axis=0) for x in arrays])
-        return judge(source, [limit._replace(factors=np.repeat(limit.factors, count))], _each(road, count), window)
+        factors = np.broadcast_to(limit.factors, count)
+        return judge(source, [limit._replace(factors=factors)], _each(start, count), window, _each(end, count))
 
-    return Divided(np.zeros(1), np.full(1, float(path.duration)), distances(path), findings)
+    on, length = distances(path), np.full(1, float(path.duration))
+    vehicle: Any = limits.vehicle
+    on_road = OnRoad(RoadOnPath(vehicle, on), np.zeros(1), length, judged) if limits.along_road else None
+
+    def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
+        if on_road is not None and limit.entry.needs == VEHICLE:
+            return on_road.findings(segment, limit, window)
+        return judged(segment, limit, window, road)
+
+    return Divided(np.zeros(1), length, on, findings)
 
 
-def _on_curve(path: Any, source: Any, limit: Limit, road: RoadParameters | None, window: Window, k: int) -> Findings:
+def _on_curve(path: Any, source: Any, limit: Limit, road: tuple[Any, Any], window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
     one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
-    own = Limit(limit.entry, limit.bounds[[k]], limit.factors[None])
-    return judge(source(one), [own], _each(road, 1), Window(*(x[[k]] for x in window)))
+    own = Limit(limit.entry, limit.bounds[[k]], np.broadcast_to(limit.factors, len(limit.bounds))[[k]])
+    start, end = (_row(x, k) for x in road)
+    return judge(source(one), [own], start, Window(*(x[[k]] for x in window)), end)
+
+
+def _row(road: RoadParameters | None, k: int) -> RoadParameters | None:
+    return None if road is None else RoadParameters(*(np.atleast_1d(x)[[k if np.ndim(x) else 0]] for x in road))
 
 
 def _each(road: RoadParameters | None, count: int) -> RoadParameters | None:
     """Return the parameters of the vehicle for `count` parts of a path."""
-    return None if road is None else RoadParameters(*(np.repeat(np.asarray(x, float), count) for x in road))
+    return None if road is None else RoadParameters(*(np.broadcast_to(np.asarray(x, float), count) for x in road))

@@ -20,6 +20,7 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.part_search import Posed, shape_of
 from qtraj.design.timing.part_timing import TimedPart, codes_of
 from qtraj.design.timing.parts import Part
+from qtraj.design.timing.road_cells import at_parameters
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import at_places, in_cells, strictest
@@ -178,7 +179,8 @@ def _usage(p: Posed, shape: Shape, cells: Cells, powers: Any) -> Float[np.ndarra
     k, place = np.repeat(np.arange(len(powers)), CHECKED), np.tile(z, len(powers))
     bounds = at_places(in_cells(p.bounds, *shape.parameters(cells, 2).T), k, place)
     with np.errstate(all="ignore"):
-        found = used(parts(r.reshape(3, 3, -1), one, bounds, p.vehicle), v.reshape(3, -1))
+        vehicle = at_parameters(p.vehicle, shape.parameters(cells, CHECKED).ravel())
+        found = used(parts(r.reshape(3, 3, -1), one, bounds, vehicle), v.reshape(3, -1))
     rows = ratios(found, listed(p.bounds, p.vehicle is not None))
     return np.max(rows.reshape(len(rows), *a.shape), axis=2)
 

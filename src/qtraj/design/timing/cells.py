@@ -7,7 +7,7 @@ varies by more than the factor `UNEVEN`. Then cells are halved where a cubic doe
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
 from qtraj.design.varying import Varying, at_places, in_cells, strictest, varies
+from qtraj.path.road_on_path import RoadOnPath
 
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
@@ -144,6 +145,8 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
         low, high = shape.parameters(cells, 2).T
         cell, place = np.repeat(np.arange(low.size), PLACES), np.tile(np.linspace(0.0, 1.0, PLACES), low.size)
         task = task._replace(bounds=at_places(in_cells(task.bounds, low, high), cell, place))
+    if isinstance(task.vehicle, RoadOnPath):
+        task = task._replace(vehicle=task.vehicle.at(shape.parameters(cells, PLACES).ravel()))
     found, pace = relaxed(r[..., ::2], distances, task), speed[:, ::2]
     a = np.divide(found.squares, pace**2, out=np.zeros_like(pace), where=pace > 0)
     fourth = np.abs(a @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
@@ -170,7 +173,7 @@ def chosen(shape: Shape, task: Task, accuracy: float, steady: bool = False) -> t
 
 def _with_changes(shape: Shape, task: Task, cells: Cells, accuracy: float) -> Cells:
     """Halve cells in which a limit changes, because the stricter value holds in the whole cell."""
-    changing = [x for x in task.bounds.values() if isinstance(x, Varying)]
+    changing: list[Any] = [x for x in (*task.bounds.values(), task.vehicle) if isinstance(x, Varying | RoadOnPath)]
     places = np.unique(np.concatenate([np.zeros(0), *(x.changes() for x in changing)]))
     if not places.size:
         return cells

@@ -21,6 +21,7 @@ from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import Varying
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.route import Route
 from qtraj.path.vehicle import RoadParameters
 
@@ -35,7 +36,7 @@ class Posed(NamedTuple):
     path: AbstractHodograph
     polynomials: Source | None
     bounds: dict[str, Any]
-    vehicle: RoadParameters | None
+    vehicle: RoadParameters | RoadOnPath | None
     names: tuple[str, ...]
     lap: bool
     knots: int | None

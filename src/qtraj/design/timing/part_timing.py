@@ -16,11 +16,13 @@ from qtraj.design.timing.grid import Grid, ends, of_segments, uniform
 from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
+from qtraj.design.timing.road_proof import proved_on_road
 from qtraj.design.timing.search import Found
 from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import in_cells, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import namespace
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.route import Route
 
 KNOTS = 512
@@ -133,7 +135,10 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
     bounds = in_cells(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
     given = {name: _if_bounded(xp, unbounded, bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
-    return prove(p.polynomials, grid, (own, np.array(rest)), given, road).codes
+    timing = own, np.array(rest)
+    if isinstance(road, RoadOnPath):
+        return proved_on_road(p.polynomials, grid, timing, given, road, ends(p.path, grid))
+    return prove(p.polynomials, grid, timing, given, road).codes
 
 
 def _if_bounded(xp: Any, unbounded: Any, bound: Any) -> Any:

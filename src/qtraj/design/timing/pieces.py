@@ -16,9 +16,12 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import Cells
 from qtraj.design.timing.retimed_maxima import PLACES, Limited
+from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_proof import part_of_grid, prove_on_road
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import Varying
+from qtraj.path.road_on_path import RoadOnPath
 
 ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
 """Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
@@ -45,6 +48,10 @@ class Pieces(NamedTuple):
         start[second] = end[second - 1] = 0.5 * (start[second] + end[second])
         return Pieces(cell, start, end), index
 
+    def of(self, grid: Grid) -> Grid:
+        """Return the pieces of a grid."""
+        return part_of_grid(grid, *self)
+
     def part(self, chosen: Any) -> "Pieces":
         """Return some of the pieces."""
         return Pieces(*(x[chosen] for x in self))
@@ -60,7 +67,7 @@ def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Co
     pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
     codes, rough = problem.judged(pieces, tuple(limited.bounds))
     for _ in range(HALVINGS):
-        unproved = rough & (codes != PROVED) & (_grid(limited.cells.grid, pieces).half > LEAST)
+        unproved = rough & (codes != PROVED) & (pieces.of(limited.cells.grid).half > LEAST)
         for name in problem.changing:
             row = unproved[NAMES.index(name)]
             row &= not problem.violated(pieces.part(row), name)
@@ -84,7 +91,10 @@ class _Problem:
 
     def __init__(self, limited: Limited, polynomials: Source):
         self._limited, self._polynomials = limited, polynomials
-        self.changing = tuple(name for name, x in limited.bounds.items() if isinstance(x, Varying))
+        self._on_road = isinstance(limited.vehicle, RoadOnPath)
+        self.changing = tuple(
+            name for name, x in limited.bounds.items() if isinstance(x, Varying) or (self._on_road and name in ROAD)
+        )
         timing, columns = limited.path.timing, limited.cells.columns
         self._powers = np.asarray(timing.coefficients)[columns]
         self._rest = np.zeros((2, columns.size), bool)
@@ -93,7 +103,7 @@ class _Problem:
     def judged(self, pieces: Pieces, names: tuple[str, ...]) -> tuple[Codes, Bool[np.ndarray, "limits pieces"]]:
         """Return the status of the limits `names` on pieces, and where lines are not close to a limit that changes."""
         low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
-        grid, place = _grid(self._limited.cells.grid, pieces), np.stack([pieces.start, pieces.end])
+        grid, place = pieces.of(self._limited.cells.grid), np.stack([pieces.start, pieces.end])
         bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
         for name in names:
             bounds[name] = bound = self._limited.bounds[name]
@@ -101,8 +111,12 @@ class _Problem:
                 bounds[name], rest = bound.approximated(low, high)
                 rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
         timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
-        codes = prove(self._polynomials, grid, timing, bounds, self._limited.vehicle, place).codes
-        return np.array(codes), rough
+        vehicle: Any = self._limited.vehicle
+        if not self._on_road:
+            return np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes), rough
+        codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
+        rough[[NAMES.index(name) for name in ROAD if name in bounds]] |= changes
+        return codes, rough
 
     def violated(self, pieces: Pieces, name: str) -> bool:
         """Return whether a sample on one of the pieces violates a limit."""
@@ -117,12 +131,6 @@ def _parameters(limited: Limited, cell: Int[np.ndarray, " m"], place: Float[np.n
     """Return the parameters of the path at fractions of moving cells."""
     knots, at = np.asarray(limited.path.timing.knots), limited.cells.columns[cell]
     return knots[at] + place * (knots[at + 1] - knots[at])
-
-
-def _grid(grid: Grid, pieces: Pieces) -> Grid:
-    half = grid.half[pieces.cell] * (pieces.end - pieces.start)
-    middle = grid.middle[pieces.cell] + grid.half[pieces.cell] * (pieces.start + pieces.end - 1)
-    return Grid(np.arange(half.size + 1.0), grid.segment[pieces.cell], middle, half)
 
 
 def _divided(limited: Limited, pieces: Pieces) -> Limited:
@@ -148,4 +156,4 @@ def _divided(limited: Limited, pieces: Pieces) -> Limited:
         [cells.stops[0][pieces.cell] & (pieces.start == 0), cells.stops[1][pieces.cell] & (pieces.end == 1)]
     )
     divided = RetimedPath(path.path, Timing(np.stack(shifted, axis=1), knots, timing.rest))
-    return limited._replace(path=divided, cells=Cells(_grid(cells.grid, pieces), np.flatnonzero(own), stops))
+    return limited._replace(path=divided, cells=Cells(pieces.of(cells.grid), np.flatnonzero(own), stops))

@@ -18,7 +18,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
-from qtraj.design.proof.units import times_power
+from qtraj.design.proof.units import constants, times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
@@ -67,6 +67,8 @@ def prove(
     bounds: Mapping[str, Any],
     vehicle: RoadParameters | None = None,
     place: Float[np.ndarray, "2 cells"] | None = None,
+    end: RoadParameters | None = None,
+    max_work: int = MAX_WORK,
 ) -> Proofs:
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
@@ -74,6 +76,10 @@ def prove(
     have the values at both ends of each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
     limit is PROVED if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are
     treated as if they were not in `bounds`.
+
+    The parameters of the `vehicle` may be those at the starts of the cells, and linear up to those at their `end`.
+
+    A claim in integers may take at most `max_work` additions.
 
     The cells may be dyadic parts of the cells of a timing: `place` contains their starts and ends as fractions of the
     cells to which the coefficients belong, and the second item of `timing` has a column for each part.
@@ -86,9 +92,11 @@ def prove(
     def judge(*given: Any) -> Int[Any, "batch limits cells"]:
         *position, durations, powers, limits, road = given
         numbers: dict[str, Any] = dict(zip(names, limits, strict=True))
-        return _judged(path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road)
+        return _judged(
+            path.directions, grid, (rest, place), position, durations, powers, (numbers, by_speed), road, max_work
+        )
 
-    given = *path[:5], timing[0], [bounds[name] for name in names], vehicle
+    given = *path[:5], timing[0], [bounds[name] for name in names], (vehicle, end)
     shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
     return Proofs(on_host(judge, shape, *given))
 
@@ -101,7 +109,8 @@ def _judged(
     durations: Float[Any, "batch segments"],
     powers: Float[Any, "batch cells 4"],
     bounds: tuple[dict[str, PerCell], dict[str, OfSpeed]],
-    road: RoadParameters | None,
+    road: tuple[RoadParameters | None, RoadParameters | None],
+    max_work: int,
 ) -> Int[Any, "batch limits cells"]:
     """Return the statuses for a batch of paths; all cells of the batch are judged as cells of one path.
 
@@ -126,22 +135,20 @@ def _judged(
     motions = CellMotions(columns, of_cells(durations), first, half, timing, at_rest, segment, directions, place)
     limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
-    vehicle = None if road is None else RoadParameters(*(np.repeat(x, cells) for x in road))
+    ways = [x and RoadParameters(*(np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1) for y in x)) for x in road]
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
         every = np.flatnonzero(group)
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
-            own = None if vehicle is None else RoadParameters(*(x[block] for x in vehicle))
-            codes[:, block] = _codes(motions.chosen(block), {name: x[block] for name, x in each.items()}, by_speed, own)
+            own = [x and RoadParameters(*(y[block] for y in x)) for x in ways]
+            task = _Task(motions.chosen(block), {name: x[block] for name, x in each.items()}, own, max_work)
+            codes[:, block] = _codes(task, by_speed)
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
 
 
-def _codes(
-    motions: CellMotions, limits: dict[str, PerCell], by_speed: dict[str, OfSpeed], road: RoadParameters | None
-) -> Int[Any, "limits n"]:
-    task = _Task(motions, limits, road)
-    finite = np.isfinite(motions.timing).all(axis=0)
+def _codes(task: "_Task", by_speed: dict[str, OfSpeed]) -> Int[Any, "limits n"]:
+    finite = np.isfinite(task.motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
     rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
 
@@ -152,7 +159,7 @@ def _codes(
             positive[divisor] = forward & own.proved
         return positive[divisor]
 
-    for name, limit in limits.items():
+    for name, limit in task.limits.items():
         entry = quantity(name)
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
         absent = np.isinf(strictest) | ((name == SLOWEST) & (strictest <= 0))
@@ -182,8 +189,8 @@ def _within(task: "_Task", name: str, limit: Float[Any, " n"], wanted: Bool[Any,
 class _Task:
     """The claims about a block of cells, in bounded floats and, for single cells, in exact integers."""
 
-    def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: RoadParameters | None):
-        self._motions, self._limits, self._road = motions, limits, road
+    def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: list[RoadParameters | None], work: int):
+        self.motions, self.limits, (self._road, self._end), self._max_work = motions, limits, road, work
         self._order = 3 if set(THIRD) & {quantity(name).base or name for name in limits} else 2
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
@@ -198,7 +205,7 @@ class _Task:
             lambda: claim(self._in_floats(), self._float_limit),
             lambda k: claim(self._in_integers(k), lambda name: self._exact_limit(name, k)),
             strict,
-            MAX_WORK,
+            self._max_work,
             PATIENCE,
         )
 
@@ -235,8 +242,9 @@ class _Task:
             vehicle = None
             if self._road is not None:
                 road = self._road._replace(gravity=self._road.gravity * self._unit**2)
-                vehicle = _constants(road, lambda x: BoundedPolynomial.constant(x, k=3))
-            self._floats = CellClaims(self._motions.bounded(self._order), vehicle)
+                fraction = BoundedPolynomial(np.repeat([[0.0], [1.0]], len(road.mass), axis=1))
+                vehicle = constants(road, lambda x: BoundedPolynomial.constant(x, k=3), self._end, fraction)
+            self._floats = CellClaims(self.motions.bounded(self._order), vehicle)
             if self._road is not None:
                 squares = self._floats.squares()
                 self._roots = [enclosure(p.c) for p in squares]
@@ -247,28 +255,25 @@ class _Task:
         if k not in self._integers:
             vehicle = None
             if self._road is not None:
-                vehicle = _constants(RoadParameters(*(x[[k]] for x in self._road)), lambda x: ExactPolynomial.of(x[0]))
+                start: Any = RoadParameters(*(x[k] for x in self._road))
+                end = self._end and RoadParameters(*(x[k] for x in self._end))
+                vehicle = constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
-            own = self._integers[k] = CellClaims(self._motions.exact(k, self._order), vehicle)
+            own = self._integers[k] = CellClaims(self.motions.exact(k, self._order), vehicle)
             if self._roots and all(root.good[k] for root in self._roots):
                 own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
         return self._integers[k]
 
     def _float_limit(self, name: str) -> BoundedPolynomial:
-        per_time, limit = quantity(name).per_time, self._limits[name]
+        per_time, limit = quantity(name).per_time, self.limits[name]
         if limit.ndim == 1:
             return BoundedPolynomial.constant(limit * self._unit**per_time, k=2 * per_time + 1)
         line = np.stack([limit[:, 0], limit[:, 1] - limit[:, 0]])
         return BoundedPolynomial(line * self._unit**per_time, k=2 * per_time + 2)
 
     def _exact_limit(self, name: str, k: int) -> ExactPolynomial:
-        start, *end = np.atleast_1d(self._limits[name][k])
+        start, *end = np.atleast_1d(self.limits[name][k])
         limit = ExactPolynomial.of(start)
         if end:
             limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
         return times_power(limit, self._unit[k], quantity(name).per_time)
-
-
-def _constants(road: RoadParameters, constant: Callable[[np.ndarray], Any]) -> RoadParameters:
-    """Return the parameters as constant polynomials; a parameter that is 0 for all cells is that integer."""
-    return RoadParameters(*(constant(x) if np.any(x != 0) else 0 for x in road))

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
 from qtraj.path.quantity import COMBINED
-from qtraj.path.vehicle import RoadParameters
 
 PLACES = 5
 """Number of equidistant samples in each cell, both ends included."""
@@ -44,7 +43,7 @@ class Task(NamedTuple):
     """
 
     bounds: dict[str, Any]
-    vehicle: RoadParameters | None
+    vehicle: Any
     ends: tuple[float, float]
     lap: bool
 

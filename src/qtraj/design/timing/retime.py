@@ -45,6 +45,7 @@ from qtraj.design.timing.result_code import REACHED, accuracy_code, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
@@ -56,6 +57,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.vehicle import RoadParameters
@@ -183,18 +185,17 @@ def retime(
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
     vehicle = limits.vehicle if set(names) & set(ROAD) else None
-    road = None if vehicle is None else RoadParameters(*limits.road(path.duration.dtype))
+    road = None if vehicle is None else road_of(limits, path, is_traced(path, limits, speeds))
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
-        road, speeds = jax.tree.map(np.asarray, (road, speeds))
+        speeds = jax.tree.map(np.asarray, speeds)
+        road = road if isinstance(road, RoadOnPath) else jax.tree.map(np.asarray, road)
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
-    duration = seconds(duration)
-    require_duration(duration, is_traced(path, bounds, road, speeds))
+    require_duration(duration := seconds(duration), is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
     more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
     more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
-    more["combined"] = limits.combined_acceleration
-    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, **more)
+    retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, combined=limits.combined_acceleration, **more)
     return retimed.check() if throw else retimed
 
 
@@ -261,7 +262,7 @@ def _judged(
     timed: list[TimedPart],
     bounds: dict[str, Any],
     speeds: tuple[Any, Any],
-    vehicle: RoadParameters | None,
+    vehicle: RoadParameters | RoadOnPath | None,
     cells: Cells,
     names: tuple[str, ...],
     rest: tuple[bool, bool],

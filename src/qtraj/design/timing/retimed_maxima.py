@@ -12,10 +12,12 @@ from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import listed, parts
 from qtraj.design.timing.retimed_by_speed import OnCell
 from qtraj.design.timing.retimed_cells import Cells, motion_at
+from qtraj.design.timing.road_cells import at_parameters
 from qtraj.design.timing.sided import value_of
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, at_places, varies
 from qtraj.foundation.arrays import is_traced
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.vehicle import RoadParameters
 
 PLACES = 17
@@ -39,7 +41,7 @@ class Limited(NamedTuple):
     path: RetimedPath
     cells: Cells
     bounds: dict[str, Any]
-    vehicle: RoadParameters | None
+    vehicle: RoadParameters | RoadOnPath | None
 
     @property
     def library(self) -> Any:
@@ -51,16 +53,27 @@ class Limited(NamedTuple):
         r, v = motion_at(self.path, self.cells, cell, place)
         one: Any = np.ones(())
         before_stop = self.library.asarray(self.cells.stops[1])[cell] & (place > 0.5)
-        found = used(parts(r, one, self.bounds_at(cell, place), self.vehicle, before_stop), v)
+        found = used(parts(r, one, self.bounds_at(cell, place), self._vehicle_at(cell, place), before_stop), v)
         rows = listed(self.bounds, self.vehicle is not None)
         return ratios(found, rows)[np.array([rows.index(name) for name in names])]
+
+    def _vehicle_at(self, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Any:
+        """Return the parameters of the vehicle at the fraction `place` of each moving `cell`."""
+        return at_parameters(self.vehicle, self._parameters(cell, place)) if self._on_road else self.vehicle
+
+    @property
+    def _on_road(self) -> bool:
+        return isinstance(self.vehicle, RoadOnPath)
+
+    def _parameters(self, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[np.ndarray, " m"]:
+        knots, at = np.asarray(self.path.timing.knots), np.asarray(self.cells.columns)[cell]
+        return knots[at] + place * (knots[at + 1] - knots[at])
 
     def bounds_at(self, cell: Int[Any, " m"], place: Float[Any, " m"]) -> dict[str, Any]:
         """Return the limits at the fraction `place` of each moving `cell`."""
         if not varies(self.bounds):
             return at_places(self.bounds, cell, place)
-        knots, at = np.asarray(self.path.timing.knots), np.asarray(self.cells.columns)[cell]
-        u = knots[at] + place * (knots[at + 1] - knots[at])
+        u = self._parameters(cell, place)
         return {name: x.at(u) if isinstance(x, Varying) else x for name, x in self.bounds.items()}
 
 

@@ -24,6 +24,7 @@ from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
 from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
@@ -48,7 +49,7 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
         limits.require_constant("certify of a batch of retimed paths", "check the paths one by one")
     if limits.varying and not (batch or is_traced(path, limits)):
         limits = limits.on(path.path)
-    elif limits.varying:
+    elif limits.varying or (limits.along_road and is_traced(path, limits)):
         require_known(path, limits)
     cells = None if path.timing.coefficients.ndim != len(batch) + 2 else _provable(path)
     if cells is None or not given:
@@ -103,9 +104,11 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         name: x if isinstance(x, OfSpeed | Varying) else xp.asarray(x, dtype)
         for name, x in on_path(limits.given(), path.path).items()
     }
-    vehicle = None
+    vehicle: Any = None
     if set(names) & set(ROAD):
-        vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in limits.road(dtype)))
+        vehicle = road_of(limits, path.path, False)
+        if isinstance(vehicle, RoadParameters):
+            vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in vehicle))
     polynomials: Any = constants(source(path.path))
     limited = constants(Limited(path, cells, bounds, vehicle))
     known = not is_traced(limited)
@@ -115,7 +118,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
                 name: x if isinstance(x, OfSpeed | Varying) else np.asarray(x) for name, x in limited.bounds.items()
             }
         )
-    limited, codes = (proved_in_pieces if varies(bounds) else _proved)(limited, polynomials)
+    limited, codes = (proved_in_pieces if varies(bounds) or limits.along_road else _proved)(limited, polynomials)
     # Cells without motion are proved, and their usage is negative.
     columns = limited.cells.columns
     place = np.full(limited.path.timing.coefficients.shape[0], columns.size)
@@ -133,7 +136,8 @@ def _proved(limited: Limited, polynomials: Any) -> tuple[Limited, Int[Any, "limi
     timing, cells = limited.path.timing, limited.cells
     coefficients = timing.coefficients if is_traced(limited) else np.asarray(timing.coefficients)
     powers = coefficients[cells.columns], np.array(timing.rest)
-    return limited, prove(polynomials, cells.grid, powers, limited.bounds, limited.vehicle).codes
+    vehicle: Any = limited.vehicle
+    return limited, prove(polynomials, cells.grid, powers, limited.bounds, vehicle).codes
 
 
 def _certificate(

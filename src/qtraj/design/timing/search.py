@@ -17,6 +17,7 @@ from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD, slowing, without
+from qtraj.design.timing.road_cells import at_points, fixed
 from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, lost, searched, shapes
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
@@ -28,6 +29,7 @@ from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
+from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.vehicle import RoadParameters
 
 MARGIN = 1e-5
@@ -49,7 +51,7 @@ class Problem(NamedTuple):
     end: Scalar
     bounds: dict[str, Any]
     ends: Float[Any, " 2"]
-    vehicle: RoadParameters | None = None
+    vehicle: RoadParameters | RoadOnPath | None = None
     stops: Any = np.zeros(2, bool)
 
 
@@ -142,13 +144,14 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     if varies(given):
         given = _at_points(given, t, shape)
     bounds = reduced(given, MARGIN)
-    found = parts(r, shape.per_cell, bounds, problem.vehicle, t.cell >= cells // 2)
+    vehicle = at_points(problem.vehicle, t, shape)
+    found = parts(r, shape.per_cell, bounds, vehicle, t.cell >= cells // 2)
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     r1 = r[0, :, :count].reshape(3, 2, cells + 1)
     sizes = reduced(strictest(problem.bounds), MARGIN)
-    fixed = r1, problem.end - problem.start, sizes, problem.ends, problem.vehicle
-    most = largest(*(stop_gradient(fixed) if xp is jnp else fixed))
+    given = r1, problem.end - problem.start, sizes, problem.ends, fixed(problem.vehicle)
+    most = largest(*(stop_gradient(given) if xp is jnp else given))
     c = imposed.constraints(most)
     ends = np.zeros((2, cells + 1), bool), np.zeros((2, cells + 1), bool)
     ends[0][0, 0] = ends[1][0, cells] = True

@@ -9,6 +9,7 @@ from qtraj.design.timing import road
 from qtraj.design.timing.constraints import parts
 from qtraj.design.timing.grid import path_derivatives
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_on_path import road_on
 from qtraj.path.vehicle import Vehicle
 
 
@@ -20,7 +21,8 @@ def friction_at_rest(
     `u` are the parameters of the path at which it is evaluated.
     """
     one: Any = np.ones(())
-    parameters: Any = type(vehicle.parameters())(*(np.asarray(x) for x in vehicle.parameters()))
+    known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters()
+    parameters: Any = type(known)(*(np.asarray(x) for x in known))
     with np.errstate(all="ignore"):  # at a stop, friction counts as zero
         found = parts(np.asarray(path_derivatives(path, u)), one, {"friction": one}, parameters).road
         usage = np.nan_to_num(road.used(found, np.zeros((2, u.size)))[0]) if found is not None else np.zeros(u.size)

@@ -92,10 +92,11 @@ def _unit(column: str, given: str | None, limit: str, units: Mapping[str, str]) 
             f"the column {column!r} is in {text}, but the limit {limit} must be in {entry.label}"
             f"{'' if kind is None else f' or in another unit of this kind ({kind})'}: convert it first"
         )
-    return unit.symbol, _factor(unit)
+    return unit.symbol, factor_of(unit)
 
 
-def _factor(unit: Unit) -> float:
+def factor_of(unit: Unit) -> float:
+    """Return the factor that converts values in a unit to SI units."""
     return float(unit.factor) * (math.pi / 180 if unit.kind == "angle" else 1.0)
 
 

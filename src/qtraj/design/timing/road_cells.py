@@ -1,0 +1,134 @@
+"""A road that changes along the way, in the cells of a timing: for searches at points, and for proofs in whole cells.
+
+In a cell, a limit on friction or power is proved for several variants of the road, whose cosines and sines of the bank
+are the corners of a convex set that contains those of the road (see `proof.on_road`). Where the road changes in steps,
+the variants are those before and after the step, so that the stricter one holds in the cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from qtraj.design.timing.grid import Shape
+from qtraj.design.timing.tables import Tables
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_on_path import CORNERS, ROUNDING, RoadOnPath, road_on
+from qtraj.path.vehicle import RoadParameters, Vehicle
+
+NEAR = 2
+"""Linear pieces of a road may meet closer to an end of a cell than this multiple of the uncertainty."""
+
+
+class Variants(NamedTuple):
+    """Parameters at both ends of cells, linear between them, for each corner; `rough` where they are not exact."""
+
+    ends: list[tuple[RoadParameters, RoadParameters]]
+    rough: Bool[np.ndarray, " cells"]
+
+
+def variants(on: RoadOnPath, low: Float[np.ndarray, " cells"], high: Float[np.ndarray, " cells"]) -> Variants:
+    """Return the variants of a road in cells between parameters of the path."""
+    s0, s1, error = on.on.at(low), on.on.at(high), on.on.uncertainty
+    first, last = (_sections(on, x) for x in (s0 - error, s1 + error))
+    alone = first == last
+    if on.road.kind == "linear":  # pieces that meet next to an end of a cell are within the error of the lines
+        inner = [_sections(on, x) for x in (s0 + NEAR * error, s1 - NEAR * error)]
+        same = (inner[0] == inner[1]) & (_sides(on, first) == _sides(on, last))
+        first, alone = np.where(same, inner[0], first), alone | same
+    lines = on.lines(low, high, first)
+    corners = [lines.corner(*x) for x in CORNERS]
+    if not alone.all():
+        others = _straddling(on, first, last, s0 - error, s1 + error)
+        corners = [(_chosen(alone, x, z), _chosen(alone, y, z)) for (x, y), z in zip(corners, others, strict=True)]
+    varied = (lines.error > 0) | ~alone
+    changes = np.any([x != y for x, y in zip(lines.start, lines.end, strict=True)], axis=0)
+    return Variants(corners if varied.any() else corners[:1], varied | changes)
+
+
+def _straddling(
+    on: RoadOnPath, first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"], s0: np.ndarray, s1: np.ndarray
+) -> list[RoadParameters]:
+    """Return constant variants in cells that contain several sections."""
+    before, after = (on.at_distances(x, k) for x, k in ((s0, first), (s1, last)))
+    start = before._replace(
+        inv_long=np.maximum(before.inv_long, after.inv_long), inv_lat=np.maximum(before.inv_lat, after.inv_lat)
+    )
+    inside = np.arange(on.starts.size)
+    inside = (inside[None] > first[:, None]) & (inside[None] <= last[:, None])
+    if on.road.friction is not None:
+        for name, values in zip(("inv_long", "inv_lat"), np.array(on.road.friction).T, strict=True):
+            most = np.max(np.where(inside, 1 / values[: on.starts.size], 0.0), axis=1)
+            start = start._replace(**{name: np.maximum(getattr(start, name), most) * (1 + ROUNDING)})
+    if on.road.kind == "step" and (last <= first + 1).all():
+        return [start, start._replace(cos=after.cos, sin=after.sin)] * 2
+    banks = np.zeros(on.starts.size) if on.road.bank is None else np.array(on.road.bank)[: on.starts.size]
+    ends = [np.arctan(x.sin / x.cos) for x in (before, after)]
+    lowest = np.minimum(np.minimum(*ends), np.min(np.where(inside, banks, np.inf), axis=1))
+    highest = np.maximum(np.maximum(*ends), np.max(np.where(inside, banks, -np.inf), axis=1))
+    middle, error = 0.5 * (lowest + highest), 0.5 * (highest - lowest) + ROUNDING
+    side = _sides(on, first)
+    turned = np.any(inside & (_sides(on, np.arange(on.starts.size))[None] != side[:, None]), axis=1)
+    error = np.where(turned, 2.0, error)  # never proved
+    return [
+        start._replace(cos=side * np.cos(middle) + x * error, sin=side * np.sin(middle) + y * error) for x, y in CORNERS
+    ]
+
+
+def _sections(on: RoadOnPath, s: np.ndarray) -> Int[np.ndarray, " n"]:
+    return np.minimum(on.road.sections(s), on.starts.size - 1)
+
+
+def _sides(on: RoadOnPath, sections: np.ndarray) -> np.ndarray:
+    return on.road.at(np.zeros(sections.shape), sections).side
+
+
+def _chosen(where: np.ndarray, x: RoadParameters, y: RoadParameters) -> RoadParameters:
+    return RoadParameters(*(np.where(where, a, b) for a, b in zip(x, y, strict=True)))
+
+
+def at_parameters(vehicle: Any, u: Any) -> Any:
+    """Return the parameters of a vehicle; on a road that changes, those at parameters of the path."""
+    return vehicle.at(np.asarray(u, float)) if isinstance(vehicle, RoadOnPath) else vehicle
+
+
+def at_parameters_of(vehicle: Vehicle | None, path: AbstractHodograph, u: Float[np.ndarray, " n"]) -> Any:
+    """Return the parameters of a vehicle at `n` parameters of a path, each (n,); None for None."""
+    if vehicle is None:
+        return None
+    known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters(u.dtype)
+    return RoadParameters(*(np.broadcast_to(np.asarray(x, u.dtype), u.shape) for x in known))
+
+
+def road_of(limits: Any, path: AbstractHodograph, traced: bool) -> RoadParameters | RoadOnPath:
+    """Return the parameters of the vehicle of limits; those of a road that changes along the path.
+
+    **Raises:** ValueError for such a road if a value is `traced`.
+    """
+    if not limits.along_road:
+        return RoadParameters(*limits.road(path.duration.dtype))
+    if traced:
+        raise ValueError("a road that changes along the way needs concrete values: call retime outside jit and grad")
+    return road_on(limits.vehicle, path)
+
+
+def fixed(vehicle: Any) -> Any:
+    """Return the parameters of a vehicle; those that change along the way are NaN."""
+    return vehicle.fixed if isinstance(vehicle, RoadOnPath) else vehicle
+
+
+def at_points(vehicle: Any, t: Tables, shape: Shape) -> Any:
+    """Return the parameters at the points of `t`, with the strictest friction in a cell, at a knot in both cells."""
+    if not isinstance(vehicle, RoadOnPath):
+        return vehicle
+    u = np.asarray(shape.start + t.grid.knots * shape.per_cell)
+    found = vehicle.at(u[t.cell] + t.place * (u[t.cell + 1] - u[t.cell]))
+    ends, knots = variants(vehicle, u[:-1], u[1:]).ends, slice(1, t.grid.cells)
+    for name in ("inv_long", "inv_lat"):
+        start, end = (np.asarray(getattr(x, name)) for x in ends[0])
+        own = start[t.cell] + t.place * (end - start)[t.cell]
+        own[knots] = np.maximum(own[knots], end[:-1])
+        found = found._replace(**{name: own})
+    return found

@@ -1,0 +1,69 @@
+"""The fastest timing on a road whose bank and friction change along the way."""
+
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+G = 9.80665
+SHAPE = qt.Shape.through([[0, 0, 0], [60, 0, 0], [120, 40, 0], [160, 120, 2], [140, 200, 0]])
+LENGTH = float(SHAPE.length)
+
+
+def retimed(road, **limits):
+    limits = qt.Limits(
+        **({"friction": 0.9, "power": 2e5, "speed": 45.0} | limits), vehicle=qt.Vehicle(1500.0, road=road)
+    )
+    found = qt.retime(SHAPE, limits, tolerance=3e-3)
+    assert found.certificate.holds
+    assert qt.certify(found.path, limits).holds
+    return found, limits
+
+
+@pytest.mark.parametrize(
+    "road",
+    [
+        qt.Road([0, LENGTH], bank=[0.2, -0.1], friction=0.8),
+        qt.Road([0, 100, 130], friction=[0.8, 0.4, 0.8], kind="step"),
+        qt.Road([0, 60, 100, 200], bank=[0.0, 0.15, 0.15, 0.0], friction=[0.8, 0.4, 0.8, 0.6]),
+    ],
+)
+def test_the_timing_is_proved_and_uses_the_friction(road):
+    found, limits = retimed(road)
+    times = np.linspace(0, float(found.duration), 2001)[1:-1]
+    used = np.asarray(
+        qt.evaluate(found.path, times, ("friction",), frame=qt.Upright(), vehicle=limits.vehicle).friction
+    )
+    assert 0.895 < used.max() <= 0.9 * (1 + 1e-9)
+    slower = qt.certify(found.path, qt.Limits(friction=0.88, vehicle=limits.vehicle))
+    assert slower.status["friction"] == "broken"
+
+
+def test_on_a_circle_the_speed_is_that_of_the_bank_and_the_friction():
+    """v² = g R (tan β + μ)/(1 − μ tan β) at the place with the least of it."""
+    radius, bank, friction = 50.0, 0.2, 0.5
+    path = qt.SpiralHelix([radius], [0.0, 10.0 / radius], [0.0], 20.0)
+    road = qt.Road([0.0, 100.0, 200.0], bank=[0.0, bank, bank], friction=friction, kind="step")
+    found = qt.retime(path, qt.Limits(friction=1.0, acceleration=30.0, vehicle=qt.Vehicle(1.0, road=road)))
+    assert found.certificate.holds
+    speed = qt.speed_profile(found)
+    at = np.asarray(speed.distance)
+    for place, tan in ((50.0, 0.0), (190.0, np.tan(bank))):
+        largest = np.sqrt(G * radius * (tan + friction) / (1 - friction * tan))
+        assert float(np.interp(place, at, speed.speed)) <= largest * (1 + 1e-6)
+    assert float(np.interp(30.0, at, speed.speed)) == pytest.approx(np.sqrt(G * radius * friction), rel=1e-3)
+
+
+def test_a_road_that_is_too_steep_is_named():
+    line = qt.Shape.through([[0, 0, 0], [50, 0, 0], [100, 0, 0]])
+    vehicle = qt.Vehicle(1.0, road=qt.Road([0, 50, 100], bank=[0.0, 0.5, 0.0], friction=0.4))
+    found = qt.retime(line, qt.Limits(friction=1.0, speed=20.0, vehicle=vehicle), start_speed=10.0)
+    assert "steep" in str(found.result)
+
+
+def test_a_traced_call_says_what_to_do():
+    import jax
+
+    vehicle = qt.Vehicle(1500.0, road=qt.Road([0, 60], bank=[0.0, 0.15]))
+    with pytest.raises(ValueError, match="outside jit"):
+        jax.grad(lambda x: qt.retime(SHAPE, qt.Limits(friction=x, speed=40.0, vehicle=vehicle)).duration)(0.5)
