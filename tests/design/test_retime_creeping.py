@@ -118,7 +118,7 @@ def test_tighter_limits_between_the_nodes_cost_no_time():
     """Cells are halved where the limits at the nodes are much tighter than those that were given."""
     route = qt.fit_route(qt.read_track(DRIVE).window(130.0, 176.5)).path
     limits = qt.Limits(speed=13.9, lateral_acceleration=2.0, longitudinal_acceleration=1.5, jerk=2.0)
-    timed, fine = (qt.retime(route, limits, tolerance=x) for x in (1e-3, 3e-4))
+    timed, fine = (qt.retime(route, limits, 0.0, 0.0, tolerance=x) for x in (1e-3, 3e-4))
     assert timed.converged
     assert fine.converged
     assert abs(float(timed.duration) / float(fine.duration) - 1) < 3e-3  # 2 % with tighter limits in large cells

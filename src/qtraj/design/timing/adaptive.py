@@ -1,13 +1,14 @@
 """Choose the cells of a part of a path and search for its fastest timing on them.
 
 The first cells approximate the relaxed timing. Where the timing is not smooth, cells are halved, and it is computed
-again, until it is slower than the relaxed timing by less than the tolerance, or hardly changes. Until then, the limits
-are imposed only at the nodes: such a draft is too fast by little, and takes one search instead of several.
+again, until it is slower than the relaxed timing by less than the tolerance, or hardly changes if all cells are halved.
+Until then, the limits are imposed only at the nodes: such a draft is too fast by little, and takes one search instead
+of several.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
@@ -57,37 +58,50 @@ LEAST_ERROR = 0.1
 NOTICED = 1e-4
 """Relative violation of a limit between the nodes, beyond that of all cells, with which a cell is halved."""
 
+HOPELESS = 0.01
+"""Optimality error above which a search from a timing on larger cells is repeated from another first iterate."""
+
 COARSER = 3
 """Number of earlier drafts that are tried if the limits cannot be imposed between the nodes of the last one."""
+
+LEAST_RATIO, LARGEST_RATIO = 0.5, 0.9
+"""Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
 
 
+class Doubled(NamedTuple):
+    """The time that twice as many cells gain [s], and the estimated minimum duration [s].
+
+    As in Richardson's extrapolation, the gains of further halvings are assumed to decrease in the ratio of the last two
+    gains, but by no more than a half each. A smooth timing gains less.
+    """
+
+    gain: float = np.inf
+    least: float = -np.inf
+
+    def next(self, time: float, halved: float, allowed: float) -> Doubled:
+        """Return the estimate for a duration `time` on all cells and a duration `halved` on their halves.
+
+        A minimum of −inf means that the gains hardly decrease and exceed `allowed`, so that smaller cells do not help.
+        """
+        gain = max(time - halved, 0.0)
+        ratio = LEAST_RATIO if gain <= LEAST_RATIO * self.gain else min(gain / max(self.gain, 1e-300), LARGEST_RATIO)
+        least = halved - gain * ratio / (1 - ratio)
+        return Doubled(gain, least if ratio < LARGEST_RATIO or time - least <= allowed else -np.inf)
+
+
 def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) -> tuple[Searched, float]:
     """Return the result of the last search, and the estimated difference to the minimum duration [s].
 
-    With a limit on the jerk, the search may fail where the parameter of the path is very uneven: a cubic u̇² on a short
-    cell then needs much jerk for a constant speed. In this case, it is repeated on cells that need little jerk.
+    Without a limit of `COUPLED`, the relaxed timing is a lower bound on the minimum. With such a limit, the minimum is
+    extrapolated from the durations on all cells and on their halves. Where this is not possible, because the gains do
+    not decrease or a search fails, the bound of the relaxed timing is used, which is far from the minimum.
     """
-    found, excess = _on_cells(p, part, ends, rest, False)
-    if "jerk" not in p.bounds or _is_fastest(p, found, excess) or not np.isfinite(found.powers).all():
-        return found, excess
-    again, own = _on_cells(p, part, ends, rest, True)
-    better = _is_fastest(p, again, own) and not again.times().sum() > found.times().sum()
-    return (again, own) if better else (found, excess)
-
-
-def _is_fastest(p: Posed, found: Searched, excess: float) -> bool:
-    """Return whether the search converged to a timing that is slower than the fastest one by the tolerance at most."""
-    return _converged(p, found) and excess <= p.tolerance * found.times().sum()
-
-
-def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: bool) -> tuple[Searched, float]:
-    """Return the result of the last search, and the estimate; `steady` selects the first cells (see `chosen`)."""
     shape = shape_of(p.path, part)
     task = task_of(p, ends, part, rest, shape)
-    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance, steady)
+    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
     exact = bounds and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
@@ -97,7 +111,7 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)
         found = first_search(p, part, grid, ends, rest, before)
-        if before is None or found.error < enough:
+        if before is None or found.error < HOPELESS:
             return found
         again = first_search(p, part, grid, ends, rest)
         return found if found.error <= again.error else again
@@ -115,35 +129,43 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
     def estimated(slower: float) -> float:
         """Return the estimated difference of a completed timing to the minimum duration."""
         own = slower - finest(shape, task, cells)
-        own = own if exact else min(own, change + max(slower - time, 0.0))
+        own = own if exact else min(own, slower - least)
         return own if np.isfinite(own) else np.inf
 
     accuracy = (ACCURACY if exact else ACCURACY_COUPLED) * p.tolerance
     time, change = draft.times().sum(), np.inf
-    gained, best, excess, drafts = np.inf, None, np.inf, []
+    gained, best, excess, drafts, doubled, least = np.inf, None, np.inf, [], Doubled(), -np.inf
     for attempt in range(ATTEMPTS + 1):
         profile = relaxed_profile(shape, task, cells)
         time, change = draft.times().sum(), abs(gained)
         latest: Drafted | Searched = draft
         near = time - profile.least <= ENOUGH * p.tolerance * time
-        if near or change <= CHANGE * p.tolerance * time or attempt == ATTEMPTS or cells.half.size >= MOST:
+        last, finer = attempt == ATTEMPTS or cells.half.size >= MOST, None
+        settled = near or last or change <= CHANGE * p.tolerance * time
+        if settled and not (exact or near) and cells.half.size <= MOST // 2:
+            finer = _positive(shape, cells.halved(np.ones(cells.half.size, bool)), draft_on, draft)
+            allowed, halves = p.tolerance * time, finer[1].times().sum()
+            doubled = doubled.next(time, halves, allowed) if finer[1].error < enough else Doubled()
+            least, last = doubled.least, last or not np.isfinite(doubled.least)
+        if near or last or (settled and (exact or time - least <= p.tolerance * time)):
             latest, slower = _completed(p, part, draft, (ends, rest))
             own = estimated(slower)
             rank = not _converged(p, latest), own
             if best is None or rank < (not _converged(p, best), excess):
                 best, excess = latest, own
-            if own <= p.tolerance * slower or not np.isfinite(latest.powers).all():
+            if last or own <= p.tolerance * slower or not np.isfinite(latest.powers).all():
                 break
-        halved = _halved(shape, task, accuracy, cells, latest, profile)
         exceeding = _exceeding(p, latest)
-        if exceeding.any():
-            halved = divided(shape, cells, exceeding)
-        if exact and halved.half.size == cells.half.size:
-            accuracy *= FINER
-            continue
-        if halved.half.size == cells.half.size:
-            halved = cells.halved(np.ones(cells.half.size, bool))  # shows whether the duration still changes
-        finer = _positive(shape, halved, draft_on, latest)
+        if finer is None or exceeding.any():
+            halved = _halved(shape, task, accuracy, cells, latest, profile)
+            halved = divided(shape, cells, exceeding) if exceeding.any() else halved
+            if exact and halved.half.size == cells.half.size:
+                accuracy *= FINER
+                continue
+            if halved.half.size == cells.half.size:
+                gained = 0.0  # shows whether the duration still changes if all cells are halved
+                continue
+            finer = _positive(shape, halved, draft_on, latest)
         if not finer[1].error < enough:
             break
         drafts.append(draft)
@@ -153,18 +175,14 @@ def _on_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], steady: 
             accuracy *= FINER
     if best is None:
         best, slower = _completed(p, part, draft, (ends, rest))
-        time, change = draft.times().sum(), abs(gained)
         excess = estimated(slower)
     for earlier in drafts[: -COARSER - 1 : -1]:
         if _converged(p, best) or not np.isfinite(best.powers).all():
             break
         coarser, slower = _completed(p, part, earlier, (ends, rest))
         if _converged(p, coarser):
-            least = finest(shape, task, cells)
-            best, excess = coarser, slower - (least if exact else max(least, draft.times().sum()))
-    return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0)) if np.isfinite(
-        excess
-    ) else np.nan
+            best, excess = coarser, estimated(slower)
+    return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0))
 
 
 def _halved(

@@ -153,14 +153,12 @@ def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     return Profile(a, pace, found.accelerations, fourth, found.times, found.bounds)
 
 
-def chosen(shape: Shape, task: Task, accuracy: float, steady: bool = False) -> tuple[Cells, bool]:
+def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, bool]:
     """Return cells that approximate the relaxed timing, and whether no timing within the limits is faster.
 
-    `accuracy` is the largest relative error of the duration. With `steady`, a constant speed needs little jerk.
+    `accuracy` is the largest relative error of the duration.
     """
     cells, bounds = _with_changes(shape, task, resolved(shape), accuracy), False
-    if steady:
-        cells = _steady(shape, task, cells)
     for _ in range(PASSES):
         profile = relaxed_profile(shape, task, cells)
         bounds = profile.bounds
@@ -183,22 +181,6 @@ def _with_changes(shape: Shape, task: Task, cells: Cells, accuracy: float) -> Ce
         ends = on.at(shape.parameters(cells, 2).ravel()).reshape(-1, 2)
         inside = np.searchsorted(places, ends[:, 1], side="right") > np.searchsorted(places, ends[:, 0])
         halved = inside & (np.diff(ends, axis=1)[:, 0] > longest)
-        if not halved.any() or cells.half.size + halved.sum() > MOST // 4:
-            break
-        cells = cells.halved(halved)
-    return cells
-
-
-def _steady(shape: Shape, task: Task, cells: Cells) -> Cells:
-    """Halve cells in which a cubic a = u̇² cannot be a constant speed without much jerk, because |r'| varies."""
-    limit = float(strictest(task.bounds)["jerk"])
-    for _ in range(HALVINGS):
-        p = relaxed_profile(shape, task, cells)
-        with np.errstate(all="ignore"):  # at a stop, the jerk is infinite or NaN
-            fourth = np.abs((1 / p.pace**2) @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]))
-            speed = (np.sqrt(p.a) * p.pace)[:, 1:-1].mean(axis=1)
-            jerk = BEND * fourth * speed**3 / shape.lengths(cells) ** 2
-        halved = (jerk > limit) & np.isfinite(jerk)
         if not halved.any() or cells.half.size + halved.sum() > MOST // 4:
             break
         cells = cells.halved(halved)

@@ -99,12 +99,13 @@ def retime(
     path, so the limits that are violated before are "broken", and `certificate.holds` is false. In all other cases, and
     inside jit, the code is `end_speed_not_reached`, and the text says what to do.
 
-    Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends, where
-    |r'(u)| is small and where the active limit changes. Cells are halved until the estimated distance of the duration
-    from the minimum over all timings is at most `tolerance`, relative to the duration; the field `gap` of the result is
-    this estimate, and shows if the tolerance was not reached. To within the tolerance, the result does not depend on
-    the speed |r'(u)| of the parameter. With `knots`, a power of two, `knots` cells of almost equal length are used
-    instead; for a traced path or traced limits, as in jit and grad, 512 is the default.
+    Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends,
+    where |r'(u)| is small and where the active limit changes. Cells are halved until the distance of the duration from
+    the minimum over all timings is at most `tolerance`, relative to the duration. The field `gap` of the result is a
+    bound on this distance, or an estimate (see `Retimed`). To within the tolerance, the result does not depend on the
+    speed |r'(u)| of the parameter. With a limit on the jerk, a very slow parameter may prevent this: see `gap` and the
+    code. With `knots`, a power of two, `knots` cells of almost equal length are used instead; for a traced path or
+    traced limits, as in jit and grad, 512 is the default.
 
     At a joint of a route where its acceleration jumps, the acceleration of the result may jump, too. Elsewhere it is
     continuous.
