@@ -107,8 +107,7 @@ def retime(
     code. With `knots`, a power of two, `knots` cells of almost equal length are used instead; for a traced path or
     traced limits, as in jit and grad, 512 is the default.
 
-    At a joint of a route where its acceleration jumps, the acceleration of the result may jump, too. Elsewhere it is
-    continuous.
+    The acceleration of the result may jump only at a joint of a route where the acceleration of the route jumps.
 
     A route is divided at its stops. Each drive between two stops is timed from rest to rest, and the stops keep their
     durations. With `stop_speed` > 0, an interval is also treated as a stop if the speed is at most `stop_speed` [m/s]

@@ -50,13 +50,13 @@ def is_supported(task: Task) -> bool:
 def derivatives(task: Task, result: SearchResult, moving: Task) -> Float[np.ndarray, "batch n p"]:
     """Return ∂z/∂θ for a batch of solutions; θ contains the components of the `moving` leaves of `task`, in order."""
     task, result = jax.tree.map(np.asarray, (task, result))
-    one = [jax.tree.map(lambda x, b=b: x[b], (task, result)) for b in range(len(task.low))]
     with np.errstate(all="ignore"):
-        return np.stack([_derivative(*each, moving) for each in one])
+        return np.stack([_derivative(task, result, moving, b) for b in range(len(task.low))])
 
 
-def _derivative(task: Task, result: SearchResult, moving: Task) -> Float[np.ndarray, "n p"]:
-    """Return ∂z/∂θ for one solution, or NaN if it is not determined."""
+def _derivative(tasks: Task, results: SearchResult, moving: Task, index: int) -> Float[np.ndarray, "n p"]:
+    """Return ∂z/∂θ for one solution of a batch, or NaN if it is not determined."""
+    task, result = jax.tree.map(lambda x: x[index], (tasks, results))
     n, active = result.z.size, result.multiplier > ACTIVE
     places, size = _places(task, moving, n + 1)
     found = _expanded(task, result, active, places, size)
