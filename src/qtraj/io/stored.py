@@ -62,6 +62,7 @@ HOMES = (
     "qtraj.path.driving",
     "qtraj.path.placement",
     "qtraj.path.residual",
+    "qtraj.path.road",
     "qtraj.path.route",
     "qtraj.path.shape",
     "qtraj.path.spiral_helix",
