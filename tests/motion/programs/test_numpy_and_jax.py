@@ -59,3 +59,16 @@ def test_sequences_of_slews(compiled):
     found = sequence(20.0), sequence.duration, sequence.switches
     assert not compiled
     assert_equal(found, jax.jit(lambda s: (s(20.0), s.duration, s.switches))(sequence))
+
+
+@pytest.mark.parametrize("outside", ["error", "hold", "extrapolate"])
+def test_tables(outside, compiled):
+    times, attitudes = np.array([0.0, 1.0, 2.5, 4.0]), np.random.default_rng(5).normal([2, 0, 0, 0], 0.5, (4, 4))
+
+    def values(times, attitudes):
+        table = qt.TableProgram(times, attitudes, outside=outside)
+        return table.rates, [table(t) for t in (0.0, 1.7, 4.0)]
+
+    found = values(times, attitudes)
+    assert not compiled
+    assert_equal(found, jax.jit(values)(times, attitudes))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_float, as_seconds, concrete, one_instant, require_finite
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import of_arrays, xp
+from qtraj.foundation.namespace import in_numpy_or_jit, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -101,24 +101,24 @@ class TableProgram(AbstractProgram):
         return self.times[-1] - self.times[0]
 
 
-@eqx.filter_jit
+@in_numpy_or_jit
 def _attitude(program: TableProgram, t: Scalar) -> Attitude:
     last = program.times[-1] - program.times[0]
     beyond = (t < -SLACK * last) | (t > (1 + SLACK) * last)
     if program.outside == "error":
-        at = _extended(program, jnp.where(beyond, 0.0, t))
-        return jax.tree.map(lambda x: jnp.where(beyond, jnp.nan, x), at)
+        at = _extended(program, xp.where(beyond, 0.0, t))
+        return jax.tree.map(lambda x: xp.where(beyond, np.nan, x), at)
     if program.outside == "extrapolate":
         return _extended(program, t)
-    at = _extended(program, jnp.clip(t, 0.0, last))
+    at = _extended(program, xp.clip(t, 0.0, last))
     still = (t < 0) | (t > last)
-    return Attitude(at.quaternion, jnp.where(still, 0.0, at.rate), jnp.where(still, 0.0, at.acceleration))
+    return Attitude(at.quaternion, xp.where(still, 0.0, at.rate), xp.where(still, 0.0, at.acceleration))
 
 
 def _extended(program: TableProgram, t: Scalar) -> Attitude:
     """Return the attitude at `t` [s] with the first and the last polynomial outside the table."""
     starts, rates = program.times - program.times[0], program.rates
-    piece = jnp.sum(t >= starts[1:-1])
+    piece = xp.sum(t >= starts[1:-1])
     start, vector = _rotation(program.quaternions[piece], program.quaternions[piece + 1])
     theta = spline.cubic(vector, starts[piece + 1] - starts[piece], rates[piece], rates[piece + 1])
     return _evaluate(start, theta, t - starts[piece])
@@ -135,8 +135,8 @@ def _evaluate(start: Quat, theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
     value = theta[0] + t * (theta[1] + t * (theta[2] + t * theta[3]))
     slope = theta[1] + t * (2 * theta[2] + t * 3 * theta[3])
     second = 2 * theta[2] + t * 6 * theta[3]
-    rate, acceleration = jax.jvp(spline.rate, (value, slope), (slope, second))
-    return Attitude(quaternion.product(start, rotation.from_rotation_vector(value)), rate, acceleration)
+    at = quaternion.product(start, rotation.from_rotation_vector(value))
+    return Attitude(at, spline.rate(value, slope), spline.acceleration(value, slope, second))
 
 
 def _spline_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> Float[Array, "n 3"]:
@@ -150,13 +150,13 @@ def _spline_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -
     return rates if value is not None else jnp.where(converged, rates, jnp.nan)
 
 
-@eqx.filter_jit
+@in_numpy_or_jit
 def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> tuple[Float[Array, "n 3"], Flag]:
     """Return the rates at the attitudes, and whether the acceleration is continuous with these rates."""
-    widths = jnp.diff(times)
-    _, rotations = jax.vmap(_rotation)(quaternions[:-1], quaternions[1:])
+    widths = xp.diff(times)
+    _, rotations = _rotation(quaternions[:-1], quaternions[1:])
     rates, jump = spline.knot_rates(rotations, widths)
-    return rates, jump <= _tolerance(rotations.dtype) * jnp.max(jnp.abs(rotations / widths[:, None] ** 2))
+    return rates, jump <= _tolerance(rotations.dtype) * xp.max(abs(rotations / widths[:, None] ** 2))
 
 
 def _tolerance(dtype: Any) -> float:
