@@ -243,3 +243,12 @@ def test_storage_batches_and_invalid_arguments(tmp_path):
     ):
         with pytest.raises(ValueError, match=expected):
             call()
+
+
+def test_numpy_arrays_are_computed_in_numpy(compiled):
+    arm = qt.stanford_arm()
+    position, attitude = arm.pose(np.zeros(6))
+    columns = arm.jacobian([0, 0, 0, 0, 0, 0])
+    assert all(type(x) is np.ndarray and x.dtype == np.float64 for x in (position, attitude, columns))
+    assert not compiled
+    np.testing.assert_allclose(columns, jax.jit(lambda q: arm.jacobian(q))(np.zeros(6)), atol=1e-15)

@@ -20,10 +20,10 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.quaternion import product, rotate
-from qtraj.algebra.vector import cross
+from qtraj.algebra.vector import cross, norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import as_floats, is_host, xp
+from qtraj.foundation.namespace import as_floats, in_numpy, is_host, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -59,7 +59,7 @@ class Joint(eqx.Module):
             raise ValueError("the axis of a joint must not be zero: pass the direction of the axis")
         if kind not in (REVOLUTE, PRISMATIC):
             raise ValueError(f"the kind of a joint must be 'revolute' or 'prismatic', but {kind!r} was given")
-        self.axis = axis / jnp.linalg.norm(axis)
+        self.axis = axis / norm(axis)
         self.point = real_vector(point, "the point on the axis of a joint", 3).astype(axis.dtype)
         self.kind = kind
 
@@ -138,7 +138,7 @@ class Arm(eqx.Module):
             frame = frame @ link if convention == MODIFIED else frame
             joints.append(Joint(frame[:3, 2], frame[:3, 3], kind))
             frame = frame @ screw if convention == MODIFIED else frame @ screw @ link
-        return cls(joints, frame[:3, 3], rotation.from_dcm(jnp.asarray(frame[:3, :3].T)))
+        return cls(joints, frame[:3, 3], rotation.from_dcm(frame[:3, :3].T))
 
     def pose(self, q: Joints) -> tuple[Vec3, Quat]:
         """Return position [m] and unit quaternion of the gripper; the quaternion is a continuous function of `q`.
@@ -157,16 +157,7 @@ class Arm(eqx.Module):
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
         """Return the position [m], the unit quaternion and the Jacobian (6, n) of the gripper, computed in one pass."""
-        q = as_floats(q)
-        axes = xp.stack([joint.axis.astype(q.dtype) for joint in self.joints])
-        points = xp.stack([joint.point.astype(q.dtype) for joint in self.joints])
-        turns = np.array([joint.kind == REVOLUTE for joint in self.joints])
-        start = np.eye(4, dtype=q.dtype)[0], np.zeros(3, q.dtype)
-        (rotated, shift), (axes, points) = _along(_after_joint, start, (axes, points, turns, q))
-        tip = rotate(rotated, self.home_position.astype(q.dtype)) + shift
-        arms = xp.where(turns[:, None], cross(axes, tip[None] - points), axes)
-        columns = xp.concatenate([xp.where(turns[:, None], axes, 0.0), arms], axis=1)
-        return tip, product(rotated, self.home_quaternion.astype(q.dtype)), columns.T
+        return _kinematics(self, as_floats(q))
 
 
 def stanford_arm() -> Arm:
@@ -185,6 +176,19 @@ def stanford_arm() -> Arm:
         [0.0, 0.0, 0.263, 0.0],
     ]
     return Arm.from_dh(rows, [REVOLUTE, REVOLUTE, PRISMATIC, REVOLUTE, REVOLUTE, REVOLUTE])
+
+
+@in_numpy
+def _kinematics(arm: Arm, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
+    axes = xp.stack([joint.axis.astype(q.dtype) for joint in arm.joints])
+    points = xp.stack([joint.point.astype(q.dtype) for joint in arm.joints])
+    turns = np.array([joint.kind == REVOLUTE for joint in arm.joints])
+    start = np.eye(4, dtype=q.dtype)[0], np.zeros(3, q.dtype)
+    (rotated, shift), (axes, points) = _along(_after_joint, start, (axes, points, turns, q))
+    tip = rotate(rotated, arm.home_position.astype(q.dtype)) + shift
+    arms = xp.where(turns[:, None], cross(axes, tip[None] - points), axes)
+    columns = xp.concatenate([xp.where(turns[:, None], axes, 0.0), arms], axis=1)
+    return tip, product(rotated, arm.home_quaternion.astype(q.dtype)), columns.T
 
 
 def _after_joint(frame: tuple[Quat, Vec3], joint: Any) -> tuple[tuple[Quat, Vec3], tuple[Vec3, Vec3]]:
