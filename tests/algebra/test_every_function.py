@@ -26,6 +26,8 @@ SIZES = {
     "rotation.align": (Vec3, (4, 3), (4, 3)),
     "rotation.mean": (Quat, (3, 4)),
     "rotation.continuous": (Quat, (3, 4)),
+    "rotation.rotation_vectors_along": (Quat, (3, 4)),
+    "rotation.euler_along": (Quat, (3, 4)),
     "rotation.body_to_euler_rates": (Vec3, (3,), (3,)),
     "dynamics.acceleration": (Vec3, (3,), (3,)),
     "dynamics.torque": (Vec3, (3,), (3,)),
@@ -44,6 +46,7 @@ CALLS = {
 OTHERS = {
     **dict.fromkeys(("dynamics.forces", "dynamics.friction_demand", "dynamics.power"), "of a path at an instant"),
     **dict.fromkeys(("rotation.from_scipy", "rotation.to_scipy", "rotation.random"), "not from arrays to arrays"),
+    "rotation.slerp_along": "of a table and instants",
     "dynamics.inertia_matrix": "of three forms of input, and checks them",
 }
 

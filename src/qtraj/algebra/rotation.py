@@ -16,6 +16,7 @@ from qtraj.algebra.euler import from_euler, to_euler
 from qtraj.algebra.gibbs import from_gibbs, from_mrp, gibbs_from_dcm, gibbs_ratios, to_gibbs, to_mrp
 from qtraj.algebra.quaternion import canonical, exp, log
 from qtraj.algebra.rotation_rates import body_to_euler_rates, euler_rates_to_body, left_jacobian, right_jacobian
+from qtraj.algebra.sequences import euler_along, rotation_vectors_along, slerp_along
 from qtraj.algebra.turns import (
     angle_between,
     between_vectors,
@@ -37,6 +38,7 @@ __all__ = [
     "between_vectors",
     "body_to_euler_rates",
     "continuous",
+    "euler_along",
     "euler_rates_to_body",
     "from_axis_angle",
     "from_dcm",
@@ -53,7 +55,9 @@ __all__ = [
     "power",
     "random",
     "right_jacobian",
+    "rotation_vectors_along",
     "slerp",
+    "slerp_along",
     "squares_from_dcm",
     "to_axis_angle",
     "to_dcm",

@@ -97,6 +97,17 @@ def repeat(count: int, step: Callable[[Any], Any], start: Any) -> Any:
     return jax.lax.fori_loop(0, count, lambda _, state: step(state), start)
 
 
+def scan(step: Callable[[Any, Any], tuple[Any, Any]], start: Any, rows: Any) -> tuple[Any, Any]:
+    """Return the last state and the stacked outputs of `step` along the first axis, as `jax.lax.scan` does."""
+    if not is_host(*jax.tree.leaves(rows)):
+        return jax.lax.scan(step, jax.tree.map(jnp.asarray, start), rows)
+    outputs = []
+    for k in range(len(jax.tree.leaves(rows)[0])):
+        start, output = step(start, jax.tree.map(lambda x: x[k], rows))  # noqa: B023
+        outputs.append(output)
+    return start, jax.tree.map(lambda *x: np.stack(x), *outputs)
+
+
 def mapped(function: Function) -> Function:
     """Map a function over the first axis of its arrays, as `jax.vmap` does; in NumPy in a Python loop."""
 

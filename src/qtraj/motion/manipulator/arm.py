@@ -9,7 +9,7 @@ axes, the axes of the base.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +23,7 @@ from qtraj.algebra.quaternion import product, rotate
 from qtraj.algebra.vector import cross, norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import as_floats, in_numpy, is_host, xp
+from qtraj.foundation.namespace import as_floats, in_numpy, scan, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -184,7 +184,7 @@ def _kinematics(arm: Arm, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
     points = xp.stack([joint.point.astype(q.dtype) for joint in arm.joints])
     turns = np.array([joint.kind == REVOLUTE for joint in arm.joints])
     start = np.eye(4, dtype=q.dtype)[0], np.zeros(3, q.dtype)
-    (rotated, shift), (axes, points) = _along(_after_joint, start, (axes, points, turns, q))
+    (rotated, shift), (axes, points) = scan(_after_joint, start, (axes, points, turns, q))
     tip = rotate(rotated, arm.home_position.astype(q.dtype)) + shift
     arms = xp.where(turns[:, None], cross(axes, tip[None] - points), axes)
     columns = xp.concatenate([xp.where(turns[:, None], axes, 0.0), arms], axis=1)
@@ -202,17 +202,6 @@ def _after_joint(frame: tuple[Quat, Vec3], joint: Any) -> tuple[tuple[Quat, Vec3
     spin = quaternion.exp(0.5 * xp.where(turns, value, 0.0) * axis)
     moved = xp.where(turns, point + rotate(spin, shift - point), shift + value * axis)
     return (product(spin, rotated), moved), (axis, point)
-
-
-def _along(step: Callable[..., Any], start: Any, rows: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Return the last state and the stacked outputs of `step` along the first axis, in Python or in a loop of JAX."""
-    if not is_host(*rows):
-        return jax.lax.scan(step, jax.tree.map(jnp.asarray, start), rows)
-    outputs = []
-    for row in zip(*rows, strict=True):
-        start, output = step(start, row)
-        outputs.append(output)
-    return start, tuple(np.stack(x) for x in zip(*outputs, strict=True))
 
 
 def _along_x(a: float, alpha: float) -> np.ndarray:
