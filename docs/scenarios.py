@@ -16,8 +16,8 @@ from qtraj.scenario import KINDS
 FIRST = ("name", "description", "angles")
 """Keys of the whole scenario, wherever a model has them."""
 
-LAST = ("sequence",)
-"""Tables that refer to the tables before them."""
+LAST = {"ProgramPart": ("sequence",)}
+"""Tables of models that refer to the tables before them."""
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -163,8 +163,9 @@ def _tables(model: type[BaseModel], under: str = "") -> Iterator[Table]:
 def _fields(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
     """The keys of a table by name: name, description and angles first, and keys shared with other tables last."""
     own = model.__annotations__
+    last = LAST.get(model.__name__, ())
     return sorted(
-        model.model_fields.items(), key=lambda item: (item[0] not in FIRST, item[0] in LAST, item[0] not in own)
+        model.model_fields.items(), key=lambda item: (item[0] not in FIRST, item[0] in last, item[0] not in own)
     )
 
 

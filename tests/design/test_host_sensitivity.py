@@ -49,6 +49,38 @@ def test_derivatives_agree_with_differences(name):
         np.testing.assert_allclose(found[:, k], difference, rtol=1e-5, atol=1e-5 * scale.max())
 
 
+def test_the_objective_and_the_placement_may_be_differentiated():
+    """Their derivatives are those of compiled code, because jets do not have these operations."""
+
+    def height(x):
+        near = qt.SpiralHelix(x * jnp.array([20.0, 1.0]), [0.0, 0.3], [0.0, 0.3], 5.0)
+        return tuned(lambda y: qt.Limits(curvature=0.06 * y), jnp.ones(4), nearest_to=near, fixed=["duration"])[1]
+
+    step = 1e-5
+    difference = (float(height(1.0 + step)) - float(height(1.0 - step))) / (2 * step)
+    assert float(jax.grad(height)(1.0)) == pytest.approx(difference, rel=1e-3)
+
+
+def test_an_ill_posed_element_does_not_change_the_others():
+    def total(x):
+        velocities = jnp.stack([START.velocity, 0 * START.velocity, START.velocity * 1.01])
+        start = jax.vmap(lambda v: qt.BoundaryState(START.position, v))(velocities)
+        end = jax.vmap(lambda v: qt.BoundaryState(END.position, v))(jnp.stack([END.velocity] * 3))
+        best = qt.tune(start, end, qt.Limits(curvature=0.06 * x, speed=10.5), starts=1)
+        return best.path.duration[0] + best.path.duration[2]
+
+    step = 1e-6
+    difference = (float(total(1.0 + step)) - float(total(1.0 - step))) / (2 * step)
+    assert float(jax.grad(total)(1.0)) == pytest.approx(difference, rel=1e-5)
+
+
+def test_an_undetermined_solution_has_no_derivative():
+    def heights(x):
+        return qt.tune(START, END, qt.Limits(curvature=0.06), "smoothest", duration=4 * x, starts=1).path.height
+
+    assert np.isnan(jax.jacfwd(heights)(1.0)).any()
+
+
 @pytest.mark.slow
 def test_compiled_code_gives_the_same_derivatives(monkeypatch):
     limits, options = CASES["corridor and bound"]

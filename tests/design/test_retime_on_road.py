@@ -67,3 +67,8 @@ def test_a_traced_call_says_what_to_do():
     vehicle = qt.Vehicle(1500.0, road=qt.Road([0, 60], bank=[0.0, 0.15]))
     with pytest.raises(ValueError, match="outside jit"):
         jax.grad(lambda x: qt.retime(SHAPE, qt.Limits(friction=x, speed=40.0, vehicle=vehicle)).duration)(0.5)
+
+
+def test_a_limit_that_changes_along_a_banked_road():
+    road = qt.Road([0, 60, 100, 200], bank=[0.0, 0.15, 0.15, 0.0], friction=0.8)
+    retimed(road, friction=qt.Along([0.0, 100.0, 200.0], [0.9, 0.6, 0.9]))

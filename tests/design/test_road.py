@@ -1,5 +1,7 @@
 """Limits on forces of a road whose bank and friction change along the way: closed forms, and dense sampling."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -205,3 +207,27 @@ def test_what_does_not_support_roads_says_so():
         qt.tune(a, b, qt.Limits(friction=0.5, vehicle=vehicle))
     with pytest.raises(ValueError, match="lateral_acceleration"):
         qt.tune_route(route, qt.Limits(friction=0.5, vehicle=vehicle))
+
+
+def test_limits_that_do_not_depend_on_the_road_are_proved():
+    quick = qt.Quantity("pace", "m/s", lambda p: p.speed * p.vehicle.mass / p.vehicle.mass)
+    grip = qt.Quantity("grip", "m/s", lambda p: p.speed / p.vehicle.friction[0])
+    vehicle = qt.Vehicle(1000.0, wheelbase=2.7, road=qt.Road([0.0, 50.0], friction=[0.8, 0.4]))
+    limits = qt.Limits(steering_angle=0.1, own={quick: 20.0, grip: 1e9}, vehicle=vehicle)
+    found = qt.certify(circle(), limits)
+    assert found.status["steering_angle"] == found.status["pace"] == "proved"
+    assert found.status["grip"] != "proved"
+
+
+def test_margins_of_forces_on_a_road_need_concrete_values():
+    route = straight(0.0, 0.1)[0]
+    limits = qt.Limits(friction=0.5, vehicle=qt.Vehicle(1000.0, road=qt.Road([0.0, 100.0], friction=[0.8, 0.4])))
+    with pytest.raises(ValueError, match="need concrete values"):
+        jax.vmap(lambda t: limits.margins(route, t))(jnp.array([1.0, 2.0]))
+
+
+def test_a_road_of_many_sections_is_proved():
+    count = 9000
+    road = qt.Road(np.linspace(0.0, 90.0, count), friction=0.8 + 0.05 * np.sin(np.arange(count)))
+    limits = qt.Limits(friction=0.9, vehicle=qt.Vehicle(1000.0, road=road))
+    assert qt.certify(straight(0.0, 0.0)[0], limits).status["friction"] == "proved"

@@ -374,3 +374,30 @@ def test_figures_have_bands(fitted):
 def test_wrong_arguments_are_refused(fitted, call, message):
     with pytest.raises(ValueError, match=message):
         call(fitted)
+
+
+def test_the_sigmas_of_a_window_are_those_of_the_whole_fit():
+    track = recorded(0)
+    whole = qt.fit_route(track, knots=1.0, smoothing=0.05, position_sigma=SIGMA)
+    part = qt.fit_route(track, knots=1.0, smoothing=0.05, position_sigma=SIGMA, window=(12.0, 24.0))
+    times, names = np.array([0.2, 4.0, 11.9]), ["position", "yaw_rate", "speed"]
+    found, expected = qt.uncertainty(part, times, names), qt.uncertainty(whole, times + 12.0, names)
+    for name in names:
+        np.testing.assert_allclose(found.sigma[name], expected.sigma[name], rtol=0.05)
+
+
+def test_few_samples_do_not_tell_their_noise():
+    track = recorded(0, times=np.arange(0.0, 6.0))
+    with pytest.raises(ValueError, match="pass position_sigma to fit_route"):
+        qt.uncertainty(qt.fit_route(track), [1.0])
+    assert np.isfinite(qt.uncertainty(qt.fit_route(track, position_sigma=SIGMA), [1.0]).sigma["position"]).all()
+
+
+def test_a_magnitude_that_is_zero_is_as_uncertain_as_its_signed_value():
+    rng = np.random.default_rng(2)
+    flat = drive(TIMES) * [1, 1, 0] + rng.normal(0, SIGMA, (len(TIMES), 3)) * [1, 1, 0]
+    found = qt.uncertainty(
+        qt.fit_route(qt.Track(TIMES, flat), position_sigma=SIGMA), [8.0], ["slope", "slope_magnitude"]
+    )
+    assert found.values["slope_magnitude"][0] == 0.0
+    assert found.sigma["slope_magnitude"][0] == found.sigma["slope"][0] > 1e-4

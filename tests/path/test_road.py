@@ -71,8 +71,11 @@ def test_a_road_in_a_file(tmp_path):
         ("a,b\nx,y\n1,2\n3,4\n", "needs a column for the distance"),
         ("s,bank_m\n0,1\n1,2\n", "an angle"),
         ("s,bank\n0,0\n1,2\n", "3 degrees are 0.0524"),
+        ("s,bank [mrad]\n0,0\n1,2\n", "'mrad', which is not a known unit"),
+        ("s,mu [%]\n0,50\n1,60\n", "'%', which is not a known unit"),
+        ("s,friction_deg\n0,1\n1,1\n", "a number without unit"),
         ("s,bank,inverted\n0,0,0\n1,0.1,2\n", "0 and 1"),
-        ("s,bank\n1,0\n2,0.1\n", "start with 0"),
+        ("s,bank\n1,0\n2,0.1\n", "the first one is 1 m: subtract it"),
     ],
 )
 def test_a_file_that_is_no_road_is_refused(tmp_path, text, message):
@@ -97,13 +100,14 @@ def test_a_vehicle_with_a_road_is_stored_exactly(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"distance": [1.0, 2.0]}, "start with 0"),
-        ({"distance": [0.0, 2.0, 2.0]}, "ascending"),
+        ({"distance": [1.0, 2.0]}, "the first one is 1 m: subtract it"),
+        ({"distance": [0.0, 2.0, 2.0]}, r"distance\[2\] = 2 m follows 2 m"),
         ({"distance": [0, 1], "bank": [0.1, 0.2, 0.3]}, "each of the 2 distances"),
         ({"distance": [0, 1], "bank": [0.0, 2.0]}, "between -pi/2 and pi/2"),
         ({"distance": [0, 1], "friction": [0.0, 0.5]}, "must be positive"),
         ({"distance": [0, 1], "inverted": [0, 1]}, "true or false"),
         ({"distance": [0, 1], "kind": "cubic"}, "'linear' or 'step'"),
+        ({"distance": [0, 1]}, "at least one of bank, friction and inverted"),
     ],
 )
 def test_a_wrong_road_is_refused(arguments, message):

@@ -52,7 +52,7 @@ def test_a_road_in_a_file(read, tmp_path):
         ("bank = 0.1\n[vehicle.road]\ndistance = [0]\nbank = [0.1]\n", "both define the bank"),
         ('[vehicle.road]\nfile = "a.csv"\nbank = [0.1]\n', "specify one of them"),
         ("[vehicle.road]\nbank = [0.1]\n", "needs 'distance', or 'file'"),
-        ("[vehicle.road]\ndistance = [1.0]\nbank = [0.1]\n", "start with 0"),
+        ("[vehicle.road]\ndistance = [1.0]\nbank = [0.1]\n", "the first one is 1 m: subtract it"),
     ],
 )
 def test_a_wrong_road_is_refused(read, text, message):

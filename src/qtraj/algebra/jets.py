@@ -93,7 +93,8 @@ class Jet:
 
     def __pow__(self, exponent: int) -> "Jet":
         x, n = self.value, exponent
-        return self.apply(x**n, n * x ** (n - 1), n * (n - 1) * x ** (n - 2))
+        first, second = (0.0 * x if c == 0 else c * x**k for c, k in ((n, n - 1), (n * (n - 1), n - 2)))
+        return self.apply(x**n, first, second)
 
     def reciprocal(self) -> "Jet":
         """Return 1/x."""
@@ -166,8 +167,8 @@ def replaced(x: Any, where: Any, constant: float) -> Any:
 
 
 def sqrt(x: Any) -> Any:
-    """Return √x of a jet or an array, and 0 with derivative 0 where x is not positive."""
-    bad = ~(x > 0)
+    """Return √x of a jet or an array, 0 with derivative 0 where x is not positive, and NaN where x is NaN."""
+    bad = (x.value if isinstance(x, Jet) else x) <= 0
     safe = replaced(x, bad, 1.0)
     return replaced(safe.sqrt() if isinstance(x, Jet) else _module(x).sqrt(safe), bad, 0.0)
 

@@ -10,6 +10,7 @@ import numpy as np
 from qtraj.design.along import Along
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import COMBINED, quantity
@@ -25,6 +26,11 @@ def road_at(limits: Any, path: AbstractHodograph, t: ScalarLike) -> RoadParamete
     """Return the parameters of the vehicle of `limits` at one instant `t` [s] of a path."""
     if not limits.along_road:
         return limits.road(path.duration.dtype)
+    if is_traced(path, t, limits):
+        raise ValueError(
+            "the margins of forces on a road that changes along the way need concrete values: pass an array of times "
+            "outside jit, grad and vmap"
+        )
     return road_on(limits.vehicle, path).at(np.asarray(t, float))
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.io.track.column_names import find
-from qtraj.io.track.column_scales import meant, unit_of_column
+from qtraj.io.track.column_names import bracketed, find
+from qtraj.io.track.column_scales import unit_of_column
 from qtraj.io.track.limit_columns import factor_of
 from qtraj.io.track.missing_columns import listed
 from qtraj.io.track.reading import checked
@@ -60,20 +61,34 @@ def read_road(file: Any, kind: Kind = "linear") -> Road:
 
 _PARTS = {"distance": DISTANCES, "bank": BANKS, "friction": FRICTIONS, "inverted": INVERTED}
 _KINDS = {"distance": "length", "bank": "angle"}
+UNITLESS = ("", "1", "-")
+"""Texts in place of the unit of a number without unit."""
 
 
 def _values(source: Source, part: str, names: tuple[str, ...]) -> np.ndarray:
     """Return the columns of a part, in SI units."""
     rows = dict(zip(source.table.header, source.table.units or [], strict=False))
-    factor, kind = 1.0, _KINDS.get(part)
-    item = meant(unit_of_column(names[0], rows), kind or "none")
-    if kind is not None and item is not None:
-        if item[1].kind != kind:
-            wanted = "a length" if kind == "length" else "an angle"
-            raise ValueError(f"the column {names[0]!r} is in {item[0]}, but the {part} of a road is {wanted}")
-        factor = factor_of(item[1])
-    values = factor * source.table.numbers(source.name, names)
+    kind = _KINDS.get(part)
+    factors = [_factor(name, part, kind, rows) for name in names]
+    values = np.array(factors) * source.table.numbers(source.name, names)
     return values[:, 0] if len(names) == 1 else values
+
+
+def _factor(name: str, part: str, kind: str | None, rows: Mapping[str, str]) -> float:
+    """Return the factor from the unit of a column to SI; `rows` contains the row of units by column.
+
+    **Raises:** ValueError for a unit that is unknown or of another kind.
+    """
+    unit = unit_of_column(name, rows)
+    unknown = [text for text in (*bracketed(name), rows.get(name, "")) if text not in UNITLESS]
+    if unit is None and unknown:
+        raise ValueError(f"the column {name!r} is in {unknown[0]!r}, which is not a known unit: convert it first")
+    if unit is None:
+        return 1.0
+    if unit[1].kind != kind:
+        wanted = {"length": "a length", "angle": "an angle"}.get(kind or "", "a number without unit")
+        raise ValueError(f"the column {name!r} is in {unit[0]}, but the {part} of a road is {wanted}")
+    return factor_of(unit[1])
 
 
 def _flags(values: np.ndarray) -> np.ndarray:

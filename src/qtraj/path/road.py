@@ -80,10 +80,20 @@ class Road(eqx.Module):
         if kind not in ("linear", "step"):
             raise ValueError(f"kind must be 'linear' or 'step', but {kind!r} was given")
         at = _numbers(distance, "distance", "m")
-        if at.ndim != 1 or not at.size or at[0] != 0 or (np.diff(at) <= 0).any():
+        if at.ndim != 1 or not at.size:
+            raise ValueError(f"distance must contain ascending numbers [m], but {described(distance)} was given")
+        if at[0] != 0:
             raise ValueError(
-                f"distance must contain ascending numbers [m] that start with 0, but {described(distance)} was given"
+                f"the distances of a road are measured from the start of the path, but the first one is {at[0]:.9g} m: "
+                "subtract it from all distances"
             )
+        if (falling := np.flatnonzero(np.diff(at) <= 0)).size:
+            k = int(falling[0]) + 1
+            raise ValueError(
+                f"the distances of a road must ascend, but distance[{k}] = {at[k]:.9g} m follows {at[k - 1]:.9g} m"
+            )
+        if bank is None and friction is None and inverted is None:
+            raise ValueError("a road defines at least one of bank, friction and inverted, but none was given")
         self.kind, self.distance = kind, tuple(at.tolist())
         self.bank = None if bank is None else _banks(bank, at.size)
         self.friction = None if friction is None else _frictions(friction, at.size)
@@ -91,8 +101,8 @@ class Road(eqx.Module):
 
     def __repr__(self) -> str:
         known = [name for name in ("bank", "friction", "inverted") if getattr(self, name) is not None]
-        shown = ", ".join(known) or "nothing"
-        return f"Road({shown} at {len(self.distance)} distances over {self.distance[-1]:.6g} m, kind={self.kind!r})"
+        place = f"{len(self.distance)} distances over {self.distance[-1]:.6g} m"
+        return f"Road({', '.join(known)} at {place}, kind={self.kind!r})"
 
     @property
     def is_constant(self) -> bool:

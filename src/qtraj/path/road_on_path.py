@@ -8,6 +8,7 @@ the sine differ from their lines by at most `Lines.error`.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,9 +67,14 @@ class RoadOnPath:
         at = np.array(self.road.distance)
         at = at[: max(1, int(np.searchsorted(at, on.length - on.uncertainty)))]
         self.starts = at
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """The parameters at the starts and the ends of the sections, which overlap."""
+        on, at = self.on, self.starts
         low, high = on.parameters(at - on.uncertainty), on.parameters(np.append(at[1:], on.length) + on.uncertainty)
         low[0], high[-1] = on.ends[0], on.ends[-1]
-        self._low, self._high = low, high
+        return low, high
 
     def at(self, u: Float[np.ndarray, "*n"], sections: np.ndarray | None = None) -> RoadParameters:
         """Return the parameters at parameters of the path; by default in the sections that contain them."""
@@ -90,13 +96,14 @@ class RoadOnPath:
 
     def cut(self, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> Cut:
         """Return the parts of intervals in each section; sections overlap by the uncertainty of the distance."""
-        first = np.searchsorted(self._high, low, side="right")
-        first = np.minimum(first, self._low.size - 1)
-        last = np.maximum(np.searchsorted(self._low, high, side="left") - 1, first)
+        starts, ends = self._ends
+        first = np.searchsorted(ends, low, side="right")
+        first = np.minimum(first, starts.size - 1)
+        last = np.maximum(np.searchsorted(starts, high, side="left") - 1, first)
         count = last - first + 1
         owner = np.repeat(np.arange(low.size), count)
         section = first[owner] + np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
-        start, end = np.maximum(low[owner], self._low[section]), np.minimum(high[owner], self._high[section])
+        start, end = np.maximum(low[owner], starts[section]), np.minimum(high[owner], ends[section])
         return Cut(owner, start, np.maximum(start, end), section)
 
     def lines(self, low: np.ndarray, high: np.ndarray, sections: Int[np.ndarray, " n"]) -> Lines:

@@ -78,8 +78,8 @@ class Vehicle(eqx.Module):
     - `wheelbase` [m]: the distance of the axles, for the steering angle and its rate; None if it is not known.
     - `road`: a `Road`, whose bank and friction change along the way, instead of `bank` and `friction`.
 
-    All fields are arrays, so a different vehicle does not cause a recompilation. Fields with a batch dimension, created
-    by `jax.vmap`, represent one vehicle for each path of a batch.
+    All fields except `road` are arrays, so a different vehicle does not cause a recompilation. Fields with a batch
+    dimension, created by `jax.vmap`, represent one vehicle for each path of a batch.
 
     **Raises:** ValueError for a mass or friction that is not positive, a negative resistance, density or gravity, a
     bank of a right angle or more, a wheelbase that is not positive, an invalid inertia, or a bank or friction that the

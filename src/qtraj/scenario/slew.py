@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from qtraj.foundation.naming import naming
-from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, has_end_rates, is_fixed
+from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, has_end_states, is_fixed
 from qtraj.motion.profiles.slew_profile import LIMITS, POLYNOMIALS, PROFILES, slew_profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
@@ -133,7 +133,7 @@ class SlewPart(Part):
         with naming("[law]: "):
             law = self.law.law(angles)
             program = self._slews(attitudes, law, angles)
-            if self.body is None or self.body.max_torque is None or has_end_rates(law):
+            if self.body is None or self.body.max_torque is None or has_end_states(law):
                 return program
             try:
                 return within_torque(program, self.body.inertia, self.body.max_torque)

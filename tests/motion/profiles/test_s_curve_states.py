@@ -254,3 +254,40 @@ def test_a_stored_profile_is_the_same(tmp_path):
     law = s_curve(CASES[3, :8])
     qt.EulerTurn.about([0, 0, 1], 1.5, [1, 0, 0, 0], law).save(tmp_path / "slew.toml")
     assert qt.load(tmp_path / "slew.toml").law.profile(CASES[3, 0]).duration == law.profile(CASES[3, 0]).duration
+
+
+@pytest.mark.parametrize(("start", "end"), [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.3)])
+def test_derivatives_of_a_coast_from_or_to_the_largest_rate(start, end):
+    """T = D/V, plus the times lost in the ramps: derivatives in the distance and, for start 1, the end rate."""
+
+    def duration(x):
+        return qt.SCurve(1.0, 2.0, 8.0, start_rate=start, end_rate=end + x[1]).profile(x[0]).duration
+
+    x, step = jnp.array([3.0, 0.0]), 1e-6
+    found = jax.grad(duration)(x)
+    assert float(found[0]) == pytest.approx(1.0, rel=1e-12)
+    below = (duration(x) - duration(x.at[1].add(-step))) / step
+    assert float(found[1]) == pytest.approx(float(below), abs=1e-5) or end == 1.0
+
+
+def test_the_derivative_at_the_largest_acceleration():
+    def duration(a0):
+        return qt.SCurve(1.0, 2.0, 8.0, start_rate=0.3, start_acceleration=a0).profile(1.0).duration
+
+    differences = [float(duration(2.0 + x) - duration(2.0)) / x for x in (-1e-6, 1e-6)]
+    assert float(jax.grad(duration)(2.0)) == pytest.approx(np.mean(differences), abs=1e-5)
+
+
+def test_second_derivatives_equal_finite_differences():
+    def duration(x):
+        return qt.SCurve(1.0, 2.0, 8.0, start_rate=x[1], end_rate=x[2]).profile(x[0]).duration
+
+    x, slope = jnp.array([0.05, 0.1, 0.05]), jax.jit(jax.grad(duration))
+    found, step = jax.jit(jax.hessian(duration))(x), 1e-6
+    differences = np.stack([(slope(x + step * e) - slope(x - step * e)) / (2 * step) for e in np.eye(3)])
+    np.testing.assert_allclose(found, differences, rtol=1e-5, atol=1e-4)
+
+
+def test_a_motion_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="no motion of 1 exists between these states"):
+        qt.SCurve(None, 1.0, 1.0, start_rate=1e200).profile(1.0)

@@ -150,7 +150,7 @@ def test_about_a_principal_axis_the_torque_is_along_it():
             2.0,
             "cannot satisfy the limit .* Increase the duration to at least",
         ),
-        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "its start_rate or end_rate is fixed"),
+        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "because the profile has end_rate"),
         (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number, or three positive numbers"),
         (LAWS["quintic"], -1.0, 2.0, "positive principal moments"),
     ],

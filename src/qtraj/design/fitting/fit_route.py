@@ -162,13 +162,14 @@ def fit_route(
         np.flatnonzero(~inliers),
         clipped(stops, wide.start, wide.end),
         clipped(gaps, wide.start, wide.end),
-        found.sigma * unit.length,
+        float("nan") if few and position_sigma is None else found.sigma * unit.length,
         in_seconds(part.matrix, unit.time),
         ResultCode.successful if np.isfinite(found.states).all() else ResultCode.not_finite,
         attitude,
         compare_upright(path, track),
         like(part.knots * unit.time, path.duration),
         in_seconds(part.penalty, unit.time),
+        part.errors * (unit.length / unit.time ** np.arange(3.0))[:, None],
     )
     return fitted.check() if throw else fitted
 

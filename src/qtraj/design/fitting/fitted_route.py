@@ -41,6 +41,8 @@ class FittedRoute(AbstractOutcome):
     - `information` (6, 3 n): the diagonals of the normal matrix for n knots, in units of position_sigma^-2;
       (3, 6, 3 n) if the standard deviations of x, y and z differ. `covariance` uses them.
     - `penalty`: the part of `information` that the smoothing adds; zero in older documents.
+    - `smoothing_errors` (n, 3, 3): the expected errors of position [m], velocity [m/s] and acceleration [m/s²] at the
+      knots by the smoothing; None in older documents.
     - `knots` (n,) [s]: the times of these knots. They are the joints of the route, except next to stops (see
       `fit_route`).
     - `attitude`: for a recording with attitudes, their difference from the upright frame of the route, and the mounting
@@ -64,6 +66,7 @@ class FittedRoute(AbstractOutcome):
     rates: RateResidual | None
     knots: Float[Array, " n"]
     penalty: Float[Array, "*axes 6 unknowns"]
+    smoothing_errors: Float[Array, "n 3 3"] | None
 
     def __init__(
         self,
@@ -82,6 +85,7 @@ class FittedRoute(AbstractOutcome):
         rates: RateResidual | None = None,
         knots: ArrayInput | None = None,
         penalty: ArrayInput | None = None,
+        smoothing_errors: ArrayInput | None = None,
     ):
         self.path, self.residual, self.attitude, self.rates = path, residual, attitude, rates
         self.prediction_error, self.stretch_error = as_float(prediction_error), as_float(stretch_error)
@@ -93,6 +97,7 @@ class FittedRoute(AbstractOutcome):
         self.code = as_array(int(np.asarray(code)), np.int32)
         self.knots = path.times if knots is None else as_float(knots)
         self.penalty = 0.0 * self.information if penalty is None else as_float(penalty)
+        self.smoothing_errors = None if smoothing_errors is None else as_float(smoothing_errors)
 
     def covariance(self) -> Float[np.ndarray, "*axes n 3 3"]:
         """Return the covariance of position, velocity and acceleration at each of the n knots, in SI units.

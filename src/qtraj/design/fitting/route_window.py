@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from qtraj.design.fitting.route_system import STEP, blocks, from_blocks
+from qtraj.design.fitting.route_system import STEP, blocks, from_blocks, smoothing_errors
 from qtraj.design.fitting.units import units
 from qtraj.path.track import Track, to_float64
 
@@ -69,12 +69,16 @@ def _pair(window: Any) -> tuple[float, float]:
 
 
 class Cut(NamedTuple):
-    """Knots (m,), states (m, 3, 3), normal matrix and penalty of a route within a window; the knots start at 0."""
+    """The part of a route within a window: knots (m,), which start at 0, states (m, 3, 3), normal matrix and penalty.
+
+    `errors` are the expected errors of the states by the smoothing.
+    """
 
     knots: Float[np.ndarray, " m"]
     states: Float[np.ndarray, "m 3 3"]
     matrix: Float[np.ndarray, "*axes 6 unknowns"]
     penalty: Float[np.ndarray, "*axes 6 unknowns"]
+    errors: Float[np.ndarray, "m 3 3"]
 
 
 def cut(
@@ -90,7 +94,11 @@ def cut(
     changed = matrix + 1j * STEP * penalty
     reduced: Any = np.stack([_reduced(x, first, last) for x in changed.reshape(-1, *matrix.shape[-2:])])
     reduced = reduced.reshape(*matrix.shape[:-1], -1)
-    return Cut(knots[kept] - knots[first], states[kept], reduced.real, reduced.imag / STEP)
+    # The reduced penalty is a derivative, so it does not give these errors.
+    relative = np.array(states)
+    relative[:, 0] -= states[:1, 0]
+    errors = smoothing_errors(matrix, penalty, relative)[kept]
+    return Cut(knots[kept] - knots[first], states[kept], reduced.real, reduced.imag / STEP, errors)
 
 
 def _reduced(matrix: Complex[np.ndarray, "6 unknowns"], first: int, last: int) -> Complex[np.ndarray, "6 fewer"]:

@@ -134,9 +134,9 @@ class OnRoad:
         undefined, broken = ~np.isfinite(values), excess > ROUNDING * np.abs(bounds)
         codes = np.where(undefined, UNDEFINED, np.where(broken, BROKEN, PROVED))
         origin = np.flatnonzero(codes == PROVED)
-        todo = pieces.part(origin)
+        todo, most = pieces.part(origin), max(MOST, 4 * origin.size)
         for _ in range(HALVINGS + 1):
-            if not origin.size or origin.size > MOST:
+            if not origin.size or origin.size > most:
                 break
             found = self._at_corners(todo, task)
             codes[origin[found == SAMPLED]] = SAMPLED

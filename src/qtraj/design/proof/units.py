@@ -40,12 +40,21 @@ def constants(
     """
 
     def of(x: np.ndarray, y: np.ndarray) -> Any:
+        if np.isnan(x).any():  # it changes along a road: claims that use it are not decided
+            return _unknown(constant, x)
         if (x != y).any():
             return constant(x) + (constant(y) - constant(x)) * fraction
         return int(np.ravel(x)[0]) if np.all(x == 0) or np.all(x == 1) else constant(x)
 
     pairs = zip(vehicle, _other_end(vehicle, end), strict=True)
     return RoadParameters(*(of(np.asarray(x, float), np.asarray(y, float)) for x, y in pairs))
+
+
+def _unknown(constant: Callable[[Any], Any], x: np.ndarray) -> Any:
+    try:
+        return constant(x)
+    except ValueError:  # integers cannot be NaN; a claim that uses this number raises a ValueError, too
+        return np.nan
 
 
 def vehicle_at(vehicle: RoadParameters | None, end: RoadParameters | None, u: np.ndarray) -> RoadParameters | None:

@@ -68,7 +68,7 @@ def excess(side: int | np.ndarray, values: np.ndarray, bounds: np.ndarray) -> np
     The result is −inf without a bound.
     """
     size = np.max(np.where(np.isfinite(bounds), np.abs(bounds), 0.0), axis=0, initial=LEAST)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         found = side * (values - bounds) / size
     return np.where(np.isinf(bounds), -np.inf, found)
 

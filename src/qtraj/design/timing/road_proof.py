@@ -115,4 +115,6 @@ def part_of_grid(grid: Grid, cell: np.ndarray, start: np.ndarray, end: np.ndarra
 
 def _strictest(bound: Any, cell: np.ndarray) -> Any:
     """Return a limit on friction or power in parts of cells; a linear one is the smallest of its cell."""
-    return np.min(np.asarray(bound)[cell], axis=1) if np.ndim(bound) == 2 else bound
+    if np.ndim(bound) != 2:
+        return bound
+    return np.repeat(np.min(np.asarray(bound)[cell], axis=1, keepdims=True), 2, axis=1)

@@ -22,6 +22,9 @@ from qtraj.path.quantity import quantity
 MAX_COUNT = 16
 """Largest batch that is differentiated on the host; compiled code is faster for larger ones."""
 
+MAX_CONDITION = 1e13
+"""Largest condition number of the equations for which the derivative counts as determined."""
+
 
 class _Components:
     """The components of vectors, indexed as an array with the components on its last axis."""
@@ -42,9 +45,12 @@ class _Expansion(NamedTuple):
     curvatures: Float[np.ndarray, "k m m"]
 
 
-def is_supported(task: Task) -> bool:
-    """Return whether the solutions of a batch of problems are differentiated on the host."""
-    return len(task.low) <= MAX_COUNT and task.problem.objective.is_formula
+def is_supported(task: Task, moving: Task) -> bool:
+    """Return whether the solutions of a batch are differentiated on the host; `moving` marks the leaves that are θ."""
+    objective = task.problem.objective
+    # The arrays of an objective, and with them the placement, enter by operations that jets do not have.
+    parts = (moving.problem.objective, moving.problem.placement if jax.tree.leaves(objective) else ())
+    return len(task.low) <= MAX_COUNT and objective.is_formula and not any(jax.tree.leaves(parts))
 
 
 def derivatives(task: Task, result: SearchResult, moving: Task) -> Float[np.ndarray, "batch n p"]:
@@ -55,10 +61,12 @@ def derivatives(task: Task, result: SearchResult, moving: Task) -> Float[np.ndar
 
 
 def _derivative(tasks: Task, results: SearchResult, moving: Task, index: int) -> Float[np.ndarray, "n p"]:
-    """Return ∂z/∂θ for one solution of a batch, or NaN if it is not determined."""
+    """Return ∂z/∂θ for one solution of a batch, NaN if it is not determined, and 0 for an ill-posed problem."""
     task, result = jax.tree.map(lambda x: x[index], (tasks, results))
     n, active = result.z.size, result.multiplier > ACTIVE
     places, size = _places(task, moving, n + 1)
+    if not np.isfinite(result.z).all():
+        return np.zeros((n, size - n - 1))
     found = _expanded(task, result, active, places, size)
     low = result.z <= task.low + AT_BOUND
     high = (result.z >= task.high - AT_BOUND) & ~low
@@ -147,6 +155,8 @@ def _solved(
         matrix[own], change[own] = np.eye(len(matrix))[own], 0.0
         if place >= 0:
             change[own, place - n - 1 + own] = -1.0
+    if np.linalg.cond(matrix) > MAX_CONDITION:
+        raise np.linalg.LinAlgError
     return -np.linalg.solve(matrix, change)[:n]
 
 

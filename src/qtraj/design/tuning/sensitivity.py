@@ -14,6 +14,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
@@ -39,17 +40,22 @@ def _differentiate_all(
     primals: tuple[Task, SearchResult], tangents: tuple[Task, SearchResult | None]
 ) -> tuple[Array, Array]:
     tasks, results = primals
-    if is_traced(primals) or not host_sensitivity.is_supported(tasks):
-        return _compiled(tasks, results, tangents[0])
     moving = jax.tree.map(lambda x, change: change is not None, tasks, tangents[0])
+    if is_traced(primals) or not host_sensitivity.is_supported(tasks, moving):
+        return _compiled(tasks, results, tangents[0])
     changes = [x.reshape(len(x), -1) for x in jax.tree.leaves(tangents[0])]
-    return jnp.asarray(results.z), _applied(host_sensitivity.derivatives(tasks, results, moving), changes)
+    known = np.isfinite(np.asarray(results.z)).all(axis=1, keepdims=True)
+    derivatives = host_sensitivity.derivatives(tasks, results, moving)
+    return jnp.asarray(results.z), _applied(derivatives, known, changes)
 
 
 @jax.jit
-def _applied(derivatives: Float[Array, "batch n p"], changes: list[Float[Array, "batch _"]]) -> Float[Array, "batch n"]:
-    """Return the changes of the variables for changes of the data."""
-    return jnp.einsum("bnp,bp->bn", derivatives, jnp.concatenate(changes, axis=1))
+def _applied(
+    derivatives: Float[Array, "batch n p"], known: Bool[Array, "batch 1"], changes: list[Float[Array, "batch _"]]
+) -> Float[Array, "batch n"]:
+    """Return the changes of the variables for changes of the data, 0 where the solution is not known."""
+    change = jnp.einsum("bnp,bp->bn", derivatives, jnp.concatenate(changes, axis=1))
+    return jnp.where(known, change, 0.0)
 
 
 @eqx.filter_jit

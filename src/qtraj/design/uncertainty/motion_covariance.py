@@ -64,9 +64,11 @@ def _of_route(fitted: Any, t: Float[np.ndarray, " n"], orders: range) -> Float[n
     for axis in range(3):
         result[:, :, axis, :, axis] = axes[axis]
     result = float(np.asarray(fitted.position_sigma)) ** 2 * result.reshape(len(t), 3 * count, 3 * count)
-    states = np.stack([np.asarray(x, float) for x in method(fitted.path, "sampled")(knots, 2)], axis=1)
-    states[:, 0] -= states[:1, 0]
-    errors = smoothing_errors(matrix, penalty, states)
+    errors = fitted.smoothing_errors
+    if errors is None:  # in older documents
+        states = np.stack([np.asarray(x, float) for x in method(fitted.path, "sampled")(knots, 2)], axis=1)
+        states[:, 0] -= states[:1, 0]
+        errors = smoothing_errors(matrix, penalty, states)
     shift = (rows @ np.concatenate([errors[i], errors[i + 1]], axis=1)).reshape(len(t), -1)
     shift[in_gap] = 0.0
     return result + shift[:, :, None] * shift[:, None]

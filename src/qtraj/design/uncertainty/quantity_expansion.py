@@ -64,11 +64,26 @@ def expand(entry: PathQuantity, r: Float[np.ndarray, "k n"], lowest: int, road: 
 
 
 def _jet(entry: PathQuantity, i: Invariants) -> Jet:
-    found = entry.numerator(i)
-    if entry.denominator is not None:
-        found = found / entry.denominator(i)
+    component = entry.component
+    if entry.signed is None and component is not None:
+        # A magnitude has the standard deviation of its signed value, also where it is zero.
+        found = _angle(entry, _quotient(component, i))
+        return found * np.where(found.value < 0, -1.0, 1.0)
+    found = _quotient(entry, i)
     if entry.signed is None:
         found = sqrt(found)
+        # The length of a vector has no derivative at zero.
+        found = found.apply(found.value, np.where(found.value == 0, np.nan, 1.0), 0.0)
+    return _angle(entry, found)
+
+
+def _quotient(entry: Any, i: Invariants) -> Jet:
+    found = entry.numerator(i)
+    return found if entry.denominator is None else found / entry.denominator(i)
+
+
+def _angle(entry: PathQuantity, found: Jet) -> Jet:
+    """Return the angle of its tangent, if the entry is an angle."""
     if not entry.tangent_of:
         return found
     x, part = found.value, entry.tangent_of

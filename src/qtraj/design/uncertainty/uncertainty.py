@@ -147,8 +147,8 @@ def uncertainty(
         True
     """
     known = require_fit(fitted)
-    if isinstance(quantities, str):
-        raise ValueError(f"quantities must be a sequence of names, such as [{quantities!r}], not a string")
+    if isinstance(quantities, str) or not isinstance(quantities, Sequence) or not quantities:
+        raise ValueError(f"quantities must be a sequence of names, such as ['yaw_rate'], but {quantities!r} was given")
     names = list(dict.fromkeys(map(name_of, quantities)))
     entries = {name: output(name) for name in names if name not in VECTORS}
     t = instants(known, times)
@@ -167,6 +167,10 @@ def require_fit(fitted: Any) -> Any:
         raise ValueError("this result of fit has no covariance, because it was saved by an older version: fit again")
     if isinstance(fitted, FittedRoute) and not fitted.information.size:
         raise ValueError("this result of fit_route has no covariance: fit again")
+    if isinstance(fitted, FittedRoute) and np.isnan(np.asarray(fitted.position_sigma)):
+        raise ValueError(
+            "fewer than eight samples do not determine the noise of a recording: pass position_sigma to fit_route"
+        )
     return jax.tree.map(on_host, fitted)
 
 
@@ -205,7 +209,10 @@ def road_of(vehicle: Vehicle | None, entries: dict[Any, PathQuantity]) -> Any:
     for name, entry in entries.items():
         if entry.needs:
             require(vehicle, entry.needs, f"the quantity {name!r}")
-    return NO_VEHICLE if vehicle is None else vehicle.parameters(np.float64)
+    if vehicle is None:
+        return NO_VEHICLE
+    needs_road = any(entry.needs == "vehicle" for entry in entries.values())
+    return vehicle.parameters(np.float64) if needs_road else vehicle.fixed_parameters(np.float64)
 
 
 def _vector(fitted: Any, t: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -247,10 +247,10 @@ def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
 
 def is_fixed(motion_profile: AbstractProfile) -> bool:
     """Return whether a slew cannot be slowed down, because its duration or one of its end rates is fixed."""
-    return motion_profile.duration is not None or has_end_rates(motion_profile)
+    return motion_profile.duration is not None or has_end_states(motion_profile)
 
 
-def has_end_rates(motion_profile: AbstractProfile) -> bool:
+def has_end_states(motion_profile: AbstractProfile) -> bool:
     """Return whether a rate or an acceleration at an end of a motion profile is set."""
     return any(getattr(motion_profile, name, None) is not None for name in END_STATES)
 
@@ -275,11 +275,13 @@ def fixed_duration(duration: Scalar, minimum: Scalar, size: Scalar | None = None
 def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar, unit: str) -> None:
     """Raise a ValueError that gives the minimum duration if a fixed duration is concrete and infeasible."""
     feasible = concrete(profile.feasible)
-    if feasible is None or feasible or motion_profile.duration is None:
+    if feasible is None or feasible:
         return
+    angle = f"{float(profile.total):.9g} {unit}".rstrip()
     limits = user_limits(motion_profile)
-    fixed = float(limits.pop("duration"))
-    angle, minimum_text = f"{float(profile.total):.9g} {unit}".rstrip(), f"{float(minimum):.17g} s"
+    if motion_profile.duration is None:
+        raise ValueError(f"no motion of {angle} exists between these states: {motion_profile}")
+    fixed, minimum_text = float(limits.pop("duration")), f"{float(minimum):.17g} s"
     if fixed < float(minimum):
         units = {name: f" {unit}{per_time}" if unit else "" for name, per_time in PER_TIME.items()}
         bounds = " and ".join(f"{name} = {float(value):.6g}{units[name]}" for name, value in limits.items())
@@ -288,12 +290,10 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"limits ({bounds}), but a duration of {fixed:.9g} s was given. Increase the duration, or raise the limits."
         )
     possible = getattr(motion_profile, "possible_durations", None)
-    text = (
-        f"The minimum is {minimum_text}. If one of these rates is not zero, some longer durations are impossible too."
-    )
+    text = f"The minimum is {minimum_text}; with rates that are not zero, some longer durations are impossible too."
     if possible is not None:
         text = f"It can last {possible(profile.total)}."
     raise ValueError(
-        f"with the rates at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s with this "
-        f"{motion_profile.name} profile within the limits. {text} Change the duration, or the rates at the ends."
+        f"with the states at its ends, a motion of {angle} cannot last exactly {fixed:.9g} s with this "
+        f"{motion_profile.name} profile within the limits. {text} Change the duration, or the states at the ends."
     )

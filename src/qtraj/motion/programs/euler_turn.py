@@ -10,7 +10,7 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import require_axes, shared_dtype
-from qtraj.motion.profiles.profile import AbstractProfile, Profile
+from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, Profile
 from qtraj.motion.programs.eigenaxis import (
     attitude_about,
     attitude_after,
@@ -191,8 +191,8 @@ class SlewSequence(AbstractProgram):
         _require_profile(law)
         if not law.profile(_largest(self.angles), unit="rad").proportional:
             raise ValueError(
-                "a slew sequence is at rest at each attitude, but the profile has end rates: omit start_rate and "
-                "end_rate"
+                "a slew sequence is at rest at each attitude, but the profile has states at its ends: omit "
+                f"{' and '.join(name for name in END_STATES if getattr(law, name, None) is not None)}"
             )
 
     def __repr__(self) -> str:

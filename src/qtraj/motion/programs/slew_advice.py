@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from qtraj.foundation.types import ArrayInput
-from qtraj.motion.profiles.profile import END_STATES, has_end_rates
+from qtraj.motion.profiles.profile import END_STATES, has_end_states
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
@@ -71,7 +71,7 @@ def _changes(
     def changed(**fields: Any) -> Slews:
         return torque.within(dataclasses.replace(program, law=dataclasses.replace(law, **fields)))
 
-    if has_end_rates(law):
+    if has_end_states(law):
         yield lambda: changed(**own, **rests, duration=None), _without_end_rates
     elif law.duration is None:
         yield lambda: changed(**own), _with_limits

@@ -14,7 +14,7 @@ import numpy as np
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import AbstractProfile, has_end_rates
+from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, has_end_states
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
@@ -50,11 +50,9 @@ def within_torque(
         return program
     law = program.law
     needed = f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, but it cannot"
-    if has_end_rates(law):
-        raise ValueError(
-            f"{needed} be slowed down, because its start_rate or end_rate is fixed. Omit start_rate, end_rate and "
-            "duration."
-        )
+    if has_end_states(law):
+        fixed = [name for name in (*END_STATES, "duration") if getattr(law, name, None) is not None]
+        raise ValueError(f"{needed} be slowed down, because the profile has {' and '.join(fixed)}. Omit these.")
     target = bound * (1 - MARGIN)
     if law.duration is not None:
         gentler = _gentler(program, inertia, target)

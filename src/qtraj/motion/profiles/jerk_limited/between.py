@@ -86,7 +86,7 @@ def _widths(unknowns: Float[Array, "5"], found: Structure, ends: Ends) -> Float[
     direct = (p < 0) | (q < 0)
     falls = (xp.where(direct, p + q, p), xp.where(direct, 0.0, q))
     widths = xp.stack([p - found.first * ends.b0, h, falls[0], coast, falls[1], k, q - found.last * ends.b1])
-    return xp.where(widths > 0, widths, 0.0)
+    return xp.where(widths >= 0, widths, 0.0)
 
 
 def _jerks(found: Structure) -> Float[Array, "7"]:
@@ -107,7 +107,7 @@ def _unknowns_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
     The derivatives are zero where they do not exist, such as for a motion of zero duration.
     """
     found, *values = primals
-    x = found.unknowns
+    x = _unknowns(found, *values)  # depends on the values, so that higher derivatives are correct, too
     matrix = jax.jacfwd(lambda x: _equations(x, found, *values))(x)
     change = jax.jvp(lambda *values: _equations(x, found, *values), tuple(values), tangents[1:])[1]
     regular = jnp.isfinite(matrix).all() & (jnp.linalg.det(matrix) != 0)
@@ -122,14 +122,19 @@ def _equations(
     p, h, q, k, coast = x
     c0, b0 = found.first * ends.v0 - ends.b0**2 / 2, found.first * ends.b0
     c1, b1 = found.last * ends.v1 - ends.b1**2 / 2, found.last * ends.b1
-    w = found.first * (c0 + p**2 + p * h)
+    w0, w1 = found.first * (c0 + p**2 + p * h), found.last * (c1 + q**2 + q * k)
     ramps = found.first * half_distance(c0, b0, p, h)[0] + found.last * half_distance(c1, b1, q, k)[0]
-    coasting = found.unknowns[4] > 0
-    untimed = jnp.where(coasting, found.first * w - jnp.where(coasting, max_rate, 0.0), coast)
+    coasting = (found.unknowns[4] > 0) & ~found.timed
+    limit = found.first * jnp.where(coasting, max_rate, 0.0)
+    w = jnp.where(coasting, limit, w0)
+    # A motion that starts or ends at the largest rate has no ramp there.
+    flat_start = coasting & (found.unknowns[0] == 0) & (b0 == 0)
+    flat_end = coasting & (found.unknowns[2] == 0) & (b1 == 0)
+    untimed = jnp.where(flat_end, q, jnp.where(coasting, w1 - limit, coast))
     time = (2 * p - b0 + h) + coast + (2 * q - b1 + k)
     return jnp.stack(
         [
-            w - found.last * (c1 + q**2 + q * k),
+            jnp.where(flat_start, p, jnp.where(coasting, w0 - limit, w0 - w1)),
             ramps + w * coast - ends.distance,
             jnp.where(found.unknowns[1] > 0, p - 1, h),
             jnp.where(found.unknowns[3] > 0, q - 1, k),

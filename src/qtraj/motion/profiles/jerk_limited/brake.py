@@ -27,7 +27,7 @@ def brake(v: Scalar, a: Scalar, max_rate: Scalar | None) -> Brake:
     """Return the braking from the rate v and the acceleration a; its times are zero for a state within the limits."""
     zero = xp.zeros_like(v)
     sense = xp.where(a > 0, -1.0, 1.0).astype(v.dtype)
-    first = xp.maximum(abs(a) - 1, 0.0)
+    first = xp.where(abs(a) > 1, abs(a) - 1, 0.0)
     x, v, a = _after(zero, v, a, sense, first)
     jerks, widths = [sense, zero, zero], [first, zero, zero]
     if max_rate is not None:

@@ -13,7 +13,7 @@ from qtraj.motion.profiles.jerk_limited.fastest import fastest
 from qtraj.motion.profiles.jerk_limited.in_time import coast_in_time
 from qtraj.motion.profiles.jerk_limited.structures import Batch, Ends
 
-ROUND_OFF = 512
+ROUND_OFF = 8192
 """Relative round-off, in machine epsilons of the arguments, of a duration and of states at their limits."""
 
 

@@ -13,8 +13,8 @@ TOLERANCE = 1e-12
 def require_states(motion_profile: Any) -> None:
     """Raise a ValueError for a state that is not finite, or a final state that limits on rate or acceleration forbid.
 
-    A final acceleration a needs the rate v − a|a|/(2J) shortly before or after the end, for the limit J on the jerk: a
-    rate that decreases at the end was higher before, and one that increases was lower.
+    A final acceleration a needs the rate v − a|a|/(2J) before the end, for the limit J on the jerk: a rate that
+    decreases at the end was higher before, and one that increases was lower.
     """
     for name in END_STATES:
         value = getattr(motion_profile, name)
