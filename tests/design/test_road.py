@@ -226,6 +226,7 @@ def test_margins_of_forces_on_a_road_need_concrete_values():
         jax.vmap(lambda t: limits.margins(route, t))(jnp.array([1.0, 2.0]))
 
 
+@pytest.mark.slow
 def test_a_road_of_many_sections_is_proved():
     count = 9000
     road = qt.Road(np.linspace(0.0, 90.0, count), friction=0.8 + 0.05 * np.sin(np.arange(count)))

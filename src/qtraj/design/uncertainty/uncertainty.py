@@ -27,10 +27,10 @@ from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.own_name import OwnName, name_of
 from qtraj.path.own_quantity import Quantity as OwnQuantity
-from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.path_quantity import VEHICLE, PathQuantity
 from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.sides import upper_side
-from qtraj.path.vehicle import NO_VEHICLE, Vehicle, require, require_vehicle
+from qtraj.path.vehicle import NO_VEHICLE, Vehicle, fixed_parameters, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
 
 if TYPE_CHECKING:
@@ -211,8 +211,8 @@ def road_of(vehicle: Vehicle | None, entries: dict[Any, PathQuantity]) -> Any:
             require(vehicle, entry.needs, f"the quantity {name!r}")
     if vehicle is None:
         return NO_VEHICLE
-    needs_road = any(entry.needs == "vehicle" for entry in entries.values())
-    return vehicle.parameters(np.float64) if needs_road else vehicle.fixed_parameters(np.float64)
+    needs_road = any(entry.needs == VEHICLE for entry in entries.values())
+    return vehicle.parameters(np.float64) if needs_road else fixed_parameters(vehicle, np.float64)
 
 
 def _vector(fitted: Any, t: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

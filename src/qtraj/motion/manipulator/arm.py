@@ -138,7 +138,8 @@ class Arm(eqx.Module):
             frame = frame @ link if convention == MODIFIED else frame
             joints.append(Joint(frame[:3, 2], frame[:3, 3], kind))
             frame = frame @ screw if convention == MODIFIED else frame @ screw @ link
-        return cls(joints, frame[:3, 3], rotation.from_dcm(frame[:3, :3].T))
+        axes: Any = frame[:3, :3].T
+        return cls(joints, frame[:3, 3], rotation.from_dcm(axes))
 
     def pose(self, q: Joints) -> tuple[Vec3, Quat]:
         """Return position [m] and unit quaternion of the gripper; the quaternion is a continuous function of `q`.

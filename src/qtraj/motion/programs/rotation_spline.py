@@ -198,8 +198,8 @@ def _solve_rates(conditions: _Conditions, means: Float[Array, "n 3"]) -> tuple[F
     return stop_gradient(state.rates[1:-1]), stop_gradient(state.middle)
 
 
-def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Float[Array, "_ 3"]) -> Float[Array, "_ 3"]:
-    """Solve a block tridiagonal system with 3×3 blocks.
+def _solve(lower: Any, middle: Any, upper: Any, right: Any) -> Any:
+    """Solve a block tridiagonal system with 3×3 blocks (_, 3, 3) for the right-hand side (_, 3).
 
     The first block of `lower` and the last block of `upper` are not used.
     """
