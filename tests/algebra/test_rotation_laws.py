@@ -192,7 +192,7 @@ def test_the_derivatives_of_continuous_are_its_signs():
 # Errors
 
 
-@pytest.mark.parametrize("seq", ["", "xy", "xyzx", "xxy", "zyy", "xYz", "abc", "x1z", "ZYx"])
+@pytest.mark.parametrize("seq", ["", "xyzx", "xxy", "zyy", "xYz", "abc", "x1z", "ZYx"])
 def test_a_bad_sequence_is_refused_with_advice(seq):
     for call in (
         lambda: rotation.to_euler(jnp.array([1.0, 0, 0, 0]), seq),

@@ -64,7 +64,7 @@ HOPELESS = 0.01
 COARSER = 3
 """Number of earlier drafts that are tried if the limits cannot be imposed between the nodes of the last one."""
 
-LEAST_RATIO, LARGEST_RATIO = 0.5, 0.9
+LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
 COARSE = 0.03
@@ -75,7 +75,7 @@ class Doubled(NamedTuple):
     """The time that twice as many cells gain [s], and the estimated minimum duration [s].
 
     As in Richardson's extrapolation, the gains of further halvings are assumed to decrease in the ratio of the last two
-    gains, but by no more than a half each. A smooth timing gains less.
+    gains, but by no more than `LEAST_RATIO` each. A smooth timing gains less.
     """
 
     gain: float = np.inf
