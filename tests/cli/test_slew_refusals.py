@@ -95,7 +95,7 @@ BAD = {
     ),
     "an end rate of a chain": (
         REST + "[[via]]\ngibbs = [0, 0, 1]\n" + LAW + "end_rate = 0.1\n",
-        ["[law]: a slew sequence is at rest at each attitude", "omit start_rate and end_rate"],
+        ["[law]: a slew sequence is at rest at each attitude", "omit end_rate"],
     ),
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
     "too short a time": (
