@@ -36,7 +36,7 @@ def small_blocks(monkeypatch):
     """Blocks of 8 instants, so that few instants make several blocks and the last is incomplete."""
     for name in ("_writing", "_reduction"):
         monkeypatch.setattr(executables, name, getattr(executables, name).__wrapped__)
-    monkeypatch.setattr(executables, "_samples", lambda: 8)
+    monkeypatch.setattr(executables, "_samples", lambda _: 8)
 
 
 def expected(path, times, name):
@@ -155,7 +155,7 @@ def test_reductions_agree_with_the_samples(stack, small_blocks):
 def few_segments(monkeypatch):
     """Four segments, in windows of three samples, so that few instants make a long row with a remainder."""
     monkeypatch.setattr(executables, "_reduction", executables._reduction.__wrapped__)
-    monkeypatch.setattr(executables, "_long", lambda: 20)
+    monkeypatch.setattr(executables, "_long", lambda _: 20)
     monkeypatch.setattr(long_rows, "SEGMENTS", 4)
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 

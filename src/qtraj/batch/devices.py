@@ -5,7 +5,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec, Sharding, SingleDeviceSharding
+
+from qtraj.foundation.devices import chosen_device, device_of
 
 MIN_INSTANTS = 65536
 """Minimum number of instants, counted over all paths, for which several devices are used by default."""
@@ -13,11 +15,19 @@ MIN_INSTANTS = 65536
 AXIS = "batch"
 
 
-class Spread(NamedTuple):
-    """A device mesh with one axis, and the dimension that is divided among the devices, "paths" or "instants"."""
+class Place(NamedTuple):
+    """A device mesh with one axis, and the dimension that is divided among its devices, "paths" or "instants".
+
+    With one device, nothing is divided, and `over` is None.
+    """
 
     mesh: Mesh
-    over: str
+    over: str | None
+
+    @property
+    def platform(self) -> str:
+        """The platform of the devices, such as "cpu"."""
+        return self.mesh.devices.flat[0].platform
 
     @property
     def paths(self) -> PartitionSpec:
@@ -35,21 +45,41 @@ class Spread(NamedTuple):
             return PartitionSpec(None, AXIS)
         return PartitionSpec() if rows == 1 else PartitionSpec(AXIS)
 
-    def sharding(self, spec: PartitionSpec) -> NamedSharding:
-        """Return the sharding over the mesh for the partition `spec`."""
-        return NamedSharding(self.mesh, spec)
+    def sharding(self, spec: PartitionSpec | None = None) -> Sharding:
+        """Return the sharding for the partition `spec`, or for arrays of which each device has a copy."""
+        if self.over is None:
+            return SingleDeviceSharding(self.mesh.devices.flat[0])
+        return NamedSharding(self.mesh, PartitionSpec() if spec is None else spec)
 
 
-def spread(count: int, instants: int, devices: Sequence[Any] | None) -> Spread | None:
-    """Divide the paths or the instants equally among as many devices as possible.
+def require_devices(devices: Any) -> None:
+    """Raise a ValueError unless `devices` are None or JAX devices."""
+    if devices is None or (
+        isinstance(devices, Sequence) and devices and all(isinstance(x, jax.Device) for x in devices)
+    ):
+        return
+    raise ValueError(f"devices must be a list such as jax.local_devices()[:1], but {devices!r} was given")
 
-    If both can be divided equally, the paths are divided. By default the local devices are used if there are at least
-    `MIN_INSTANTS` instants, counted over all paths. If only one device would be used, return None.
+
+def placed(count: int, instants: int, devices: Sequence[Any] | None, arrays: Any) -> Place:
+    """Return the place of an evaluation of `count` paths, and divide its work equally among many devices.
+
+    If both paths and instants can be divided equally, the paths are divided. `devices` are given by the user. By
+    default, an evaluation is where its `arrays` are. If they may be on any device, it is on JAX's default device, or,
+    with at least `MIN_INSTANTS` instants, counted over all paths, on all local devices.
+
+    **Raises:** ValueError if `arrays` are on different devices.
     """
     if devices is None:
-        devices = jax.local_devices() if count * instants >= MIN_INSTANTS else ()
+        own = device_of(jax.tree.leaves(arrays), ", or select devices with the argument devices") or chosen_device()
+        many = own is None and count * instants >= MIN_INSTANTS
+        devices = jax.local_devices() if many else [own or jax.local_devices()[0]]
+    elif not (devices and all(isinstance(x, jax.Device) for x in devices)):
+        raise ValueError(
+            f"devices must be a list of devices, such as jax.local_devices()[:1], but {devices!r} was given"
+        )
     for number in range(len(devices), 1, -1):
         for over, size in (("paths", count), ("instants", instants)):
             if size % number == 0:
-                return Spread(Mesh(np.asarray(devices[:number]), (AXIS,)), over)
-    return None
+                return Place(Mesh(np.asarray(devices[:number]), (AXIS,)), over)
+    return Place(Mesh(np.asarray(devices[:1]), (AXIS,)), None)

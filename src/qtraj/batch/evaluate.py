@@ -5,10 +5,12 @@ from __future__ import annotations  # so that `help` shows short names
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from qtraj.batch.at_once import FEW_OF_ONE, evaluated, is_small
+from qtraj.batch.devices import require_devices
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.of_program import OUTPUTS as PROGRAM_OUTPUTS, program_table
@@ -73,10 +75,10 @@ def evaluate(
     `jax.vmap`, contains one vehicle for each path.
 
     If `reduce` is "max", "min", "integral" (trapezoidal rule) or "mean", the function reduces the outputs over the
-    instants, returns a `Reduced`, and stores no samples. `devices` are the devices to use, by default all local devices
-    for large inputs. `reuse` is the table of an earlier call with the same outputs, `components`, `axes`, and numbers
-    of paths and instants. To avoid the allocation of new memory, the arrays of this table are overwritten; do not use
-    them again.
+    instants, returns a `Reduced`, and stores no samples. `devices` are the devices to use. By default they are the
+    device to which the arguments were moved with `jax.device_put`, otherwise all local devices for large inputs.
+    `reuse` is the table of an earlier call with the same outputs, `components`, `axes`, and numbers of paths and
+    instants. To avoid the allocation of new memory, the arrays of this table are overwritten; do not use them again.
 
     A program instead of a path, such as a `FrameProgram` or an `EulerTurn`, is evaluated, too. Its outputs are
     `quaternion`, `rate`, `angular_acceleration` and `dcm`; the first three are the default.
@@ -87,13 +89,14 @@ def evaluate(
     With `extrapolate=True`, times may be outside [0, duration]; the formulas are extrapolated there. Traced times are
     not checked.
 
-    **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
-    are neither (n,) nor (b, n) or are outside the path, a missing vehicle, a number of vehicles that differs from the
-    number of paths, forces on a banked road along a route that reverses, a `reuse` table that does not match, a
-    rotation-minimizing frame with `reduce` or `reuse`, or forces on a road that changes along the way in a batch, with
-    `reduce`, or inside a trace.
+    **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes, reductions or devices,
+    times that are neither (n,) nor (b, n) or are outside the path, a missing vehicle, a number of vehicles that differs
+    from the number of paths, forces on a banked road along a route that reverses, arguments on different devices
+    without `devices`, a `reuse` table that does not match, a rotation-minimizing frame with `reduce` or `reuse`, or
+    forces on a road that changes along the way in a batch, with `reduce`, or inside a trace.
     """
     require_axes(axes)
+    require_devices(devices)
     if isinstance(paths, AbstractProgram):
         _require_none(frame=frame, reduce=reduce, devices=devices, reuse=reuse, vehicle=vehicle)
         names = PROGRAM_OUTPUTS if outputs is DEFAULT_OUTPUTS else _names(outputs)
@@ -114,6 +117,8 @@ def evaluate(
     if any(CHANNELS[name].needs == VEHICLE for name in task.names):
         require_one_direction(paths, vehicle)
     instants = as_seconds(times)
+    if devices is not None and len(devices) == 1 and not is_host(instants):
+        instants = jax.device_put(instants, devices[0])
     if instants.ndim == 0 or (instants.ndim > 1 and instants.shape[:-1] != rows):
         expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"
         raise ValueError(f"times must have shape {expected}, but an array of shape {instants.shape} was given")

@@ -8,19 +8,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.experimental.layout import Format
-from jax.sharding import PartitionSpec, SingleDeviceSharding
+from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
 from qtraj.algebra.cpu import in_one_loop
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
-from qtraj.batch.devices import AXIS, Spread, spread
+from qtraj.batch.devices import AXIS, Place, placed
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
 from qtraj.batch.stacking import results, stacked
 from qtraj.batch.sums import integrals, neighbours
 from qtraj.batch.task import Task
 from qtraj.foundation.derivatives import with_tangent_of
+from qtraj.foundation.devices import default_platform
 from qtraj.path.channel import CHANNELS
 
 
@@ -33,15 +34,19 @@ def run(
 
     `work` consists of a path or a batch of paths, a frame, and a vehicle or None. `times` are (instants,) or (paths,
     instants). The compiled code adds a missing leading axis without a copy.
+
+    **Raises:** ValueError if arrays are on different devices and `devices` is None.
     """
     if traced:
         return _traced(task, work, jnp.atleast_2d(times))
     dynamic, static = eqx.partition(work, eqx.is_array)
     count = work[0].duration.shape[0] if task.batched else 1
-    over = spread(count, times.shape[-1], devices)
+    place = placed(count, times.shape[-1], devices, (dynamic, times, old))
+    if devices is not None:
+        dynamic, times = jax.device_put((dynamic, times), place.sharding())
     if task.reduce is not None:
-        return _reduction(task, over)(static, dynamic, times)
-    return _writing(task, over, old is not None)(static, dynamic, times, old)
+        return _reduction(task, place)(static, dynamic, times)
+    return _writing(task, place, old is not None)(static, dynamic, times, old)
 
 
 @eqx.filter_jit  # under grad outside jit, the operations would be compiled one by one
@@ -54,9 +59,9 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     if task.reduce == "mean" and times.shape[1] == 1:
         return _finished(task, _single_instant(task, paths, frame, times), times)
     if task.reduce is not None:
-        return _finished(task, _summed(task, paths, frame, times, neighbours(times)), times)
+        return _finished(task, _summed(task, paths, frame, times, neighbours(times), default_platform()), times)
     arrays, work = _worker(paths, frame, task.names)
-    values = mapped(work, arrays, (times,), shape, _samples())
+    values = mapped(work, arrays, (times,), shape, _samples(default_platform()))
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
     return results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
@@ -69,7 +74,8 @@ def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> A
     to within rounding, the derivatives are evaluated at the first of their instants. The derivatives of a peak that is
     not finite are zero.
     """
-    peaks = _stop_gradient(_peaks(task, _stop_gradient(paths), _stop_gradient(frame), _stop_gradient(times)))
+    constants = _stop_gradient((paths, frame, times))
+    peaks = _stop_gradient(_peaks(task, *constants, default_platform()))
     first = jnp.stack([when for name in task.names for _, when in peaks[name]], axis=1)
     instants = _with_time_derivatives(jnp.where(jnp.isfinite(first), first, _stop_gradient(times[:, :1])), times)
     arrays, work = _worker(paths, frame, task.names)
@@ -95,7 +101,7 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
     fixed = _stop_gradient(times)
     rows = jnp.broadcast_to(jnp.arange(instants.shape[0])[:, None] % times.shape[0], instants.shape)
     nearest = lambda row_and_time: jnp.argmin(jnp.abs(fixed[row_and_time[0]] - row_and_time[1]))  # noqa: E731
-    batch_size = max(1, _samples() // times.shape[1])
+    batch_size = max(1, _samples(default_platform()) // times.shape[1])
     index = jax.lax.map(nearest, (rows.ravel(), instants.ravel()), batch_size=batch_size).reshape(instants.shape)
     return with_tangent_of(instants, times[rows, index])
 
@@ -106,7 +112,7 @@ def _stop_gradient(tree: Any) -> Any:
 
 
 @lru_cache(maxsize=128)
-def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
+def _writing(task: Task, place: Place, donate: bool) -> Any:
     """Return a compiled function that evaluates block by block and writes each block into the arrays of the results.
 
     If the arrays of an old table are donated, the function uses their memory for the results and ignores their values.
@@ -124,22 +130,23 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
                 # Use different fill values, because the compiler would merge equal buffers and then copy the result.
                 return jnp.full(task.raw_shape(name, count, instants), task.names.index(name), dtype)
 
-            return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples())
+            return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples(place.platform))
 
-        if over is not None:
-            out = {name: task.spec(name, over.lead, "first") for name in task.names}
-            specs = (over.paths, over.columns(times.shape[0]))
-            local = jax.shard_map(local, mesh=over.mesh, in_specs=specs, out_specs=out, check_vma=False)
+        if place.over is not None:
+            out = {name: task.spec(name, place.lead, "first") for name in task.names}
+            specs = (place.paths, place.columns(times.shape[0]))
+            local = jax.shard_map(local, mesh=place.mesh, in_specs=specs, out_specs=out, check_vma=False)
         return results(task, local(paths, times))
 
-    formats = {name: Format(task.layout(name), _sharding(task, name, over)) for name in task.names}
+    sharding = {name: place.sharding(task.spec(name, place.lead, task.components)) for name in task.names}
+    formats = {name: Format(task.layout(name), sharding[name]) for name in task.names}
     donated: dict[str, Any] = {"donate_argnums": (3,), "keep_unused": True} if donate else {}
     inputs = (None, None, formats if donate else None)
     return jax.jit(call, static_argnums=0, in_shardings=inputs, out_shardings=formats, **donated)
 
 
 @lru_cache(maxsize=128)
-def _reduction(task: Task, over: Spread | None) -> Any:
+def _reduction(task: Task, place: Place) -> Any:
     """Return a compiled function that reduces every block and combines the results of the blocks."""
 
     def call(static: Any, dynamic: Any, times: Array) -> Any:
@@ -148,20 +155,20 @@ def _reduction(task: Task, over: Spread | None) -> Any:
 
         def local(paths: Any, times: Array, around: Array) -> Any:
             if task.reduce in LINEAR:
-                return _summed(task, paths, frame, times, around)
-            return _peaks(task, paths, frame, times)
+                return _summed(task, paths, frame, times, around, place.platform)
+            return _peaks(task, paths, frame, times, place.platform)
 
         if task.reduce == "mean" and times.shape[1] == 1:
             return _finished(task, _single_instant(task, paths, frame, times), times)
-        if over is None:
+        if place.over is None:
             return _finished(task, local(paths, times, neighbours(times)), times)
-        by_time = over.over == "instants"
-        around = neighbours(times, over.mesh.size if by_time else 1)
-        columns = over.columns(times.shape[0])
+        by_time = place.over == "instants"
+        around = neighbours(times, place.mesh.size if by_time else 1)
+        columns = place.columns(times.shape[0])
         parts = jax.shard_map(
             lambda *pieces: jax.tree.map(lambda x: x[None] if by_time else x, local(*pieces)),
-            mesh=over.mesh,
-            in_specs=(over.paths, columns, columns),
+            mesh=place.mesh,
+            in_specs=(place.paths, columns, columns),
             out_specs=PartitionSpec(AXIS),
             check_vma=False,
         )(paths, times, around)
@@ -170,10 +177,10 @@ def _reduction(task: Task, over: Spread | None) -> Any:
     return jax.jit(call, static_argnums=0)
 
 
-def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array) -> Any:
+def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array, platform: str) -> Any:
     """Return the integral (paths,) of each component by name; `around` contains the `neighbours` of the times."""
     arrays, work = _worker(paths, frame, task.names)
-    return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples()))
+    return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples(platform)))
 
 
 def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
@@ -182,7 +189,7 @@ def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
     return jax.tree.map(lambda x: (x[:, 0].astype(times.dtype),), work(arrays, (times,)))
 
 
-def _peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
+def _peaks(task: Task, paths: Any, frame: Any, times: Array, platform: str) -> Any:
     """Return (peak, time), each (paths,), for each component by name, without derivatives."""
     arrays, evaluated = _worker(paths, frame, task.names)
     shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
@@ -197,11 +204,12 @@ def _peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
     def join(parts: Any) -> Any:
         return _joined(task, parts)
 
-    if shape[1] >= _long():
-        rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]), _samples())  # noqa: E731
+    samples_of_block = _samples(platform)
+    if shape[1] >= _long(platform):
+        rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]), samples_of_block)  # noqa: E731
         row = lambda path, cut: long_row(samples, reduction, path, cut, rest)  # noqa: E731
         return by_path(row, arrays, (times,), shape[0])
-    return reduced(work, join, arrays, (times,), shape, _samples())
+    return reduced(work, join, arrays, (times,), shape, samples_of_block)
 
 
 def _joined(task: Task, parts: Any) -> Any:
@@ -232,17 +240,11 @@ def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
     return arrays, work
 
 
-def _long() -> float:
+def _long(platform: str) -> float:
     """Return the minimum number of instants for `long_row`; infinite on a GPU or TPU, where `long_row` is not used."""
-    return float(LONG) if jax.default_backend() == "cpu" else float("inf")
+    return float(LONG) if platform == "cpu" else float("inf")
 
 
-def _samples() -> int:
+def _samples(platform: str) -> int:
     """Return the maximum size of a block, which is limited by the caches of a CPU or by the memory of other devices."""
-    return SAMPLES if jax.default_backend() == "cpu" else 2**24
-
-
-def _sharding(task: Task, name: str, over: Spread | None) -> Any:
-    if over is None:
-        return SingleDeviceSharding(jax.local_devices()[0])
-    return over.sharding(task.spec(name, over.lead, task.components))
+    return SAMPLES if platform == "cpu" else 2**24

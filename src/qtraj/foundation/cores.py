@@ -14,6 +14,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from qtraj.foundation.devices import chosen_device, default_platform
+
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 SIZES = (8, 64)
@@ -25,7 +27,7 @@ MAX_SMALL_BATCH = 32
 
 def block_size(elements: int) -> int:
     """Return the block size for a batch with this number of `elements`; an accelerator computes all in one block."""
-    if _platform() != "cpu":
+    if default_platform() != "cpu":
         return 1 << max(elements - 1, 0).bit_length()
     return SIZES[0] if elements <= MAX_SMALL_BATCH * CORES else SIZES[1]
 
@@ -47,7 +49,7 @@ def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], d
     Every call uses `device`, or JAX's default device if `device` is None.
     """
     x64 = bool(jax.config.read("jax_enable_x64"))
-    used_device = device or jax.config.jax_default_device  # type: ignore[attr-defined]
+    used_device = device or chosen_device()
 
     def one(block_arguments: tuple[Any, ...]) -> Any:
         with jax.enable_x64(x64), jax.default_device(used_device):  # threads do not inherit these settings
@@ -67,12 +69,6 @@ def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], d
     # forked process, which would wait for them forever.
     with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
         yield from pool.map(one, rest)
-
-
-def _platform() -> str:
-    """Return the platform of JAX's default device."""
-    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
-    return jax.default_backend() if chosen is None else getattr(chosen, "platform", chosen)
 
 
 _compiled: set[int] = set()

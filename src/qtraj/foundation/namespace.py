@@ -3,8 +3,8 @@
 A formula is written once, with the functions of `xp`. Each function of `xp` uses NumPy if all its arguments are numbers
 and NumPy arrays, and `jax.numpy` otherwise. NumPy compiles nothing, and is faster for a single problem. The functions
 that users call have the decorator `in_numpy`: numbers and NumPy arrays are computed in NumPy, in float64; so are
-concrete JAX arrays on a CPU, whose results are JAX arrays again; tracers and arrays on an accelerator are computed by
-JAX.
+concrete JAX arrays on a CPU, whose results are JAX arrays again, on the device of the arguments; tracers and arrays on
+an accelerator are computed by JAX.
 """
 
 import functools
@@ -18,6 +18,7 @@ import numpy as np
 from jax.core import Tracer
 
 from qtraj.foundation.argument import described
+from qtraj.foundation.devices import device_of
 from qtraj.foundation.trailing_axes import require_trailing, trailing_shapes
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -140,15 +141,17 @@ def in_numpy(function: Function, otherwise: Callable[..., Any] | None = None) ->
     def call(*args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         if needs_jax(leaves):
+            device_of(leaves)
             if other is function:  # NumPy arrays cannot be indexed by tracers
                 args, kwargs = structure.unflatten(jnp.asarray(x) if type(x) is np.ndarray else x for x in leaves)
             return other(*args, **kwargs)
-        dtypes = [x.dtype for x in leaves if not _in_numpy[type(x)]]
+        inputs = [x for x in leaves if not _in_numpy[type(x)]]
         with np.errstate(all="ignore"):  # as in JAX, invalid operations result in NaN and infinity
-            if not dtypes:
+            if not inputs:
                 return function(*args, **kwargs)
+            device = device_of(inputs)
             args, kwargs = structure.unflatten(map(on_host, leaves))
-            return to_jax(function(*args, **kwargs), float_dtype(dtypes))
+            return to_jax(function(*args, **kwargs), float_dtype(x.dtype for x in inputs), device)
 
     return call  # type: ignore[return-value]
 
@@ -174,13 +177,14 @@ def of_arrays(function: Function) -> Function:
         names, values = tuple(kwargs), [as_floats(x) for x in (*args, *kwargs.values())]
         require_trailing(function, shapes, values[: len(args)], dict(zip(names, values[len(args) :], strict=True)))
         if needs_jax(values):
+            device_of(values)
             values = [jnp.asarray(x) if type(x) is np.ndarray else x for x in values]
             return function(*values[: len(args)], **dict(zip(names, values[len(args) :], strict=True)))
-        dtypes = [x.dtype for x in values if not _in_numpy[type(x)]]
+        inputs = [x for x in values if not _in_numpy[type(x)]]
         hosts = [on_host(x) for x in values]
         with np.errstate(all="ignore"):
             result = function(*hosts[: len(args)], **dict(zip(names, hosts[len(args) :], strict=True)))
-        return to_jax(result, float_dtype(dtypes)) if dtypes else result
+        return to_jax(result, float_dtype(x.dtype for x in inputs), device_of(inputs)) if inputs else result
 
     return call  # type: ignore[return-value]
 
@@ -209,15 +213,15 @@ def in_float64(tree: Tree) -> Tree:
     return jax.tree.map(converted, tree)
 
 
-def to_jax(tree: Any, dtype: Any) -> Any:
-    """Return a tree with its NumPy arrays and numbers as JAX arrays, floats in `dtype`."""
+def to_jax(tree: Any, dtype: Any, device: Any = None) -> Any:
+    """Return a tree with its NumPy arrays and numbers as JAX arrays on `device`, floats in `dtype`."""
 
     def converted(x: Any) -> Any:
         if not isinstance(x, np.ndarray | np.generic | float):
             return x
         x = np.asarray(x)
         kind = dtype if x.dtype.kind == "f" else jax.dtypes.canonicalize_dtype(x.dtype)
-        return jax.device_put(np.array(x, kind))
+        return jax.device_put(np.array(x, kind), device)
 
     return jax.tree.map(converted, tree)
 

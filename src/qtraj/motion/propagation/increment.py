@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.devices import device_of
 from qtraj.foundation.namespace import float_dtype, is_host, matmul, to_jax, xp
 from qtraj.foundation.types import Quat
 
@@ -142,7 +143,8 @@ def as_inputs(result: Any, inputs: Any) -> Any:
     """Return results of NumPy as JAX arrays if an input is a JAX array, in the widest float dtype of the inputs."""
     if is_host(*inputs):
         return result
-    return to_jax(result, float_dtype(x.dtype for x in inputs if not is_host(x)))
+    arrays = [x for x in inputs if not is_host(x)]
+    return to_jax(result, float_dtype(x.dtype for x in arrays), device_of(arrays))
 
 
 def constant(x: Any, like: Any) -> Any:
