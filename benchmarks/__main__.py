@@ -4,6 +4,7 @@
     python -m benchmarks evaluation bandwidth   only these; the file keeps the results of the others
     python -m benchmarks --quick                small sizes and few rounds, to check that everything runs
     python -m benchmarks --write                also update the tables and figures in docs/performance.md
+    python -m benchmarks device --write         measure an accelerator (see benchmarks/device.py)
 
 The results are written to benchmarks/results/<name>.json after each benchmark; with --quick, the file is in a temporary
 folder. The default name is the type of device. The documents use only benchmarks/results/cpu.json.
@@ -115,8 +116,15 @@ def system(machine, cpu, load):
     }
 
 
+def on_device(arguments):
+    """Run the benchmark of an accelerator, which needs few packages."""
+    from .device import main
+
+    return main(arguments)
+
+
 if __name__ == "__main__":
     begun = time.perf_counter()
-    code = main()
+    code = on_device(sys.argv[2:]) if sys.argv[1:2] == ["device"] else main()
     print(f"{time.perf_counter() - begun:.0f} s in total")
     sys.exit(code)

@@ -5,12 +5,14 @@ import hashlib
 import os
 import platform
 import shutil
+import tempfile
 import time
 from pathlib import Path
 
 import jax
 import jaxtyping
 import pytest
+from benchmarks import bare as bare  # before qtraj, for machines with few packages
 
 from qtraj.foundation.compilation_cache import default_folder, enable_compilation_cache
 
@@ -46,7 +48,11 @@ def processor() -> str:
 
 # Many tests and all runs compile the same functions: one process compiles, the others and later runs load the code.
 key = "\n".join([jax.__version__, jax.lib.__version__, os.environ["XLA_FLAGS"], platform.machine(), processor()])
-compiled = default_folder().parent / "tests" / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
+try:
+    cache = default_folder().parent / "tests"
+except ModuleNotFoundError:  # platformdirs
+    cache = Path(tempfile.gettempdir()) / "qtraj-tests"
+compiled = cache / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 enable_compilation_cache(compiled)
 
 if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -26,7 +26,7 @@ SLOW = ("NumPy + SciPy", "NumPy + SciPy, assume_valid")
 
 
 def helix(kind):
-    return qt.SpiralHelix(*[np.asarray(c, kind) for c in (RADIUS, ANGLE, HEIGHT)], np.asarray(DURATION, kind))
+    return qt.SpiralHelix(*[jnp.asarray(c, kind) for c in (RADIUS, ANGLE, HEIGHT, DURATION)])
 
 
 def runners(kind, instants):

@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
-import tomli_w
 
 from qtraj.foundation.files import write_atomically
 from qtraj.foundation.suggestion import nearest
@@ -118,7 +117,7 @@ def save(obj: Any, file: str | os.PathLike[str]) -> None:
     file cannot be written.
     """
     path = Path(file)
-    write = _by_suffix(path, {".toml": tomli_w.dumps, ".json": _to_json})
+    write = _by_suffix(path, {".toml": _to_toml, ".json": _to_json})
     write_atomically(path, write({"format": FORMAT, **_encode(obj)}).encode())
 
 
@@ -154,6 +153,12 @@ def load(file: str | os.PathLike[str]) -> Any:
         reason = str(error) if isinstance(error, TypeError | ValueError) else f"a value has a wrong type ({error})"
         raise ValueError(f"{path}: {reason}") from error
     return found
+
+
+def _to_toml(data: dict[str, Any]) -> str:
+    import tomli_w  # imported here, because only saving needs it
+
+    return tomli_w.dumps(data)
 
 
 def _to_json(data: dict[str, Any]) -> str:
