@@ -18,15 +18,6 @@ FAST = "[simulation]\nsamples = 5\nrtol = 1e-7\natol = 1e-9\n"
 Q = np.array([0.8, 0.1, -0.5, 0.3]) / np.linalg.norm([0.8, 0.1, -0.5, 0.3])
 
 
-@pytest.fixture
-def prepared(tmp_path):
-    def prepared(text):
-        (tmp_path / "s.toml").write_text(text)
-        return prepare(read_scenario(tmp_path / "s.toml", "loop"))
-
-    return prepared
-
-
 def test_the_body_has_one_inertia_and_the_law_another(prepared):
     body = prepared(SLEW + LAW + BODY + "assumed = 10\nmax_torque = 0.5\n").body
     np.testing.assert_array_equal(body.inertia, np.diag(J))

@@ -19,15 +19,6 @@ mass = 1000.0
 """
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read(text):
-        (tmp_path / "s.toml").write_text(text, encoding="utf-8")
-        return read_scenario(tmp_path / "s.toml", "path")
-
-    return read
-
-
 def vehicle(read, text):
     scenario = read(f"{STATES}{text}").scenario
     return scenario.vehicle.vehicle(Path)
