@@ -7,8 +7,6 @@ from tests.cli.loop_scenarios import LAW, SLEW
 import qtraj as qt
 from qtraj.foundation import document
 from qtraj.motion.simulation.body_facts import body_fact_rows, body_facts
-from qtraj.scenario.loop import prepare
-from qtraj.scenario.reader import read_scenario
 
 J = [12.0, 15.0, 9.0]
 BODY = f"[body]\ninertia = {J}\n"

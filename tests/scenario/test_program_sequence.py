@@ -6,7 +6,6 @@ from tests.cli.loop_scenarios import LAW
 
 import qtraj as qt
 from qtraj.scenario import KINDS
-from qtraj.scenario.loop import prepare
 from qtraj.scenario.reader import read_scenario
 
 START = "start = {rotation_vector = [30, 0, 0]}\n"

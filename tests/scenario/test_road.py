@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import qtraj as qt
-from qtraj.scenario.reader import read_scenario
 
 STATES = """
 [start]

@@ -226,8 +226,8 @@ def _require_within(momentum: Momenta, limit: Momenta | None) -> None:
     if (excess > 0).any():
         wheel = int(np.argmax(excess))
         raise ValueError(
-            f"the initial momentum of wheel {wheel} (counted from 0) is {values[wheel]:.9g} N m s, but its max_momentum "
-            f"is {limits[wheel]:.9g} N m s: reduce the momentum, or raise the limit"
+            f"the initial momentum of wheel {wheel} (counted from 0) is {values[wheel]:.9g} N m s, but its "
+            f"max_momentum is {limits[wheel]:.9g} N m s: reduce the momentum, or raise the limit"
         )
 
 
